@@ -1,0 +1,177 @@
+//! Errors and warnings as a person reads them: what is wrong, in which file, where, and what to
+//! do about it. With source text at hand, a caret under the character.
+
+use std::fmt;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use miette::{LabeledSpan, NamedSource, SourceSpan};
+
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// One or several things that are wrong, each with its place and remedy.
+pub struct Error(Box<Inner>);
+
+#[derive(Default)]
+struct Inner {
+    message: String,
+    file: Option<PathBuf>,
+    remedy: Option<String>,
+    source: Option<NamedSource<String>>,
+    labels: Vec<LabeledSpan>,
+    others: Vec<Error>,
+}
+
+impl Error {
+    /// `message`: one line that says what is wrong, naming the place inside the file if known.
+    pub fn new(message: impl Into<String>) -> Self {
+        Error(Box::new(Inner { message: message.into(), ..Inner::default() }))
+    }
+
+    /// Names the file; shown before the message.
+    pub fn in_file(mut self, path: impl AsRef<Path>) -> Self {
+        self.0.file = Some(path.as_ref().to_path_buf());
+        self
+    }
+
+    /// Says what the user can do.
+    pub fn remedy(mut self, text: impl Into<String>) -> Self {
+        self.0.remedy = Some(text.into());
+        self
+    }
+
+    /// Shows `text` of the source called `name` with a caret under the bytes `span`.
+    pub fn at(mut self, name: &str, text: &str, span: Range<usize>, label: &str) -> Self {
+        self.0.source = Some(NamedSource::new(name, text.to_owned()));
+        let span = SourceSpan::new(span.start.into(), span.end.saturating_sub(span.start));
+        self.0.labels.push(LabeledSpan::new_with_span(Some(label.to_owned()), span));
+        self
+    }
+
+    /// Several errors found in one pass; `errors` must not be empty.
+    pub fn several(mut errors: Vec<Error>) -> Self {
+        let mut first =
+            if errors.is_empty() { Error::new("unknown error") } else { errors.remove(0) };
+        first.0.others.extend(errors);
+        first
+    }
+
+    /// The message without file, remedy or source.
+    pub fn message(&self) -> &str {
+        &self.0.message
+    }
+
+    pub fn remedy_text(&self) -> Option<&str> {
+        self.0.remedy.as_deref()
+    }
+
+    /// The number of things wrong.
+    pub fn count(&self) -> usize {
+        1 + self.0.others.iter().map(Error::count).sum::<usize>()
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.0.file {
+            Some(file) => write!(f, "{}: {}", file.display(), self.0.message),
+            None => f.write_str(&self.0.message),
+        }
+    }
+}
+
+impl fmt::Debug for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{self}")?;
+        if let Some(remedy) = &self.0.remedy {
+            write!(f, " (remedy: {remedy})")?;
+        }
+        for other in &self.0.others {
+            write!(f, "; {other:?}")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Error {}
+
+impl miette::Diagnostic for Error {
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.0.remedy.as_ref().map(|r| Box::new(r) as Box<dyn fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn miette::SourceCode> {
+        self.0.source.as_ref().map(|s| s as &dyn miette::SourceCode)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        (!self.0.labels.is_empty()).then(|| Box::new(self.0.labels.iter().cloned()) as Box<_>)
+    }
+
+    fn related<'a>(&'a self) -> Option<Box<dyn Iterator<Item = &'a dyn miette::Diagnostic> + 'a>> {
+        (!self.0.others.is_empty())
+            .then(|| Box::new(self.0.others.iter().map(|e| e as &dyn miette::Diagnostic)) as Box<_>)
+    }
+}
+
+/// Renders an error as shown on a terminal, without colour, 100 columns wide.
+pub fn render(error: &Error) -> String {
+    let mut out = String::new();
+    let handler =
+        miette::GraphicalReportHandler::new_themed(miette::GraphicalTheme::unicode_nocolor())
+            .with_width(100);
+    if handler.render_report(&mut out, error).is_err() {
+        out = format!("{error:?}\n");
+    }
+    out
+}
+
+/// A value together with what the user should know about it.
+#[derive(Debug, Clone)]
+pub struct Warned<T> {
+    pub value: T,
+    /// One sentence each.
+    pub warnings: Vec<String>,
+}
+
+impl<T> Warned<T> {
+    pub fn new(value: T) -> Self {
+        Warned { value, warnings: Vec::new() }
+    }
+
+    pub fn with(value: T, warnings: Vec<String>) -> Self {
+        Warned { value, warnings }
+    }
+
+    /// Moves the warnings into `sink` and gives the value.
+    pub fn into_value(self, sink: &mut Vec<String>) -> T {
+        sink.extend(self.warnings);
+        self.value
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shows_file_remedy_and_caret() {
+        let text = "angle = 30\nangel = 40\n";
+        let error = Error::new("unknown key `angel`")
+            .in_file("birch.toml")
+            .at("birch.toml", text, 11..16, "here")
+            .remedy("did you mean `angle`?");
+        let shown = render(&error);
+        assert!(shown.contains("birch.toml: unknown key `angel`"), "{shown}");
+        assert!(shown.contains("birch.toml:2:1"), "{shown}");
+        assert!(shown.contains("did you mean `angle`?"), "{shown}");
+    }
+
+    #[test]
+    fn several_errors_are_counted_and_all_shown() {
+        let error = Error::several(vec![Error::new("one"), Error::new("two"), Error::new("three")]);
+        assert_eq!(error.count(), 3);
+        let shown = render(&error);
+        assert!(shown.contains("one") && shown.contains("two") && shown.contains("three"));
+    }
+}

@@ -1,0 +1,1 @@
+//! A validated scene to files. Decides nothing; knows nothing but [`crate::scene`].

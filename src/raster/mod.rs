@@ -1,0 +1,151 @@
+//! Grids with a place on the ground, and pictures. Knows nothing of points or trees.
+//!
+//! Every grid here is north-up and cell-centred ("pixel is area"): row 0 is the northernmost,
+//! a value stands for the middle of its cell.
+
+pub mod geotiff;
+pub mod picture;
+
+pub use picture::Picture;
+
+/// Placement of a north-up grid. Units are the owner's: local metres for terrain, world units for
+/// a photo.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GridGeometry {
+    /// x of the western edge of column 0.
+    pub west: f64,
+    /// y of the northern edge of row 0.
+    pub north: f64,
+    /// Width of a cell, > 0.
+    pub cell_x: f64,
+    /// Height of a cell, > 0.
+    pub cell_y: f64,
+    pub cols: usize,
+    pub rows: usize,
+}
+
+impl GridGeometry {
+    /// The smallest grid of square cells, aligned to multiples of `cell`, that covers the box.
+    pub fn covering(min: [f64; 2], max: [f64; 2], cell: f64) -> Self {
+        let west = (min[0] / cell).floor() * cell;
+        let north = ((max[1] / cell).floor() + 1.0) * cell;
+        let cols = ((max[0] - west) / cell).floor() as usize + 1;
+        let rows = ((north - min[1]) / cell).ceil().max(1.0) as usize;
+        GridGeometry { west, north, cell_x: cell, cell_y: cell, cols, rows }
+    }
+
+    pub fn len(&self) -> usize {
+        self.cols * self.rows
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    pub fn index(&self, col: usize, row: usize) -> usize {
+        row * self.cols + col
+    }
+
+    /// Column and row of the cell that holds the point, `None` outside.
+    pub fn cell_of(&self, x: f64, y: f64) -> Option<(usize, usize)> {
+        let c = ((x - self.west) / self.cell_x).floor();
+        let r = ((self.north - y) / self.cell_y).floor();
+        (c >= 0.0 && r >= 0.0 && c < self.cols as f64 && r < self.rows as f64)
+            .then_some((c as usize, r as usize))
+    }
+
+    /// Middle of a cell.
+    pub fn centre(&self, col: usize, row: usize) -> [f64; 2] {
+        [
+            self.west + (col as f64 + 0.5) * self.cell_x,
+            self.north - (row as f64 + 0.5) * self.cell_y,
+        ]
+    }
+
+    pub fn east(&self) -> f64 {
+        self.west + self.cols as f64 * self.cell_x
+    }
+
+    pub fn south(&self) -> f64 {
+        self.north - self.rows as f64 * self.cell_y
+    }
+}
+
+/// Values on a grid, row-major from the north-west.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Grid<T> {
+    pub geometry: GridGeometry,
+    pub data: Vec<T>,
+}
+
+impl<T: Copy> Grid<T> {
+    pub fn filled(geometry: GridGeometry, value: T) -> Self {
+        Grid { geometry, data: vec![value; geometry.len()] }
+    }
+
+    pub fn at(&self, col: usize, row: usize) -> T {
+        self.data[row * self.geometry.cols + col]
+    }
+
+    pub fn set(&mut self, col: usize, row: usize, value: T) {
+        self.data[row * self.geometry.cols + col] = value;
+    }
+}
+
+impl Grid<f32> {
+    /// Bilinear between cell centres, clamped to the outermost centres beyond them.
+    pub fn bilinear(&self, x: f64, y: f64) -> f32 {
+        let g = &self.geometry;
+        let u = ((x - g.west) / g.cell_x - 0.5).clamp(0.0, (g.cols - 1) as f64);
+        let v = ((g.north - y) / g.cell_y - 0.5).clamp(0.0, (g.rows - 1) as f64);
+        let (c, r) = (
+            (u as usize).min(g.cols.saturating_sub(2)),
+            (v as usize).min(g.rows.saturating_sub(2)),
+        );
+        let (fu, fv) = ((u - c as f64) as f32, (v - r as f64) as f32);
+        let c1 = (c + 1).min(g.cols - 1);
+        let r1 = (r + 1).min(g.rows - 1);
+        let top = self.at(c, r) * (1.0 - fu) + self.at(c1, r) * fu;
+        let bottom = self.at(c, r1) * (1.0 - fu) + self.at(c1, r1) * fu;
+        top * (1.0 - fv) + bottom * fv
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn covering_holds_every_corner() {
+        for (min, max) in
+            [([0.0, 0.0], [10.0, 10.0]), ([-3.2, 4.9], [7.7, 5.0]), ([1.0, 1.0], [1.0, 1.0])]
+        {
+            let g = GridGeometry::covering(min, max, 0.5);
+            for p in [min, max, [min[0], max[1]], [max[0], min[1]]] {
+                assert!(g.cell_of(p[0], p[1]).is_some(), "{p:?} not in {g:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn bilinear_is_exact_on_a_plane() {
+        let g =
+            GridGeometry { west: 10.0, north: 50.0, cell_x: 2.0, cell_y: 2.0, cols: 6, rows: 5 };
+        let mut grid = Grid::filled(g, 0.0f32);
+        for r in 0..5 {
+            for c in 0..6 {
+                let [x, y] = g.centre(c, r);
+                grid.set(c, r, (3.0 * x - 2.0 * y) as f32);
+            }
+        }
+        for (x, y) in [(12.3, 47.1), (18.0, 44.4), (15.5, 42.2)] {
+            assert!((f64::from(grid.bilinear(x, y)) - (3.0 * x - 2.0 * y)).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn a_single_cell_is_constant() {
+        let g = GridGeometry { west: 0.0, north: 1.0, cell_x: 1.0, cell_y: 1.0, cols: 1, rows: 1 };
+        assert_eq!(Grid::filled(g, 4.0f32).bilinear(100.0, -3.0), 4.0);
+    }
+}

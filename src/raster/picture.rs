@@ -1,0 +1,72 @@
+//! Eight-bit RGBA pictures and their PNG form.
+
+use image::{ImageBuffer, Rgba};
+
+use crate::diagnostic::{Error, Result};
+
+/// An sRGB picture with straight (not premultiplied) alpha, row 0 on top.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    pub width: u32,
+    pub height: u32,
+    /// `width * height` pixels, row-major.
+    pub data: Vec<[u8; 4]>,
+}
+
+impl Picture {
+    pub fn filled(width: u32, height: u32, colour: [u8; 4]) -> Self {
+        Picture { width, height, data: vec![colour; width as usize * height as usize] }
+    }
+
+    pub fn at(&self, x: u32, y: u32) -> [u8; 4] {
+        self.data[(y * self.width + x) as usize]
+    }
+
+    pub fn set(&mut self, x: u32, y: u32, colour: [u8; 4]) {
+        self.data[(y * self.width + x) as usize] = colour;
+    }
+
+    /// PNG bytes; RGB if every pixel is opaque, RGBA otherwise.
+    pub fn to_png(&self) -> Result<Vec<u8>> {
+        let fail =
+            |e: image::ImageError| Error::new(format!("a picture could not be encoded: {e}"));
+        let mut out = std::io::Cursor::new(Vec::new());
+        if self.data.iter().all(|p| p[3] == 255) {
+            let raw: Vec<u8> = self.data.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
+            let image = ImageBuffer::<image::Rgb<u8>, _>::from_raw(self.width, self.height, raw)
+                .ok_or_else(|| Error::new("a picture's size and data disagree"))?;
+            image.write_to(&mut out, image::ImageFormat::Png).map_err(fail)?;
+        } else {
+            let raw: Vec<u8> = bytemuck::cast_slice(&self.data).to_vec();
+            let image = ImageBuffer::<Rgba<u8>, _>::from_raw(self.width, self.height, raw)
+                .ok_or_else(|| Error::new("a picture's size and data disagree"))?;
+            image.write_to(&mut out, image::ImageFormat::Png).map_err(fail)?;
+        }
+        Ok(out.into_inner())
+    }
+
+    /// Decodes PNG or JPEG bytes.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
+        let image = image::load_from_memory(bytes)
+            .map_err(|e| {
+                Error::new(format!("not a readable picture: {e}")).remedy("give a PNG or JPEG file")
+            })?
+            .to_rgba8();
+        let (width, height) = image.dimensions();
+        Ok(Picture { width, height, data: image.pixels().map(|p| p.0).collect() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn png_round_trip_with_and_without_alpha() {
+        for alpha in [255, 90] {
+            let mut p = Picture::filled(5, 3, [1, 2, 3, 255]);
+            p.set(4, 2, [9, 8, 7, alpha]);
+            assert_eq!(Picture::from_bytes(&p.to_png().unwrap()).unwrap(), p);
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! Prototypes, instances and terrain as one scene, and the proof that it is sound. Knows nothing
+//! of formats.
+
+use glam::Vec3;
+
+use crate::frame::Frame;
+use crate::mesh::Surface;
+use crate::raster::Picture;
+
+/// How a material's alpha is used.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Alpha {
+    Opaque,
+    /// Drawn where alpha >= cutoff.
+    Mask {
+        cutoff: f32,
+    },
+}
+
+/// What the numbers of a texture are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Colorspace {
+    Srgb,
+    /// Normal maps and the like.
+    Raw,
+}
+
+#[derive(Debug, Clone)]
+pub struct Texture {
+    /// File stem: unique, letters, digits and `_` only.
+    pub name: String,
+    pub picture: Picture,
+    pub colorspace: Colorspace,
+}
+
+/// A metallic-roughness material; metallic is 0 for everything in a forest.
+#[derive(Debug, Clone)]
+pub struct Material {
+    /// Unique identifier, e.g. `Larix_sibirica_bark`.
+    pub name: String,
+    /// Linear RGB, multiplies the texture.
+    pub base_color: [f32; 3],
+    /// Index into [`Scene::textures`].
+    pub base_color_texture: Option<u32>,
+    pub normal_texture: Option<u32>,
+    pub roughness: f32,
+    pub alpha: Alpha,
+    pub double_sided: bool,
+}
+
+/// A surface with its material (index into [`Scene::materials`]).
+#[derive(Debug, Clone)]
+pub struct Part {
+    /// `wood`, `foliage`, `terrain`.
+    pub name: String,
+    pub surface: Surface,
+    pub material: u32,
+}
+
+/// A model that instances share; root collar at the origin.
+#[derive(Debug, Clone)]
+pub struct Prototype {
+    /// Unique identifier, e.g. `Larix_sibirica_03`.
+    pub name: String,
+    /// Display name of the species, e.g. `Larix sibirica`.
+    pub species: String,
+    pub parts: Vec<Part>,
+}
+
+/// What is known of one tree; travels to the files as extras.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TreeFacts {
+    /// Stable id, unique in the scene.
+    pub id: String,
+    pub species: String,
+    pub height_m: f32,
+    pub crown_diameter_m: f32,
+    pub crown_base_height_m: f32,
+    pub stem_diameter_m: f32,
+    pub confidence: f32,
+}
+
+/// One tree in its place: scale, then turn about Z, then move.
+#[derive(Debug, Clone)]
+pub struct Instance {
+    /// Unique identifier, e.g. `Larix_sibirica_0421`.
+    pub name: String,
+    /// Index into [`Scene::prototypes`].
+    pub prototype: u32,
+    /// Root, scene metres.
+    pub position: Vec3,
+    pub yaw_rad: f32,
+    pub scale: Vec3,
+    pub facts: TreeFacts,
+}
+
+/// Everything a writer needs; scene metres (local to `frame`), Z up.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    /// Identifier, e.g. `forest`.
+    pub name: String,
+    pub frame: Frame,
+    pub textures: Vec<Texture>,
+    pub materials: Vec<Material>,
+    pub terrain: Option<Part>,
+    pub prototypes: Vec<Prototype>,
+    pub instances: Vec<Instance>,
+}

@@ -1,0 +1,160 @@
+//! What a species is once its rule file, and what that builds on, has been read and checked.
+//!
+//! The sections below are the tables of a rule file, one to one. Lengths are metres, angles
+//! degrees, colours sRGB 0…255.
+
+use serde::Deserialize;
+
+/// Decides the defaults of looks and the coarse class of a photo.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    Conifer,
+    Broadleaf,
+    Shrub,
+}
+
+/// How the main axis goes on ([T15]).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Branching {
+    /// One stem to the top, laterals along it.
+    Monopodial,
+    /// The leader gives way to laterals.
+    Sympodial,
+    /// Several stems from the ground, no clear leader.
+    Ternary,
+}
+
+/// The size of a typical grown tree; others are scaled by height.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Size {
+    pub height_m: f32,
+    pub crown_diameter_m: f32,
+    /// Crown base over height, 0…1.
+    pub crown_base: f32,
+    /// Stem diameter at 1.3 m.
+    pub stem_diameter_m: f32,
+    /// Crown outline from base (0) to top (1): pairs (relative height, relative radius), rising in
+    /// height, radius 0…1. Between them linear.
+    pub profile: Vec<[f32; 2]>,
+}
+
+/// From scaffold to filled crown.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Growth {
+    /// α_i of the length decay, one an iteration, as a fraction of L_apex squared per metre of
+    /// crown length; the last holds for the rest. 0: no decay.
+    pub decay: Vec<f32>,
+    /// Upward (+) or downward (−) turn of a shoot, degrees a metre at horizontal.
+    pub tropism: f32,
+    /// Random bend of an axis, degrees a metre.
+    pub wander: f32,
+    /// Segment length D over attractor spacing.
+    pub step: f32,
+    /// Influence distance d_i over attractor spacing.
+    pub influence: f32,
+    /// Kill distance d_k over attractor spacing.
+    pub kill: f32,
+    /// Pipe model exponent e: r_parent^e = Σ r_child^e. 2 is da Vinci's rule.
+    pub pipe_exponent: f32,
+    /// Radius of a last shoot.
+    pub tip_radius_m: f32,
+}
+
+/// The outline of a leaf, or needles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LeafShape {
+    /// Single needles along the shoot (spruce, fir).
+    Needle,
+    /// Needles in tufts on short shoots (larch).
+    Tuft,
+    /// Needles in bundles, brush-like at the shoot's end (pine).
+    Bundle,
+    /// Pointed oval.
+    Ovate,
+    /// Rhombic to triangular with a long point (birch).
+    Deltoid,
+    /// Nearly round (aspen).
+    Round,
+    /// Lobed (oak).
+    Lobed,
+    /// Narrow (willow).
+    Lanceolate,
+}
+
+/// Leaves or needles and how they sit on shoots.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Foliage {
+    pub shape: LeafShape,
+    pub leaf_length_m: f32,
+    pub leaf_width_m: f32,
+    /// Middle colour of a leaf in summer.
+    pub colour: [u8; 3],
+    /// Spread of the colour from leaf to leaf, 0…1.
+    pub variation: f32,
+    /// Length of the leafy twig that one card shows.
+    pub twig_length_m: f32,
+    /// Twig cards a metre of shoot that bears leaves.
+    pub twigs_per_m: f32,
+    /// Hang of a twig: 0 follows the shoot, 1 hangs straight down, −1 stands upright.
+    pub droop: f32,
+    /// Shoots thinner than this bear leaves.
+    pub bearing_radius_m: f32,
+}
+
+/// The look of the bark.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BarkStyle {
+    /// White with dark lenticels (birch).
+    Birch,
+    /// Large plates (pine).
+    Plates,
+    /// Long vertical furrows (larch, oak).
+    Furrows,
+    /// Small round scales (spruce).
+    Scales,
+    /// Smooth with fine marks (willow, aspen, fir).
+    Smooth,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Bark {
+    pub style: BarkStyle,
+    /// Ridges, plates.
+    pub colour: [u8; 3],
+    /// Furrows, lenticels.
+    pub dark: [u8; 3],
+    /// Colour towards the top of the stem and on branches; `colour` where absent.
+    #[serde(default)]
+    pub upper: Option<[u8; 3]>,
+    /// Depth of the relief, metres.
+    pub relief_m: f32,
+}
+
+/// A species, complete and checked.
+#[derive(Debug, Clone)]
+pub struct Species {
+    /// File stem: `larix_sibirica`, `table3/05`.
+    pub id: String,
+    /// Scientific name: `Larix sibirica`.
+    pub name: String,
+    /// English name: `Siberian larch`.
+    pub common: String,
+    /// What the file extends.
+    pub builds_on: Option<String>,
+    pub kind: Kind,
+    pub branching: Branching,
+    /// Range of photo luminance Y, 0…255 ([T15, Table 1]).
+    pub luminance: Option<[f32; 2]>,
+    pub size: Size,
+    pub growth: Growth,
+    pub foliage: Foliage,
+    pub bark: Bark,
+}
