@@ -28,9 +28,9 @@ impl GridGeometry {
     /// The smallest grid of square cells, aligned to multiples of `cell`, that covers the box.
     pub fn covering(min: [f64; 2], max: [f64; 2], cell: f64) -> Self {
         let west = (min[0] / cell).floor() * cell;
-        let north = ((max[1] / cell).floor() + 1.0) * cell;
+        let north = (max[1] / cell).ceil() * cell;
         let cols = ((max[0] - west) / cell).floor() as usize + 1;
-        let rows = ((north - min[1]) / cell).ceil().max(1.0) as usize;
+        let rows = ((north - min[1]) / cell).floor() as usize + 1;
         GridGeometry { west, north, cell_x: cell, cell_y: cell, cols, rows }
     }
 
