@@ -169,13 +169,13 @@ impl View {
     }
 
     /// Right, up, depth of a scene point.
-    pub fn to_view(&self, p: Vec3) -> Vec3 {
+    pub fn view_from_scene(&self, p: Vec3) -> Vec3 {
         let d = p - self.eye;
         Vec3::new(d.dot(self.axes.x_axis), d.dot(self.axes.y_axis), d.dot(self.axes.z_axis))
     }
 
     /// Scene direction of a view direction.
-    pub fn to_scene(&self, v: Vec3) -> Vec3 {
+    pub fn scene_from_view(&self, v: Vec3) -> Vec3 {
         self.axes * v
     }
 
@@ -246,7 +246,7 @@ impl View {
         let (mut nearest, mut farthest) = (f32::MAX, f32::MIN);
         let mut is_cut = false;
         for i in 0..8 {
-            let v = self.to_view(corner(lo, hi, i));
+            let v = self.view_from_scene(corner(lo, hi, i));
             if !v.is_finite() {
                 return None;
             }
@@ -260,10 +260,8 @@ impl View {
                 is_cut = true;
             }
         }
-        if let Lens::Pinhole { near_m } = self.lens {
-            if farthest < near_m {
-                return None;
-            }
+        if matches!(self.lens, Lens::Pinhole { near_m } if farthest < near_m) {
+            return None;
         }
         if is_cut {
             (min, max) = (Vec2::ZERO, Vec2::new(self.width as f32, self.height as f32));
@@ -295,9 +293,9 @@ mod tests {
             (Vec3::new(10.0, 0.0, 0.0), 150.0, 50.0),
             (Vec3::new(-20.0, 10.0, -20.0), 50.0, 100.0),
         ] {
-            let got = view.project(view.to_view(p)).at;
+            let got = view.project(view.view_from_scene(p)).at;
             assert!((got - Vec2::new(x, y)).length() < 1e-3, "{p} at {got}");
-            let depth = view.to_view(p).z;
+            let depth = view.view_from_scene(p).z;
             assert!((view.eye() + view.ray(got) * depth - p).length() < 1e-4);
         }
     }
@@ -315,7 +313,7 @@ mod tests {
                 let view = View::pinhole(&camera, w, h);
                 let mut reach = 0.0f32;
                 for p in &points {
-                    let at = view.project(view.to_view(*p)).at;
+                    let at = view.project(view.view_from_scene(*p)).at;
                     let u = (at / Vec2::new(w as f32, h as f32) * 2.0 - 1.0).abs();
                     assert!(u.max_element() <= 0.97, "{u}");
                     reach = reach.max(u.max_element());

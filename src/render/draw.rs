@@ -142,7 +142,7 @@ impl Stage<'_> {
             let (mesh, place) =
                 (&self.meshes[item.mesh as usize], &self.places[item.place as usize]);
             let (mut lo, mut hi) = self.bounds(item);
-            let middle = view.to_view((lo + hi) * 0.5);
+            let middle = view.view_from_scene((lo + hi) * 0.5);
             let scale = place.linear.determinant().abs().cbrt().max(1e-6);
             let sample_m = 1.0 / (view.samples_per_m(middle.z) * scale);
             let (triangles, grow) = mesh.detail(sample_m, card_samples);
@@ -214,7 +214,7 @@ impl Stage<'_> {
                     bulge = place.normal * ((p - crown.0) * crown.1);
                 }
             }
-            let view_p = view.to_view(place.linear * p + place.origin);
+            let view_p = view.view_from_scene(place.linear * p + place.origin);
             let normal = if C::IS_SHADED { place.normal * v.normal } else { Vec3::ZERO };
             scratch.corner.push(Corner { view: view_p, uv: v.uv, normal, bulge });
             scratch.place.push(view.is_drawable(view_p).then(|| view.project(view_p)));
@@ -311,10 +311,10 @@ impl Brush<'_> {
             let k = k.map(|v| v * w);
             let uv = corner[0].uv * k[0] + corner[1].uv * k[1] + corner[2].uv * k[2];
             let lod = if is_large { lod_at_depth_1 + 1.5 * w.log2() } else { mean_lod };
-            if let (Some(cutoff), Some(texture)) = (self.paint.cutoff, self.colour) {
-                if texture.alpha(uv, lod) < cutoff {
-                    return;
-                }
+            if let (Some(cutoff), Some(texture)) = (self.paint.cutoff, self.colour)
+                && texture.alpha(uv, lod) < cutoff
+            {
+                return;
             }
             if !C::IS_SHADED {
                 return canvas.put(i, Sample { nearness, ..Sample::NOTHING });
@@ -353,5 +353,8 @@ fn tangents(view: &View, corner: [&Corner; 3]) -> Option<(Vec3, Vec3)> {
     let det = s.perp_dot(t);
     let along = (p * t.y - q * s.y) * det.signum();
     let across = (q * s.x - p * t.x) * det.signum();
-    Some((view.to_scene(along.try_normalize()?), view.to_scene(across.try_normalize()?)))
+    Some((
+        view.scene_from_view(along.try_normalize()?),
+        view.scene_from_view(across.try_normalize()?),
+    ))
 }

@@ -90,7 +90,7 @@ impl Canopy {
 
     /// Share of the sky seen from a place, by `turn` of 4 interleaved sets of directions.
     fn visibility(&self, p: Vec3, normal: Vec3, turn: u32) -> f32 {
-        let v = self.view.to_view(p);
+        let v = self.view.view_from_scene(p);
         let at = self.view.project(v).at;
         let (mut seen, mut sum) = (0.0, 0.0);
         for i in 0..5u32 {
@@ -163,7 +163,7 @@ impl Light {
         let texel_m = 1.0 / self.shadow.view.focal;
         let lift =
             normal * (1.5 * texel_m * (1.0 - leaf)) + self.sun * (texel_m * 1.5 + 0.12 * leaf);
-        let v = self.shadow.view.to_view(p + lift);
+        let v = self.shadow.view.view_from_scene(p + lift);
         let at = self.shadow.view.project(v);
         let corner = at.at - 1.0;
         let base = corner.floor();

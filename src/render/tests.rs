@@ -53,13 +53,6 @@ fn north() -> (Camera, RenderOptions) {
     (camera, options)
 }
 
-fn draw(terrain: &Part, materials: &[Material], textures: &[Texture]) -> Picture {
-    let view =
-        View { textures, materials, terrain: Some(terrain), models: vec![], placements: vec![] };
-    let (camera, options) = north();
-    picture(&view, &camera, &options)
-}
-
 fn is_red(p: [u8; 4]) -> bool {
     p[0] / 2 > p[1].max(p[2])
 }
@@ -258,7 +251,7 @@ impl Wood {
                 Placement {
                     model: i as u32 % 3,
                     position: Vec3::new(x, y, height(x, y)),
-                    yaw_rad: draws.between(0.0, 6.28),
+                    yaw_rad: draws.between(0.0, std::f32::consts::TAU),
                     scale: Vec3::splat(draws.between(0.6, 1.2)),
                 }
             })
