@@ -96,7 +96,7 @@ fn the_stand_is_as_asked() {
     let cover = area / stand.side_m.powi(2);
     assert!((0.4..0.63).contains(&cover), "crown cover {cover}");
     let z: Vec<f64> = (0..10_000)
-        .map(|i| f64::from(stand.side_m) / 100.0)
+        .map(|_| f64::from(stand.side_m) / 100.0)
         .enumerate()
         .map(|(i, d)| stand.relief.height_at((i % 100) as f64 * d, (i / 100) as f64 * d))
         .collect();
