@@ -1,6 +1,8 @@
 //! Prototypes, instances and terrain as one scene, and the proof that it is sound. Knows nothing
 //! of formats.
 
+pub mod sharing;
+
 use glam::Vec3;
 
 use crate::frame::Frame;
