@@ -7,8 +7,10 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 /// From a laser scan of a forest to a forest scene an artist can open.
 #[derive(Debug, Parser)]
 #[command(name = "larix", version, max_term_width = 100, arg_required_else_help = true)]
-#[command(after_help = "Examples:\n  larix demo\n  larix forest scan.laz --photo photo.tif -o out\n  \
-                        larix tree larix_sibirica --height 22 -o larch.glb")]
+#[command(
+    after_help = "Examples:\n  larix demo\n  larix forest scan.laz --photo photo.tif -o out\n  \
+                        larix tree larix_sibirica --height 22 -o larch.glb"
+)]
 pub struct Cli {
     #[command(subcommand)]
     pub command: Command,
@@ -29,8 +31,10 @@ pub enum Command {
     #[command(after_help = "Example:\n  larix demo -o output/demo")]
     Demo(Demo),
     /// Scan to forest scene: terrain, every tree in its place, glTF and USD.
-    #[command(after_help = "Example:\n  larix forest north.laz south.laz --photo ortho.tif -o out \
-                            --format glb,usda --species larix_sibirica,betula_pendula")]
+    #[command(
+        after_help = "Example:\n  larix forest north.laz south.laz --photo ortho.tif -o out \
+                            --format glb,usda --species larix_sibirica,betula_pendula"
+    )]
     Forest(Forest),
     /// Scan to a table of trees, one polygon each.
     #[command(after_help = "Example:\n  larix inventory scan.laz -o trees.geojson")]
@@ -39,7 +43,9 @@ pub enum Command {
     #[command(after_help = "Example:\n  larix terrain scan.laz --cell 0.5 -o dtm.tif")]
     Terrain(Terrain),
     /// Grow one tree from a species rule file; no scan needed.
-    #[command(after_help = "Example:\n  larix tree betula_pendula --height 18 --seed 3 -o birch.glb")]
+    #[command(
+        after_help = "Example:\n  larix tree betula_pendula --height 18 --seed 3 -o birch.glb"
+    )]
     Tree(Tree),
     /// The species that are built in.
     #[command(after_help = "Example:\n  larix species list")]

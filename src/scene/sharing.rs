@@ -55,8 +55,9 @@ fn groups(trees: &[Build], members: &[usize], k: usize) -> Vec<(usize, Vec<usize
     let k = k.min(members.len());
     let mut by_height = members.to_vec();
     by_height.sort_by(|&a, &b| trees[a].height_m.total_cmp(&trees[b].height_m).then(a.cmp(&b)));
-    let mut centres: Vec<[f32; 2]> =
-        (0..k).map(|i| features(&trees[by_height[(2 * i + 1) * members.len() / (2 * k)]])).collect();
+    let mut centres: Vec<[f32; 2]> = (0..k)
+        .map(|i| features(&trees[by_height[(2 * i + 1) * members.len() / (2 * k)]]))
+        .collect();
     let nearest = |centres: &[[f32; 2]], f: [f32; 2]| {
         (0..centres.len())
             .min_by(|&a, &b| distance_sq(centres[a], f).total_cmp(&distance_sq(centres[b], f)))
@@ -112,10 +113,8 @@ mod tests {
 
     #[test]
     fn two_sizes_make_two_groups() {
-        let trees: Vec<Build> = [10.0, 10.2, 9.9, 20.0, 20.5, 19.8]
-            .into_iter()
-            .map(|h| tree(0, h, h * 0.3))
-            .collect();
+        let trees: Vec<Build> =
+            [10.0, 10.2, 9.9, 20.0, 20.5, 19.8].into_iter().map(|h| tree(0, h, h * 0.3)).collect();
         let models = share(&trees, 2);
         assert_eq!(models.len(), 2);
         assert_eq!(models[0].members, [0, 1, 2]);
