@@ -1,18 +1,20 @@
 //! The binary buffer: where everything lies, then the bytes, in one pass and without copies.
 //!
-//! All positions, all normals, all texture coordinates, all indices, then pictures: a handful of
-//! buffer views however many prototypes there are.
+//! All positions, then all normals, texture coordinates, tangents, indices, then pictures: a
+//! handful of buffer views however many prototypes there are.
 
 use std::ops::Range;
 
 use super::super::Pictures;
+use super::tangent::tangents;
 use super::y_up;
 use crate::mesh::Surface;
-use crate::scene::ValidScene;
+use crate::scene::{Part, ValidScene};
 
 pub(super) const POSITION_BYTES: u64 = 12;
 pub(super) const NORMAL_BYTES: u64 = 12;
 pub(super) const UV_BYTES: u64 = 8;
+pub(super) const TANGENT_BYTES: u64 = 16;
 
 /// Indices of 16 bits reach so many vertices: the highest value is reserved.
 const MOST_SHORT_VERTICES: usize = u16::MAX as usize;
@@ -22,12 +24,18 @@ pub(super) fn has_short_indices(surface: &Surface) -> bool {
     surface.position.len() <= MOST_SHORT_VERTICES
 }
 
+/// Whether the part's material needs tangents.
+pub(super) fn has_tangents(scene: &ValidScene, part: &Part) -> bool {
+    scene.materials()[part.material as usize].normal_texture.is_some()
+}
+
 /// Byte ranges in the buffer; each starts at a multiple of 4.
 pub(super) struct Layout {
     pub positions: Range<u64>,
     pub normals: Range<u64>,
     pub uvs: Range<u64>,
-    /// Empty if no surface needs them; so the next.
+    /// Empty if no part needs them; so the next two.
+    pub tangents: Range<u64>,
     pub long_indices: Range<u64>,
     pub short_indices: Range<u64>,
     /// One a texture; none where pictures are files of their own.
@@ -42,6 +50,8 @@ impl Layout {
             let chosen = surfaces().filter(|s| has_short_indices(s) == short);
             chosen.map(|s| s.index.len() as u64).sum()
         };
+        let bumpy = scene.parts().filter(|p| has_tangents(scene, p));
+        let bumpy_vertices: u64 = bumpy.map(|p| p.surface.position.len() as u64).sum();
         let mut end = 0u64;
         let mut take = |bytes: u64| {
             let start = end.next_multiple_of(4);
@@ -52,6 +62,7 @@ impl Layout {
             positions: take(vertices * POSITION_BYTES),
             normals: take(vertices * NORMAL_BYTES),
             uvs: take(vertices * UV_BYTES),
+            tangents: take(bumpy_vertices * TANGENT_BYTES),
             long_indices: take(indices(false) * 4),
             short_indices: take(indices(true) * 2),
             pictures: pictures
@@ -84,6 +95,12 @@ impl Layout {
             // v = 0 is the bottom of the picture in the scene, the top in glTF.
             for uv in &surface.uv {
                 push(out, [uv.x, 1.0 - uv.y]);
+            }
+        }
+        for part in scene.parts().filter(|p| has_tangents(scene, p)) {
+            for tangent in tangents(&part.surface) {
+                let [x, y, z] = y_up(tangent.truncate());
+                push(out, [x, y, z, tangent.w]);
             }
         }
         for surface in surfaces().filter(|s| !has_short_indices(s)) {

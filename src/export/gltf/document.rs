@@ -1,11 +1,16 @@
 //! The JSON of a glTF file: structures that mirror the standard's objects, each written only
 //! where it says something.
 
+use std::ops::Range;
+
+use glam::Vec3;
 use serde::Serialize;
 
 use super::super::GENERATOR;
 use super::super::pictures::texture_path;
-use super::buffer::{Layout, NORMAL_BYTES, POSITION_BYTES, UV_BYTES, has_short_indices};
+use super::buffer::{
+    Layout, NORMAL_BYTES, POSITION_BYTES, TANGENT_BYTES, UV_BYTES, has_short_indices, has_tangents,
+};
 use super::y_up;
 use crate::frame::Frame;
 use crate::scene::{self, Alpha, Instance, ValidScene, Wrap};
@@ -113,6 +118,8 @@ struct Attributes {
     position: u32,
     normal: u32,
     texcoord_0: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tangent: Option<u32>,
 }
 
 #[derive(Serialize)]
@@ -311,11 +318,7 @@ fn tree_node(tree: &Instance, first_mesh: u32) -> Node<'_> {
         children: Vec::new(),
         translation: Some(y_up(tree.position)),
         rotation: (sin != 0.0).then_some([0.0, sin, 0.0, cos]),
-        scale: (tree.scale != glam::Vec3::ONE).then_some([
-            tree.scale.x,
-            tree.scale.z,
-            tree.scale.y,
-        ]),
+        scale: (tree.scale != Vec3::ONE).then_some([tree.scale.x, tree.scale.z, tree.scale.y]),
         extras: Some(TreeExtras {
             id: &facts.id,
             species: &facts.species,
@@ -328,15 +331,23 @@ fn tree_node(tree: &Instance, first_mesh: u32) -> Node<'_> {
     }
 }
 
-/// The terrain if there is one, then one a prototype; a primitive a part. The part numbered `n`
-/// in [`ValidScene::parts`] has the four accessors from `4 n` on.
+/// The terrain if there is one, then one a prototype; a primitive a part, with the accessors of
+/// [`accessors`].
 fn meshes(scene: &ValidScene) -> Vec<Mesh<'_>> {
-    let mut numbers = (0u32..).step_by(4);
+    let mut next = 0u32;
     let mut primitive = |part: &scene::Part| {
-        let first = numbers.next().unwrap_or(0);
+        let first = next;
+        let tangent = has_tangents(scene, part).then_some(first + 3);
+        let indices = first + 3 + u32::from(tangent.is_some());
+        next = indices + 1;
         Primitive {
-            attributes: Attributes { position: first, normal: first + 1, texcoord_0: first + 2 },
-            indices: first + 3,
+            attributes: Attributes {
+                position: first,
+                normal: first + 1,
+                texcoord_0: first + 2,
+                tangent,
+            },
+            indices,
             material: part.material,
         }
     };
@@ -351,70 +362,94 @@ fn meshes(scene: &ValidScene) -> Vec<Mesh<'_>> {
     meshes
 }
 
+/// What has been given out of one buffer view.
+struct Column {
+    view: u32,
+    component_type: u32,
+    r#type: &'static str,
+    /// Bytes of one element.
+    size: u64,
+    given: u64,
+}
+
+impl Column {
+    fn give(&mut self, count: usize) -> Accessor {
+        let byte_offset = self.given;
+        self.given += count as u64 * self.size;
+        Accessor {
+            buffer_view: self.view,
+            byte_offset,
+            component_type: self.component_type,
+            count,
+            r#type: self.r#type,
+            min: None,
+            max: None,
+        }
+    }
+}
+
+/// Of each part in [`ValidScene::parts`]: position, normal, texture coordinate, tangent where
+/// the material needs it, index.
 fn accessors(scene: &ValidScene, layout: &Layout) -> Vec<Accessor> {
-    const POSITIONS: u32 = 0;
-    const NORMALS: u32 = 1;
-    const UVS: u32 = 2;
-    const FIRST_INDICES: u32 = 3;
-    let short_view = FIRST_INDICES + u32::from(!layout.long_indices.is_empty());
-    let (mut vertex, mut long_index, mut short_index) = (0u64, 0u64, 0u64);
+    let mut views = 0u32..;
+    let mut column = |range: &Range<u64>, component_type, r#type, size| Column {
+        // An empty range has no view and gives nothing.
+        view: if range.is_empty() { 0 } else { views.next().unwrap_or(0) },
+        component_type,
+        r#type,
+        size,
+        given: 0,
+    };
+    let mut positions = column(&layout.positions, FLOAT, "VEC3", POSITION_BYTES);
+    let mut normals = column(&layout.normals, FLOAT, "VEC3", NORMAL_BYTES);
+    let mut uvs = column(&layout.uvs, FLOAT, "VEC2", UV_BYTES);
+    let mut tangents = column(&layout.tangents, FLOAT, "VEC4", TANGENT_BYTES);
+    let mut long_indices = column(&layout.long_indices, UNSIGNED_INT, "SCALAR", 4);
+    let mut short_indices = column(&layout.short_indices, UNSIGNED_SHORT, "SCALAR", 2);
+
     let mut accessors = Vec::new();
     for part in scene.parts() {
         let surface = &part.surface;
-        let count = surface.position.len();
+        let vertices = surface.position.len();
         let (lo, hi) = surface.bounds();
-        let (a, b) = (glam::Vec3::from(y_up(lo)), glam::Vec3::from(y_up(hi)));
-        let plain = |buffer_view, byte_offset, count, r#type| Accessor {
-            buffer_view,
-            byte_offset,
-            component_type: FLOAT,
-            count,
-            r#type,
-            min: None,
-            max: None,
-        };
+        let (a, b) = (Vec3::from(y_up(lo)), Vec3::from(y_up(hi)));
         accessors.push(Accessor {
             min: Some(a.min(b).to_array()),
             max: Some(a.max(b).to_array()),
-            ..plain(POSITIONS, vertex * POSITION_BYTES, count, "VEC3")
+            ..positions.give(vertices)
         });
-        accessors.push(plain(NORMALS, vertex * NORMAL_BYTES, count, "VEC3"));
-        accessors.push(plain(UVS, vertex * UV_BYTES, count, "VEC2"));
-        vertex += count as u64;
-        let indices = surface.index.len();
-        accessors.push(if has_short_indices(surface) {
-            let offset = short_index * 2;
-            short_index += indices as u64;
-            let accessor = plain(short_view, offset, indices, "SCALAR");
-            Accessor { component_type: UNSIGNED_SHORT, ..accessor }
-        } else {
-            let offset = long_index * 4;
-            long_index += indices as u64;
-            let accessor = plain(FIRST_INDICES, offset, indices, "SCALAR");
-            Accessor { component_type: UNSIGNED_INT, ..accessor }
-        });
+        accessors.push(normals.give(vertices));
+        accessors.push(uvs.give(vertices));
+        if has_tangents(scene, part) {
+            accessors.push(tangents.give(vertices));
+        }
+        let short = has_short_indices(surface);
+        let indices = if short { &mut short_indices } else { &mut long_indices };
+        accessors.push(indices.give(surface.index.len()));
     }
     accessors
 }
 
 /// The views in the order that [`accessors`] counts on, and the number of the first picture's.
 fn views(layout: &Layout) -> (Vec<View>, u32) {
-    let view = |range: &std::ops::Range<u64>, byte_stride, target| View {
+    let view = |range: &Range<u64>, byte_stride, target| View {
         buffer: 0,
         byte_offset: range.start,
         byte_length: range.end - range.start,
         byte_stride,
         target,
     };
-    let mut views = vec![
-        view(&layout.positions, Some(POSITION_BYTES), Some(ARRAY_BUFFER)),
-        view(&layout.normals, Some(NORMAL_BYTES), Some(ARRAY_BUFFER)),
-        view(&layout.uvs, Some(UV_BYTES), Some(ARRAY_BUFFER)),
+    let columns = [
+        (&layout.positions, Some(POSITION_BYTES), ARRAY_BUFFER),
+        (&layout.normals, Some(NORMAL_BYTES), ARRAY_BUFFER),
+        (&layout.uvs, Some(UV_BYTES), ARRAY_BUFFER),
+        (&layout.tangents, Some(TANGENT_BYTES), ARRAY_BUFFER),
+        (&layout.long_indices, None, ELEMENT_ARRAY_BUFFER),
+        (&layout.short_indices, None, ELEMENT_ARRAY_BUFFER),
     ];
-    let indices = [&layout.long_indices, &layout.short_indices];
-    for range in indices.into_iter().filter(|range| !range.is_empty()) {
-        views.push(view(range, None, Some(ELEMENT_ARRAY_BUFFER)));
-    }
+    let columns = columns.into_iter().filter(|(range, ..)| !range.is_empty());
+    let mut views: Vec<View> =
+        columns.map(|(range, stride, target)| view(range, stride, Some(target))).collect();
     let first_picture = views.len() as u32;
     views.extend(layout.pictures.iter().map(|range| view(range, None, None)));
     (views, first_picture)

@@ -4,11 +4,12 @@
 //! a tree that shares it. Y up is made here and nowhere else: the vertices themselves are turned,
 //! (x, y, z) → (x, z, −y), a rotation by −90° about X, so no node needs a correcting turn.
 //!
-//! Limits: a GLB holds less than 4 GiB, for its lengths are 32-bit; normal maps come without
-//! tangents, which readers then compute (MikkTSpace), as the standard asks.
+//! Parts with a normal map carry tangents. Limit: a GLB holds less than 4 GiB, for its lengths
+//! are 32-bit.
 
 mod buffer;
 mod document;
+mod tangent;
 
 use glam::Vec3;
 

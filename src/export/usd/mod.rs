@@ -28,7 +28,10 @@ pub fn usda(scene: &ValidScene, stem: &str) -> OutputFile {
     extent(&mut text, "extentsHint", scene.bounds());
     text.blank();
     text.open("def Scope \"materials\"", &[]);
-    for material in scene.materials() {
+    for (at, material) in scene.materials().iter().enumerate() {
+        if at > 0 {
+            text.blank();
+        }
         write_material(&mut text, scene, material, stem);
     }
     text.close();
@@ -79,47 +82,63 @@ fn layer_metadata(text: &mut Text, scene: &ValidScene) {
     text.close_with(")");
 }
 
-/// A UsdPreviewSurface network.
+/// A UsdPreviewSurface network. A tinted texture is read a second time, untinted, for its alpha:
+/// Blender (4.5) takes the tint for the alpha otherwise.
 fn write_material(text: &mut Text, scene: &ValidScene, material: &Material, stem: &str) {
     let path = material_path(scene, material);
     let [r, g, b] = material.base_color;
+    let tinted = material.base_color != [1.0; 3];
+    let opacity = if tinted { "opacity" } else { "base_color" };
+    let masked = matches!(material.alpha, Alpha::Mask { .. });
     text.open(&format!("def Material \"{}\"", material.name), &[]);
     text.line(&format!("token outputs:surface.connect = <{path}/surface.outputs:surface>"));
 
     text.blank();
     text.open("def Shader \"surface\"", &[]);
     text.line("uniform token info:id = \"UsdPreviewSurface\"");
-    match material.base_color_texture {
-        Some(_) => text.line(&format!(
-            "color3f inputs:diffuseColor.connect = <{path}/base_color.outputs:rgb>"
-        )),
-        None => text.line(&format!("color3f inputs:diffuseColor = ({r}, {g}, {b})")),
-    }
+    text.line(&match material.base_color_texture {
+        Some(_) => {
+            format!("color3f inputs:diffuseColor.connect = <{path}/base_color.outputs:rgb>")
+        }
+        None => format!("color3f inputs:diffuseColor = ({r}, {g}, {b})"),
+    });
     text.line("float inputs:metallic = 0");
     if material.normal_texture.is_some() {
         text.line(&format!("normal3f inputs:normal.connect = <{path}/normal.outputs:rgb>"));
     }
     if let Alpha::Mask { cutoff } = material.alpha {
-        text.line(&format!("float inputs:opacity.connect = <{path}/base_color.outputs:a>"));
+        text.line(&format!("float inputs:opacity.connect = <{path}/{opacity}.outputs:a>"));
         text.line(&format!("float inputs:opacityThreshold = {cutoff}"));
     }
     text.line(&format!("float inputs:roughness = {}", material.roughness));
     text.line("token outputs:surface");
     text.close();
 
-    if let Some(texture) = material.base_color_texture {
-        let alpha = matches!(material.alpha, Alpha::Mask { .. });
-        let scale = format!("float4 inputs:scale = ({r}, {g}, {b}, 1)");
-        let scale = (material.base_color != [1.0; 3]).then_some(scale);
-        let numbers: Vec<&str> = scale.iter().map(String::as_str).collect();
-        shader_texture(text, scene, stem, (&path, "base_color"), texture, "sRGB", &numbers, alpha);
+    let mut textures = Vec::new();
+    if let Some(index) = material.base_color_texture {
+        let mut numbers = Vec::new();
+        if tinted {
+            numbers.push(format!("float4 inputs:scale = ({r}, {g}, {b}, 1)"));
+        }
+        let alpha = masked && !tinted;
+        textures.push(TextureShader { name: "base_color", index, raw: false, numbers, alpha });
+        if masked && tinted {
+            let numbers = Vec::new();
+            textures.push(TextureShader { name: opacity, index, raw: false, numbers, alpha: true });
+        }
     }
-    if let Some(texture) = material.normal_texture {
-        let numbers =
-            ["float4 inputs:bias = (-1, -1, -1, 0)", "float4 inputs:scale = (2, 2, 2, 1)"];
-        shader_texture(text, scene, stem, (&path, "normal"), texture, "raw", &numbers, false);
+    if let Some(index) = material.normal_texture {
+        let numbers = vec![
+            "float4 inputs:bias = (-1, -1, -1, 0)".to_owned(),
+            "float4 inputs:scale = (2, 2, 2, 1)".to_owned(),
+        ];
+        textures.push(TextureShader { name: "normal", index, raw: true, numbers, alpha: false });
     }
-    if material.base_color_texture.is_some() || material.normal_texture.is_some() {
+    for texture in &textures {
+        text.blank();
+        write_texture(text, scene, stem, &path, texture);
+    }
+    if !textures.is_empty() {
         text.blank();
         text.open("def Shader \"st\"", &[]);
         text.line("uniform token info:id = \"UsdPrimvarReader_float2\"");
@@ -130,34 +149,42 @@ fn write_material(text: &mut Text, scene: &ValidScene, material: &Material, stem
     text.close();
 }
 
-#[allow(clippy::too_many_arguments, reason = "one shader, its inputs in a row")]
-fn shader_texture(
+/// A UsdUVTexture.
+struct TextureShader {
+    name: &'static str,
+    /// Into the scene's textures.
+    index: u32,
+    raw: bool,
+    /// Bias and scale, a line each.
+    numbers: Vec<String>,
+    /// Whether its alpha is read.
+    alpha: bool,
+}
+
+fn write_texture(
     text: &mut Text,
     scene: &ValidScene,
     stem: &str,
-    (material, name): (&str, &str),
-    texture: u32,
-    colorspace: &str,
-    numbers: &[&str],
-    alpha: bool,
+    material_path: &str,
+    shader: &TextureShader,
 ) {
-    let file = texture_path(stem, &scene.textures()[texture as usize].name);
-    let wrap = match scene.wrap(texture) {
+    let file = texture_path(stem, &scene.textures()[shader.index as usize].name);
+    let colorspace = if shader.raw { "raw" } else { "sRGB" };
+    let wrap = match scene.wrap(shader.index) {
         Wrap::Repeat => "repeat",
         Wrap::Clamp => "clamp",
     };
-    text.blank();
-    text.open(&format!("def Shader \"{name}\""), &[]);
+    text.open(&format!("def Shader \"{}\"", shader.name), &[]);
     text.line("uniform token info:id = \"UsdUVTexture\"");
     text.line(&format!("asset inputs:file = @{file}@"));
-    for line in numbers {
+    for line in &shader.numbers {
         text.line(line);
     }
     text.line(&format!("token inputs:sourceColorSpace = \"{colorspace}\""));
-    text.line(&format!("float2 inputs:st.connect = <{material}/st.outputs:result>"));
+    text.line(&format!("float2 inputs:st.connect = <{material_path}/st.outputs:result>"));
     text.line(&format!("token inputs:wrapS = \"{wrap}\""));
     text.line(&format!("token inputs:wrapT = \"{wrap}\""));
-    if alpha {
+    if shader.alpha {
         text.line("float outputs:a");
     }
     text.line("float3 outputs:rgb");
