@@ -10,16 +10,20 @@
 //! - *Oscillation* (an attractor between two steps that neither reaches): a step is no longer than
 //!   the way to the nearest of the node's attractors, and a node that would grow twice in the same
 //!   direction is closed: it grows no more, though its attractors may pass to nearer nodes.
-//! - *Duplicates*: for the same reasons no child falls on an earlier child of its node; a step
-//!   below a hundredth of D is not taken.
+//! - *Duplicates*: a child that would fall into the same cell, D/20 wide, as an earlier node is not
+//!   grown, nor one after a step below D/100; its node is closed.
 //! - *Out of reach*: when growth ends with attractors left, d_i is doubled, `bridges` times. What
 //!   is still out of reach is left alone and counted.
 //! - *Order of D, d_i, d_k*: [`Reach::new`] brings them to D/2 ≤ d_k < d_i, D ≤ d_i and says so.
 //!
 //! Additions: a node keeps part of its heading (`inertia`) and turns at most `max_turn_rad`, which
-//! wood does and a mean of directions does not; `pull` is the tropism vector of Runions' ĝ.
+//! wood does and a mean of directions does not; `pull` is the tropism vector of Runions' ĝ, here
+//! a field, so that twigs can be led away from the stem.
 //!
 //! Limit: a node has at most [`MAX_CHILDREN`] colonized children.
+
+use std::collections::HashSet;
+use std::hash::{BuildHasherDefault, Hasher};
 
 use glam::Vec3;
 
@@ -86,8 +90,6 @@ impl Reach {
 pub struct Habit {
     /// Weight of the node's heading against the unit mean direction to its attractors.
     pub inertia: f32,
-    /// Tropism, added to that direction.
-    pub pull: Vec3,
     /// Greatest turn from the heading in one step.
     pub max_turn_rad: f32,
 }
@@ -95,7 +97,7 @@ pub struct Habit {
 impl Default for Habit {
     /// Runions' own: straight to the mean.
     fn default() -> Self {
-        Habit { inertia: 0.0, pull: Vec3::ZERO, max_turn_rad: std::f32::consts::PI }
+        Habit { inertia: 0.0, max_turn_rad: std::f32::consts::PI }
     }
 }
 
@@ -129,15 +131,17 @@ pub struct Colonized {
     pub rounds: usize,
 }
 
-/// Grows from `starts` into `attractors`. Attractors and starts that are not finite are left out.
+/// Grows from `starts` into `attractors`; `pull` is added to the direction of growth at a place.
+/// Attractors and starts that are not finite are left out.
 pub fn colonize(
     starts: &[Start],
     attractors: &[Vec3],
     reach: &Reach,
     habit: &Habit,
+    pull: &dyn Fn(Vec3) -> Vec3,
     limits: &Limits,
 ) -> Colonized {
-    let mut front = Front::new(starts, attractors, reach, habit, limits);
+    let mut front = Front::new(starts, attractors, reach, habit, pull, limits);
     let mut influence_m = reach.influence_m;
     for _ in 0..=limits.bridges {
         let Some(mut grid) = Grid::new(&front.living, influence_m) else { break };
@@ -284,6 +288,7 @@ struct Call {
 struct Front<'a> {
     reach: &'a Reach,
     habit: &'a Habit,
+    pull: &'a dyn Fn(Vec3) -> Vec3,
     limits: &'a Limits,
     first_new: usize,
     node: Vec<Vec3>,
@@ -293,8 +298,33 @@ struct Front<'a> {
     children: Vec<u8>,
     /// Directions of the first children, to tell a repeated one.
     grown: Vec<[Vec3; MAX_CHILDREN as usize]>,
+    /// Cells, D/20 wide, with a node in them.
+    taken: HashSet<[i32; 3], BuildHasherDefault<CellHasher>>,
     living: Vec<Vec3>,
     rounds: usize,
+}
+
+/// The grid's own hash, for a set of cells.
+#[derive(Default)]
+struct CellHasher(u64);
+
+impl Hasher for CellHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for &b in bytes {
+            self.write_i32(i32::from(b));
+        }
+    }
+
+    fn write_usize(&mut self, _: usize) {}
+
+    fn write_i32(&mut self, value: i32) {
+        self.0 = (self.0 ^ u64::from(value as u32)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 ^= self.0 >> 29;
+    }
 }
 
 impl<'a> Front<'a> {
@@ -303,12 +333,14 @@ impl<'a> Front<'a> {
         attractors: &[Vec3],
         reach: &'a Reach,
         habit: &'a Habit,
+        pull: &'a dyn Fn(Vec3) -> Vec3,
         limits: &'a Limits,
     ) -> Self {
         let sound = |s: &Start| s.position.is_finite() && s.heading.is_finite();
         Front {
             reach,
             habit,
+            pull,
             limits,
             first_new: starts.len(),
             node: starts.iter().map(|s| s.position).collect(),
@@ -319,6 +351,7 @@ impl<'a> Front<'a> {
                 .map(|s| if s.is_open && sound(s) { 0 } else { MAX_CHILDREN })
                 .collect(),
             grown: vec![[Vec3::ZERO; MAX_CHILDREN as usize]; starts.len()],
+            taken: starts.iter().map(|s| cell(s.position, 0.05 * reach.step_m)).collect(),
             living: attractors.iter().copied().filter(|p| p.is_finite()).collect(),
             rounds: 0,
         }
@@ -396,14 +429,15 @@ impl<'a> Front<'a> {
         if call.sum.length_squared() < 1e-4 {
             direction = to_nearest;
         }
-        let blended = direction + self.habit.inertia * heading + self.habit.pull;
+        let blended = direction + self.habit.inertia * heading + (self.pull)(at);
         let direction = blended.try_normalize().unwrap_or(to_nearest);
         let direction = turned_at_most(heading, direction, self.habit.max_turn_rad);
         let step = self.reach.step_m.min(call.nearest_sq.sqrt());
         let child = at + direction * step;
         let earlier = &self.grown[p][..self.children[p] as usize];
         let repeats = earlier.iter().any(|d| d.dot(direction) > SAME_DIRECTION);
-        if repeats || step < 0.01 * self.reach.step_m || child == at || !child.is_finite() {
+        let is_short = step < 0.01 * self.reach.step_m || child == at || !child.is_finite();
+        if repeats || is_short || !self.taken.insert(cell(child, 0.05 * self.reach.step_m)) {
             self.children[p] = MAX_CHILDREN;
             return;
         }
@@ -426,4 +460,213 @@ fn turned_at_most(heading: Vec3, wish: Vec3, max_turn_rad: f32) -> Vec3 {
     let side = side.try_normalize().unwrap_or_else(|| heading.any_orthonormal_vector());
     let (s, c) = max_turn_rad.sin_cos();
     (heading * c + side * s).normalize_or(wish)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::seed::Seed;
+    use proptest::prelude::*;
+
+    fn free(_: Vec3) -> Vec3 {
+        Vec3::ZERO
+    }
+
+    fn limits() -> Limits {
+        Limits { max_nodes: 100_000, max_rounds: 2_000, bridges: 1 }
+    }
+
+    fn reach(step: f32, kill: f32, influence: f32) -> Reach {
+        let (reach, said) = Reach::new(step, kill, influence);
+        assert!(said.is_empty(), "{said:?}");
+        reach
+    }
+
+    fn origin() -> [Start; 1] {
+        [Start { position: Vec3::ZERO, heading: Vec3::ZERO, is_open: true }]
+    }
+
+    fn run(attractors: &[Vec3], reach: Reach) -> Colonized {
+        let grown =
+            colonize(&origin(), attractors, &reach, &Habit::default(), &free, &limits());
+        sound(&grown, 1);
+        grown
+    }
+
+    /// Parents first, no child on its parent, no two nodes in one place.
+    fn sound(grown: &Colonized, starts: usize) {
+        let mut places = std::collections::BTreeSet::new();
+        for (i, (&p, &parent)) in grown.position.iter().zip(&grown.parent).enumerate() {
+            assert!((parent as usize) < starts + i);
+            assert!(p.is_finite());
+            let place = [p.x.to_bits(), p.y.to_bits(), p.z.to_bits()];
+            assert!(places.insert(place), "node {i} repeats {p}");
+        }
+    }
+
+    #[test]
+    fn a_row_of_attractors_is_walked_step_by_step() {
+        let row: Vec<Vec3> = (1..=10).map(|i| Vec3::X * i as f32).collect();
+        let grown = run(&row, reach(1.0, 0.5, 2.5));
+        assert_eq!(grown.position, row);
+        assert_eq!(grown.parent, (0..10).collect::<Vec<u32>>());
+        assert_eq!(grown.left, 0);
+    }
+
+    #[test]
+    fn the_step_is_towards_the_mean_of_unit_directions() {
+        let pull = [Vec3::new(2.0, 0.0, 0.0), Vec3::new(0.0, 3.0, 0.0)];
+        let grown = run(&pull, reach(0.5, 0.3, 10.0));
+        let expected = Vec3::new(1.0, 1.0, 0.0).normalize() * 0.5;
+        assert!((grown.position[0] - expected).length() < 1e-6);
+    }
+
+    #[test]
+    fn symmetric_attractors_do_not_stall_growth() {
+        for ring in [2, 3, 4, 6] {
+            let around: Vec<Vec3> = (0..ring)
+                .map(|i| {
+                    let (s, c) = (std::f32::consts::TAU * i as f32 / ring as f32).sin_cos();
+                    Vec3::new(c, s, 0.0) * 2.0
+                })
+                .collect();
+            let grown = run(&around, reach(0.5, 0.4, 6.0));
+            assert!(!grown.position.is_empty());
+            assert!(grown.left < ring, "ring of {ring}: {} left", grown.left);
+        }
+    }
+
+    #[test]
+    fn two_attractors_do_not_make_a_node_swing_for_ever() {
+        // Closer together than a step, on both sides of the way of growth.
+        for gap in [0.01, 0.3, 0.55, 0.9] {
+            let pair = [Vec3::new(1.3, gap, 0.0), Vec3::new(1.3, -gap, 0.0)];
+            let grown = run(&pair, reach(1.0, 0.5, 5.0));
+            assert!(grown.position.len() < 10, "gap {gap}: {} nodes", grown.position.len());
+            assert!(grown.rounds < 20);
+        }
+    }
+
+    #[test]
+    fn attractors_out_of_reach_are_bridged_once_then_left() {
+        let near = Vec3::X * 3.5;
+        let far = Vec3::new(0.0, 0.0, 1000.0);
+        let grown = run(&[near, far], reach(1.0, 0.6, 2.0));
+        assert_eq!(grown.left, 1);
+        assert_eq!(grown.position.len(), 3);
+        assert!(grown.position.iter().all(|p| p.length() < 5.0));
+    }
+
+    #[test]
+    fn attractors_all_in_one_place_on_a_line_in_a_plane() {
+        let one = vec![Vec3::new(1.0, 1.0, 1.0); 500];
+        let grown = run(&one, reach(0.2, 0.2, 3.0));
+        assert_eq!((grown.left, grown.position.len() < 12), (0, true));
+        let line: Vec<Vec3> = (0..500).map(|i| Vec3::new(i as f32 * 0.02, 0.5, 0.0)).collect();
+        assert_eq!(run(&line, reach(0.2, 0.2, 3.0)).left, 0);
+        let plane: Vec<Vec3> =
+            (0..400).map(|i| Vec3::new((i % 20) as f32 * 0.2, (i / 20) as f32 * 0.2, 1.0)).collect();
+        assert_eq!(run(&plane, reach(0.2, 0.2, 3.0)).left, 0);
+        assert_eq!(run(&[Vec3::ZERO], reach(0.2, 0.2, 3.0)).position.len(), 0);
+        assert_eq!(run(&[], reach(0.2, 0.2, 3.0)).position.len(), 0);
+    }
+
+    #[test]
+    fn distances_in_a_wrong_order_are_put_right_and_said() {
+        for d in [0.1, 1.0, 5.0] {
+            for k in [0.01, 1.0, 7.0] {
+                for i in [0.05, 1.0, 9.0] {
+                    let (r, said) = Reach::new(d, k, i);
+                    assert!(r.kill_m() >= 0.5 * r.step_m());
+                    assert!(r.influence_m() > r.kill_m() && r.influence_m() >= r.step_m());
+                    let is_changed = (r.step_m(), r.kill_m(), r.influence_m()) != (d, k, i);
+                    assert_eq!(is_changed, !said.is_empty(), "{d} {k} {i}");
+                }
+            }
+        }
+        let (r, said) = Reach::new(f32::NAN, -1.0, f32::INFINITY);
+        assert!(r.step_m() > 0.0 && r.influence_m().is_finite());
+        assert_eq!(said.len(), 3);
+        assert_eq!(said[0], "step D of NaN m is no length; 0.1 m taken");
+    }
+
+    #[test]
+    fn caps_hold() {
+        let row: Vec<Vec3> = (1..=100).map(|i| Vec3::X * i as f32).collect();
+        let capped = |max_nodes, max_rounds| {
+            let limits = Limits { max_nodes, max_rounds, bridges: 0 };
+            let r = reach(1.0, 0.5, 2.5);
+            colonize(&origin(), &row, &r, &Habit::default(), &free, &limits).position.len()
+        };
+        assert_eq!(capped(7, 1000), 7);
+        assert_eq!(capped(1000, 12), 12);
+        assert_eq!(capped(0, 12), 0);
+    }
+
+    #[test]
+    fn closed_starts_clear_attractors_but_do_not_grow() {
+        let mut starts = origin();
+        starts[0].is_open = false;
+        let grown = colonize(
+            &starts,
+            &[Vec3::X * 0.1, Vec3::X * 2.0],
+            &reach(1.0, 0.5, 5.0),
+            &Habit::default(),
+            &free,
+            &limits(),
+        );
+        assert_eq!((grown.position.len(), grown.left), (0, 1));
+    }
+
+    #[test]
+    fn wood_turns_no_more_than_it_may() {
+        let starts = [Start { position: Vec3::ZERO, heading: Vec3::Z, is_open: true }];
+        let habit = Habit { inertia: 0.0, max_turn_rad: 0.4 };
+        let attractors = [Vec3::new(3.0, 0.0, 0.5)];
+        let grown =
+            colonize(&starts, &attractors, &reach(0.5, 0.4, 9.0), &habit, &free, &limits());
+        assert!((grown.position[0].angle_between(Vec3::Z) - 0.4).abs() < 1e-3);
+        assert_eq!(grown.left, 0);
+    }
+
+    /// The grid gives what the definition gives: every attractor with its nearest node.
+    #[test]
+    fn owners_are_the_nearest_nodes() {
+        let mut draws = Seed::new(3).draws();
+        let points: Vec<Vec3> = (0..500).map(|_| draws.direction() * draws.unit() * 4.0).collect();
+        let nodes: Vec<Vec3> = (0..60).map(|_| draws.direction() * draws.unit() * 4.0).collect();
+        let mut grid = Grid::new(&points, 0.9).unwrap();
+        for (i, &n) in nodes.iter().enumerate() {
+            grid.visit(i as u32, n, 0.81, 0.0);
+        }
+        for (i, p) in grid.point.iter().enumerate() {
+            let near = nodes
+                .iter()
+                .map(|n| n.distance_squared(*p))
+                .enumerate()
+                .filter(|(_, d)| *d < 0.81)
+                .min_by(|a, b| a.1.total_cmp(&b.1));
+            assert_eq!(grid.owner[i], near.map_or(NOBODY, |(n, _)| n as u32));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_cloud_ends_and_is_sound(
+            cloud in prop::collection::vec((-9.0f32..9.0, -9.0f32..9.0, -9.0f32..9.0), 0..300),
+            step in 0.01f32..3.0, kill in 0.01f32..3.0, influence in 0.01f32..9.0,
+            inertia in 0.0f32..3.0, turn in 0.05f32..3.2,
+        ) {
+            let cloud: Vec<Vec3> = cloud.into_iter().map(|(x, y, z)| Vec3::new(x, y, z)).collect();
+            let (reach, _) = Reach::new(step, kill, influence);
+            let habit = Habit { inertia, max_turn_rad: turn };
+            let few = Limits { max_nodes: 3_000, max_rounds: 500, bridges: 2 };
+            let grown = colonize(&origin(), &cloud, &reach, &habit, &free, &few);
+            prop_assert!(grown.position.len() <= 3_000 && grown.left <= cloud.len());
+            for (i, &parent) in grown.parent.iter().enumerate() {
+                prop_assert!((parent as usize) <= i);
+                prop_assert!(grown.position[i].is_finite());
+            }
+        }
+    }
 }

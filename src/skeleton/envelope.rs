@@ -103,7 +103,8 @@ impl Envelope {
                     if !(0..ROWS as i32).contains(&r) {
                         continue;
                     }
-                    let seen = reach[r as usize][(k + SECTORS + dk as usize) % SECTORS];
+                    let side = (k as i32 + dk).rem_euclid(SECTORS as i32) as usize;
+                    let seen = reach[r as usize][side];
                     if seen > 0.0 {
                         sum += w * seen;
                         weight += w;
@@ -263,5 +264,80 @@ impl Noise {
             })
             .sum();
         sum.clamp(-1.0, 1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn size() -> Size {
+        Size {
+            height_m: 20.0,
+            crown_diameter_m: 6.0,
+            crown_base: 0.25,
+            stem_diameter_m: 0.3,
+            profile: vec![[0.0, 0.5], [0.4, 1.0], [1.0, 0.0]],
+        }
+    }
+
+    #[test]
+    fn a_profile_is_linear_between_its_pairs() {
+        let pairs = [[0.0, 0.5], [0.5, 1.0], [1.0, 0.0]];
+        for (t, r) in [(-1.0, 0.5), (0.0, 0.5), (0.25, 0.75), (0.75, 0.5), (2.0, 0.0)] {
+            assert_eq!(profile(&pairs, t), r);
+        }
+        assert_eq!(profile(&[], 0.5), 0.0);
+    }
+
+    #[test]
+    fn a_species_envelope_has_its_height_width_and_base() {
+        let e = Envelope::of_species(&size(), 0.0, 20.0, Seed::new(1));
+        assert!((e.base_m - 5.0).abs() < 1e-4);
+        assert!((e.radius_at(11.0, 1.0) - 3.0).abs() < 0.05);
+        assert_eq!(e.radius_at(4.9, 0.0), 0.0);
+        assert_eq!(e.radius_at(20.1, 0.0), 0.0);
+        // Two cones: of 9 m (to 1) and 6 m (a frustum from 0.5 to 1).
+        let cones = std::f32::consts::PI * 9.0 * (9.0 / 3.0 + 6.0 * (1.0 + 0.5 + 0.25) / 3.0);
+        assert!((e.volume_m3() / cones - 1.0).abs() < 0.1, "{}", e.volume_m3());
+    }
+
+    fn crown(attractors: Vec<Vec3>) -> Crown {
+        Crown {
+            key: 1,
+            root: Vec3::new(100.0, 50.0, 10.0),
+            apex: Vec3::new(100.5, 50.0, 30.0),
+            height_m: 20.0,
+            base_height_m: 6.0,
+            diameter_m: 6.0,
+            outline: Vec::new(),
+            attractors,
+            point_count: 100,
+            confidence: 1.0,
+        }
+    }
+
+    #[test]
+    fn a_lopsided_crown_gives_a_lopsided_envelope() {
+        let mut local = Vec::new();
+        for i in 0..400 {
+            let turn = i as f32 * 0.37;
+            let reach = if turn.cos() > 0.0 { 4.0 } else { 2.0 };
+            let z = 6.0 + 12.0 * (i as f32 / 400.0);
+            local.push(Vec3::new(turn.cos() * reach, turn.sin() * reach, z));
+        }
+        let e = Envelope::of_crown(&size(), &crown(Vec::new()), &local);
+        let (east, west) = (e.radius_at(11.0, 0.0), e.radius_at(11.0, std::f32::consts::PI));
+        assert!(east > 1.5 * west, "{east} {west}");
+        assert!((e.centre(20.0) - Vec2::new(0.5, 0.0)).length() < 1e-6);
+        assert_eq!(e.centre(0.0), Vec2::ZERO);
+    }
+
+    #[test]
+    fn a_crown_without_points_has_the_species_shape() {
+        let e = Envelope::of_crown(&size(), &crown(Vec::new()), &[Vec3::NAN]);
+        let f = Envelope::of_species(&size(), 0.0, 20.0, Seed::new(1));
+        let t = |e: &Envelope| e.radius_at(e.base_m + 0.4 * e.crown_length_m(), 2.0);
+        assert!((t(&e) - t(&f)).abs() < 0.05);
     }
 }

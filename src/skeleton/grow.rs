@@ -106,7 +106,8 @@ fn spacing_m(envelope: &Envelope, growth: &Growth, detail: Detail, max_nodes: u3
     let least = 1e-3 * envelope.height_m;
     let wished = detail.attractor_spacing_m.filter(|s| s.is_finite() && *s > 0.0);
     let twiggy = 1.0 - growth.bare.clamp(0.0, 0.9).powi(2);
-    let per_node = envelope.volume_m3() * twiggy / (0.6 * max_nodes as f32);
+    let share = growth.fill.clamp(0.1, 1.0);
+    let per_node = envelope.volume_m3() * twiggy * share / (0.75 * max_nodes as f32);
     wished.unwrap_or_else(|| per_node.cbrt()).max(least)
 }
 
@@ -442,8 +443,15 @@ impl<'a> Tree<'a> {
             Reach::new(self.growth.step * s, self.growth.kill * s, self.growth.influence * s);
         let answer = Answer {
             inertia: self.growth.inertia.clamp(0.0, 10.0),
-            pull: Vec3::Z * (0.04 * self.growth.tropism * s).clamp(-0.6, 0.6),
             max_turn_rad: 1.2,
+        };
+        // Away from the axis, as light comes from outside, and up or down with the tropism.
+        let e = self.envelope;
+        let up = Vec3::Z * (0.05 * self.growth.tropism).clamp(-0.6, 0.6);
+        let outward = self.growth.outward.clamp(0.0, 10.0);
+        let pull = |p: Vec3| {
+            let out = p.truncate() - e.centre(p.z);
+            up + (out / (out.length() + 0.2 * e.radius_m)).extend(0.0) * outward
         };
         let limits = Limits { max_nodes: room, max_rounds: 400, bridges: 1 };
         let starts: Vec<Start> = (0..self.position.len())
@@ -453,7 +461,7 @@ impl<'a> Tree<'a> {
                 is_open: self.is_open[i],
             })
             .collect();
-        let grown = colonize(&starts, &attractors, &reach, &answer, &limits);
+        let grown = colonize(&starts, &attractors, &reach, &answer, &pull, &limits);
         for (at, parent) in grown.position.into_iter().zip(grown.parent) {
             let at = at.with_z(at.z.max(self.clearance_m));
             let heading = (at - self.position[parent as usize]).normalize_or_zero();

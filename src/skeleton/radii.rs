@@ -2,7 +2,8 @@
 //! carries what grows beyond it, r^e = Σ r_child^e.
 //!
 //! Departure: each metre of shoot adds pipes too, for the twigs too small to be nodes of their
-//! own, so that an unbranched axis tapers. The number of pipes at the tips is not the tree's, it
+//! own, so that an unbranched axis tapers, and a bole keeps a part of the disused pipes of the
+//! branches it has shed. The foot of a stem flares. The number of pipes at the tips is not the tree's, it
 //! follows the level of detail, so the sum is scaled to the allometric diameter at 1.3 m, keeping
 //! every ratio; only the last node of an axis is then given the radius of a shoot's tip.
 
@@ -12,6 +13,11 @@ use super::{Children, NO_PARENT};
 
 /// Height at which a stem's diameter is measured (breast height), metres.
 pub const BREAST_HEIGHT_M: f32 = 1.3;
+
+/// Part of the disused pipes of lost branches that still is in a stem, over a tree's whole height.
+const SHED: f64 = 0.5;
+/// Widening of a stem's foot.
+const FLARE: f64 = 0.35;
 
 /// What radii follow from, besides the shape.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,16 +65,27 @@ pub fn radii(position: &[Vec3], parent: &[u32], is_stem: &[bool], pipes: &Pipes)
     };
     // Half of all pipes begin at tips, half along the way.
     let per_m = tips as f64 / total_m.max(1e-6);
+    // The crown's length holds all pipes; a metre of bole once held its share.
+    let top_m = position.iter().map(|p| f64::from(p.z)).fold(1e-6, f64::max);
+    let shed_per_m = SHED * 2.0 * tips as f64 / top_m;
     for i in (0..n).rev() {
         if carried[i] == 0.0 {
             carried[i] = 1.0;
         }
         if parent[i] != NO_PARENT {
-            let along = per_m * internode_m(position, parent, i);
+            let mut along = per_m * internode_m(position, parent, i);
+            if is_stem[i] {
+                along += shed_per_m * internode_m(position, parent, i);
+            }
             carried[parent[i] as usize] += carried[i] + along;
         }
     }
-    let relative: Vec<f64> = carried.iter().map(|c| c.powf(1.0 / e)).collect();
+    let flare_m = f64::from(pipes.stem_radius_m) * 2.5;
+    let flare = |i: usize| match is_stem[i] {
+        true => 1.0 + FLARE * (-f64::from(position[i].z.max(0.0)) / flare_m).exp(),
+        false => 1.0,
+    };
+    let relative: Vec<f64> = (0..n).map(|i| carried[i].powf(1.0 / e) * flare(i)).collect();
     let at = f64::from(radius_at(position, parent, is_stem, pipes.measured_at_m, &relative));
     let scale = f64::from(pipes.stem_radius_m) / at.max(1e-12);
     let tip = f64::from(pipes.tip_radius_m);

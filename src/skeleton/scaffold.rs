@@ -24,21 +24,24 @@ pub struct Shoot {
 
 /// A stem of `internodes` shoots, each rewritten by the rule.
 pub fn scaffold(species: &Species, internodes: u32) -> Vec<Shoot> {
-    let _ = species;
+    let sym = species.builds_on.as_deref() == Some("table3/04");
+    let stool = species.builds_on.as_deref() == Some("table3/08");
     let n = 3;
     let mut out = Vec::new();
     let mut below = None;
-    for _ in 0..internodes {
+    for _ in 0..if stool { 4 } else { internodes } {
+        if stool { below = None; }
         let id = out.len() as u32;
         out.push(Shoot { parent: below, depth: 0, tilt_rad: 0.0, azimuth_rad: 0.0, ratio: 1.0, rank: 0, siblings: 0 });
-        laterals(&mut out, id, n, 1);
+        laterals(&mut out, id, n, 1, sym);
         below = Some(id);
     }
     out
 }
 
-fn laterals(out: &mut Vec<Shoot>, parent: u32, generations: u32, depth: u8) {
-    for g in 0..generations {
+fn laterals(out: &mut Vec<Shoot>, parent: u32, generations: u32, depth: u8, sym: bool) {
+    if sym && generations == 0 { return; }
+    for g in if sym { generations - 1..generations } else { 0..generations } {
         for k in 0..4 {
             let id = out.len() as u32;
             out.push(Shoot {
@@ -47,10 +50,10 @@ fn laterals(out: &mut Vec<Shoot>, parent: u32, generations: u32, depth: u8) {
                 tilt_rad: 0.5,
                 azimuth_rad: k as f32 * std::f32::consts::FRAC_PI_2,
                 ratio: 0.5,
-                rank: g * 4 + k,
-                siblings: generations * 4,
+                rank: if sym { k } else { g * 4 + k },
+                siblings: if sym { 4 } else { generations * 4 },
             });
-            laterals(out, id, g, depth + 1);
+            laterals(out, id, g, depth + 1, sym);
         }
     }
 }

@@ -80,6 +80,8 @@ pub struct Growth {
     pub bare: f32,
     /// Weight of a twig's heading against its attractors: 0 follows them freely, 2 is stiff.
     pub inertia: f32,
+    /// Weight of the way from the stem outwards in the growth of twigs.
+    pub outward: f32,
     /// Density of attractors added to the scan's own inside the crown, 0…1.
     pub fill: f32,
     /// Turn of the outer twigs towards the ground, degrees a metre.
