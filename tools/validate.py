@@ -23,6 +23,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -104,7 +105,9 @@ class Scene:
     def drawn_triangles(self):
         return sum(self.meshes[number].triangles() for number, _ in self.drawn)
 
+    @cached_property
     def bounds(self):
+        """Of everything drawn; to be asked for when all of it is there."""
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         for number, matrix in self.drawn:
             points = self.meshes[number].points @ matrix[:3, :3].T + matrix[:3, 3]
@@ -358,7 +361,7 @@ def check_trimesh(report, path, scene):
         if (len(nodes), triangles) != (len(scene.drawn), scene.drawn_triangles()):
             faults.append(f"{len(nodes)} meshes drawn with {triangles} triangles, not {len(scene.drawn)} with {scene.drawn_triangles()}")
         bounds = np.sort(z_up(np.array(loaded.bounds)), axis=0)
-        if not np.allclose(bounds, scene.bounds(), atol=BOUNDS_TOLERANCE_M, rtol=0):
+        if not np.allclose(bounds, scene.bounds, atol=BOUNDS_TOLERANCE_M, rtol=0):
             faults.append(f"bounds {bounds.tolist()}")
     except Exception as error:  # a reader that falls over has not read the file
         faults = [f"{type(error).__name__}: {error}"]
@@ -445,7 +448,7 @@ def usd_scene(report, path, stage):
                 inner = np.array(cache.ComputeRelativeTransform(mesh, prim)[0])
                 here.drawn.append((at[mesh.GetPath()], (inner @ matrix).T))
                 scene.drawn.append((at[mesh.GetPath()], (inner @ matrix @ world).T))
-        extents += extent_faults(prim.GetName(), instancer, np.array(here.bounds()))
+        extents += extent_faults(prim.GetName(), instancer, np.array(here.bounds))
     for mesh_path, number in at.items():
         if mesh_path not in instanced:
             prim = stage.GetPrimAtPath(mesh_path)
@@ -523,7 +526,7 @@ def check_agreement(report, first, scene, other, against):
     }.items():
         a, b = count(scene), count(against)
         report.check(f"{label} {what}", [f"{b}, not {a}"] if a != b else [], str(a))
-    off = np.abs(np.array(scene.bounds()) - np.array(against.bounds())).max()
+    off = np.abs(np.array(scene.bounds) - np.array(against.bounds)).max()
     report.check(f"{label} bounds", [] if off <= BOUNDS_TOLERANCE_M else [f"{off:.4f} m apart"], f"{off * 1000:.3f} mm apart")
     faults = [f"{tree} is in one only" for tree in sorted(scene.trees.keys() ^ against.trees.keys())]
     for tree in scene.trees.keys() & against.trees.keys():
