@@ -128,7 +128,7 @@ fn write_temporary(folder: &Path, bytes: &[u8]) -> io::Result<NamedTempFile> {
     Ok(file)
 }
 
-fn unwritable(path: &Path, error: &io::Error, bytes: usize) -> Error {
+pub(super) fn unwritable(path: &Path, error: &io::Error, bytes: usize) -> Error {
     let remedy = match error.kind() {
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
             format!("free at least {} MB, or choose another output folder", bytes / 1_000_000 + 1)

@@ -168,3 +168,57 @@ fn keep<T>(items: &mut Vec<T>, used: &[bool], dropped: &mut usize) -> Moved {
     *dropped += before - items.len();
     moved
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::sample::forest;
+
+    #[test]
+    fn what_nothing_uses_goes_and_the_rest_still_refers_right() {
+        let mut scene = forest(&["Larix", "Betula", "Pinus"], 4, 20.0);
+        // No birches: their two models, two materials and three textures go with them.
+        scene.instances.retain(|i| i.facts.species != "Betula");
+        let wood = &mut scene.prototypes[0].parts[0].surface;
+        let triangles = wood.triangles();
+        wood.index.extend([3, 3, 4]);
+        let empty = Part { surface: Surface::default(), ..scene.prototypes[4].parts[0].clone() };
+        scene.prototypes[4].parts.insert(0, Part { name: "roots".into(), ..empty });
+
+        let names = |scene: &Scene| -> Vec<(String, String, String)> {
+            let model = |i: &crate::scene::Instance| &scene.prototypes[i.prototype as usize];
+            let leaf = |i: &crate::scene::Instance| {
+                let part = model(i).parts.last().unwrap();
+                &scene.materials[part.material as usize]
+            };
+            let texture = |i: &crate::scene::Instance| {
+                let index = leaf(i).base_color_texture.unwrap() as usize;
+                scene.textures[index].name.clone()
+            };
+            let all = scene.instances.iter();
+            all.map(|i| (model(i).name.clone(), leaf(i).name.clone(), texture(i))).collect()
+        };
+        let before = names(&scene);
+        let left_out = scene.prune();
+        let expected = LeftOut { triangles: 1, parts: 1, prototypes: 2, materials: 2, textures: 3 };
+        assert_eq!(left_out, expected);
+        assert_eq!(
+            left_out.to_string(),
+            "1 triangle, 1 part, 2 prototypes, 2 materials, 3 textures"
+        );
+        assert_eq!(names(&scene), before);
+        assert_eq!(scene.prototypes[0].parts[0].surface.triangles(), triangles);
+        assert_eq!(scene.prune().to_string(), "nothing");
+        scene.validate().unwrap();
+    }
+
+    #[test]
+    fn a_wrong_index_stays_for_validate_to_tell() {
+        let mut scene = forest(&["Larix"], 2, 20.0);
+        scene.instances[1].prototype = 9;
+        scene.prototypes[0].parts[0].material = 99;
+        scene.prune();
+        let error = format!("{:?}", scene.validate().unwrap_err());
+        assert!(error.contains("does not exist"), "{error}");
+    }
+}

@@ -87,7 +87,7 @@ fn add_species(scene: &mut Scene, species: &str, number: usize, trees: usize, si
             name: format!("{name}_{tree:04}"),
             prototype: first + (tree % 2) as u32,
             position: Vec3::new(x, y, ground(x, y)),
-            yaw_rad: draws.between(0.0, 6.28),
+            yaw_rad: draws.between(0.0, std::f32::consts::TAU),
             scale: Vec3::new(size, size, size * 1.1),
             facts: TreeFacts {
                 id: format!("{number}-{tree}"),

@@ -102,7 +102,7 @@ fn height_at([a, b, c]: &[DVec3; 3], p: DVec2) -> Option<f64> {
     let area = u.perp_dot(v);
     let (s, t) = (w.perp_dot(v) / area, u.perp_dot(w) / area);
     // An upright triangle has no area in plan: s and t are then not finite and no bound holds.
-    (s >= 0.0 && t >= 0.0 && s + t <= 1.0).then(|| a.z + s * (b.z - a.z) + t * (c.z - a.z))
+    (s >= 0.0 && t >= 0.0 && s + t <= 1.0).then_some(a.z + s * (b.z - a.z) + t * (c.z - a.z))
 }
 
 /// From a point outside the triangle.
@@ -111,10 +111,67 @@ fn distance_in_plan(triangle: &[DVec3; 3], p: DVec2) -> f64 {
     [(a, b), (b, c), (c, a)]
         .map(|(from, to)| {
             let along = to - from;
-            let t = (p - from).dot(along) / along.length_squared();
-            // `max` first: it turns the NaN of an upright edge into 0.
-            from.lerp(to, t.max(0.0).min(1.0)).distance(p)
+            // An upright edge is a point in plan.
+            let length_sq = along.length_squared().max(f64::MIN_POSITIVE);
+            from.lerp(to, ((p - from).dot(along) / length_sq).clamp(0.0, 1.0)).distance(p)
         })
         .into_iter()
         .fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::scene::sample::forest;
+
+    /// Roots against the square 0…4 × 0…4 of the plane z = x.
+    fn on_slope(roots: &[Vec3]) -> Vec<Standing> {
+        let corners = [(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)];
+        let terrain = Surface {
+            position: corners.map(|(x, y)| Vec3::new(x, y, x)).to_vec(),
+            index: vec![0, 1, 2, 0, 2, 3],
+            ..Surface::default()
+        };
+        let model = forest(&["Larix"], 1, 8.0).instances.remove(0);
+        let trees: Vec<Instance> =
+            roots.iter().map(|&position| Instance { position, ..model.clone() }).collect();
+        standings(&terrain, &trees)
+    }
+
+    #[test]
+    fn heights_inside_on_edges_and_on_corners() {
+        let found = on_slope(&[
+            Vec3::new(3.0, 1.0, 3.25),
+            Vec3::new(1.0, 3.0, 0.0),
+            Vec3::new(2.0, 2.0, 2.0),
+            Vec3::new(4.0, 4.0, 4.0),
+            Vec3::new(0.0, 2.0, 0.0),
+        ]);
+        let expected = [0.25, -1.0, 0.0, 0.0, 0.0].map(Standing::Above);
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn distances_beside_the_mesh() {
+        let found = on_slope(&[
+            Vec3::new(-1.5, 2.0, 50.0),
+            Vec3::new(4.6, 4.8, 0.0),
+            Vec3::new(9.0, 2.0, 0.0),
+        ]);
+        let Standing::Beside(side) = found[0] else { panic!("{found:?}") };
+        let Standing::Beside(corner) = found[1] else { panic!("{found:?}") };
+        assert!((side - 1.5).abs() < 1e-6 && (corner - 1.0).abs() < 1e-6, "{found:?}");
+        assert_eq!(found[2], Standing::Beside(f64::INFINITY));
+    }
+
+    #[test]
+    fn trees_of_a_rough_ground_are_all_met() {
+        let scene = forest(&["Larix", "Betula"], 200, 80.0);
+        let terrain = &scene.terrain.as_ref().unwrap().surface;
+        for standing in standings(terrain, &scene.instances) {
+            assert!(matches!(standing, Standing::Above(dz) if dz.abs() < 0.1), "{standing:?}");
+        }
+    }
 }

@@ -108,3 +108,46 @@ fn convex_hull(mut points: Vec<Vec2>) -> Vec<Vec2> {
     chain(&mut points.iter().rev().copied());
     hull
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::scene::sample::forest;
+
+    #[test]
+    fn counts_of_a_known_scene() {
+        let scene = forest(&["Larix", "Betula"], 3, 20.0).validate().unwrap();
+        let s = statistics(&scene);
+        // A ground of 10 × 10 cells; a tree of 14 triangles of wood and 48 of foliage.
+        assert_eq!((s.trees, s.prototypes, s.terrain_triangles), (6, 4, 200));
+        assert_eq!((s.unique_triangles, s.instanced_triangles), (200 + 4 * 62, 200 + 6 * 62));
+        assert_eq!(s.geometry_bytes, 32 * (121 + 4 * (16 + 96)) + 12 * s.unique_triangles);
+        assert_eq!(s.texture_bytes, 7 * 32 * 32 * 4);
+    }
+
+    proptest! {
+        #[test]
+        fn bounds_are_those_of_every_vertex_in_its_place(
+            yaw_rad in -7.0f32..7.0, x in 0.2f32..3.0, y in 0.2f32..3.0, z in 0.2f32..3.0,
+        ) {
+            let mut scene = forest(&["Larix"], 2, 20.0);
+            for instance in &mut scene.instances {
+                instance.yaw_rad += yaw_rad;
+                instance.scale = Vec3::new(x, y, z);
+            }
+            let (lo, hi) = bounds_of(&scene.prototypes, &scene.instances).unwrap();
+            let all = scene.instances.iter().flat_map(|i| {
+                let parts = &scene.prototypes[i.prototype as usize].parts;
+                parts.iter().flat_map(|p| &p.surface.position).map(|&p| i.place(p))
+            });
+            let (mut least, mut most) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+            for p in all {
+                (least, most) = (least.min(p), most.max(p));
+            }
+            prop_assert!((lo - least).abs().max_element() < 1e-4, "{lo} {least}");
+            prop_assert!((hi - most).abs().max_element() < 1e-4, "{hi} {most}");
+        }
+    }
+}

@@ -157,8 +157,8 @@ impl Scene {
             faults.unique(&what, prototype.parts.iter().map(|p| p.name.as_str()));
         }
         faults.unique("instance", self.instances.iter().map(|i| i.name.as_str()));
-        if let Some(terrain) = &self.terrain {
-            faults.identifier("the terrain", &terrain.name);
+        if let Some(terrain) = self.terrain.as_ref().filter(|t| t.name != "terrain") {
+            faults.add(|| format!("the terrain is named `{}`, not `terrain`", terrain.name));
         }
         let mut ids = BTreeSet::new();
         for (at, instance) in self.instances.iter().enumerate() {
@@ -500,3 +500,6 @@ fn fault(scene: &str, text: &str) -> Error {
         "this is a defect of the stage that built it: report it with the command that led here",
     )
 }
+
+#[cfg(test)]
+mod tests;

@@ -232,17 +232,15 @@ fn instancer(text: &mut Text, scene: &ValidScene, group: &SpeciesGroup) {
     text.array("quatf[] orientationsf", &trees, turn, None);
     text.array("point3f[] positions", &trees, |out, t| Text::vec3(out, &t.position), None);
 
-    let facts: [(&str, fn(&TreeFacts) -> f32); 5] = [
-        ("confidence", |f| f.confidence),
-        ("crown_base_height_m", |f| f.crown_base_height_m),
-        ("crown_diameter_m", |f| f.crown_diameter_m),
-        ("height_m", |f| f.height_m),
-        ("stem_diameter_m", |f| f.stem_diameter_m),
-    ];
-    for (name, fact) in facts {
+    let mut fact = |name: &str, fact: fn(&TreeFacts) -> f32| {
         let write = |out: &mut Vec<u8>, tree: &&Instance| Text::float(out, &fact(&tree.facts));
         text.array(&format!("float[] primvars:{name}"), &trees, write, Some("vertex"));
-    }
+    };
+    fact("confidence", |f| f.confidence);
+    fact("crown_base_height_m", |f| f.crown_base_height_m);
+    fact("crown_diameter_m", |f| f.crown_diameter_m);
+    fact("height_m", |f| f.height_m);
+    fact("stem_diameter_m", |f| f.stem_diameter_m);
     text.line(&format!("string primvars:species = {}", quoted(&group.species)));
     let id = |out: &mut Vec<u8>, tree: &&Instance| out.extend(quoted(&tree.facts.id).as_bytes());
     text.array("string[] primvars:tree_id", &trees, id, Some("vertex"));

@@ -176,3 +176,47 @@ pub(super) fn quoted(text: &str) -> String {
     literal.push('"');
     literal
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn nesting_arrays_and_strings() {
+        let mut text = Text::new();
+        text.open("def Mesh \"a\"", &["kind = \"component\""]);
+        text.array("int[] n", &[1, 20, 300], Text::int, None);
+        text.repeated("int[] counts", "3", 3);
+        text.array("float2[] st", &[Vec2::new(-0.0, 0.1)], Text::vec2, Some("vertex"));
+        text.close();
+        let expected = "def Mesh \"a\" (\n    kind = \"component\"\n)\n{\n    int[] n = [1, 20, 300]\n    \
+                        int[] counts = [3, 3, 3]\n    float2[] st = [(0, 0.1)] (\n        \
+                        interpolation = \"vertex\"\n    )\n}\n";
+        assert_eq!(String::from_utf8(text.into_bytes()).unwrap(), expected);
+        assert_eq!(quoted("a\"b\\c\nd\u{1}е"), "\"a\\\"b\\\\c\\nd\\x01е\"");
+    }
+
+    #[test]
+    fn arrays_longer_than_a_block_are_joined_without_a_seam() {
+        let items: Vec<u32> = (0..2 * BLOCK as u32 + 5).collect();
+        let mut text = Text::new();
+        text.array("int[] n", &items, Text::int, None);
+        let plain: Vec<String> = items.iter().map(u32::to_string).collect();
+        let expected = format!("int[] n = [{}]\n", plain.join(", "));
+        assert_eq!(String::from_utf8(text.into_bytes()).unwrap(), expected);
+    }
+
+    proptest! {
+        #[test]
+        fn numbers_read_back_as_the_same(bits: u32) {
+            let value = f32::from_bits(bits);
+            prop_assume!(value.is_finite());
+            let mut out = Vec::new();
+            Text::float(&mut out, &value);
+            let read: f32 = std::str::from_utf8(&out).unwrap().parse().unwrap();
+            prop_assert_eq!(read, value);
+        }
+    }
+}
