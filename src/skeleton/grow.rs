@@ -514,7 +514,9 @@ impl<'a> Tree<'a> {
         polish::smooth(&mut self.position, &self.parent, &axis, &self.scaffold, 2);
         let from = if self.growth.stem < 0.95 { 3 } else { 2 };
         let hang = self.growth.hang;
-        polish::hang(&mut self.position, &self.parent, &order, from, hang, self.clearance_m);
+        let placed = (axis.as_slice(), order.as_slice());
+        polish::hang(&mut self.position, &self.parent, placed, from, hang, self.clearance_m);
+        let (axis, order) = self.prune(axis, order);
         self.fit_to_target();
         let pipes = Pipes::for_height(
             self.growth.pipe_exponent,
@@ -526,6 +528,44 @@ impl<'a> Tree<'a> {
         let is_stem: Vec<bool> = self.scaffold.iter().map(|&a| a < 64).collect();
         let radius_m = radii(&self.position, &self.parent, &is_stem, &pipes);
         Skeleton { position: self.position, parent: self.parent, radius_m, axis, order }
+    }
+
+    /// Drops what hangs far below the crown.
+    fn prune(&mut self, axis: Vec<u32>, order: Vec<u8>) -> (Vec<u32>, Vec<u8>) {
+        let e = self.envelope;
+        let floor_m = e.base_m - 0.08 * e.crown_length_m();
+        let n = self.position.len();
+        let mut new_id = vec![NO_PARENT; n];
+        let mut kept = 0;
+        for i in 0..n {
+            let is_free = self.scaffold[i] == polish::FREE;
+            let lives = i == 0 || new_id[self.parent[i] as usize] != NO_PARENT;
+            if lives && !(is_free && self.position[i].z < floor_m) {
+                new_id[i] = kept;
+                kept += 1;
+            }
+        }
+        let keep = |i: &usize| new_id[*i] != NO_PARENT;
+        let all: Vec<usize> = (0..n).filter(keep).collect();
+        self.position = all.iter().map(|&i| self.position[i]).collect();
+        self.scaffold = all.iter().map(|&i| self.scaffold[i]).collect();
+        self.parent = all
+            .iter()
+            .map(|&i| new_id.get(self.parent[i] as usize).copied().unwrap_or(NO_PARENT))
+            .collect();
+        let mut axis: Vec<u32> = all.iter().map(|&i| axis[i]).collect();
+        // Axis ids without gaps, in the order they start.
+        let mut new_axis = vec![NO_PARENT; n];
+        let mut count = 0;
+        for a in &mut axis {
+            let slot = &mut new_axis[*a as usize];
+            if *slot == NO_PARENT {
+                *slot = count;
+                count += 1;
+            }
+            *a = *slot;
+        }
+        (axis, all.iter().map(|&i| order[i]).collect())
     }
 
     /// Scales heights and widths so that the tree is as tall and as wide as the envelope.
