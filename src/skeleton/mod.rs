@@ -1,6 +1,9 @@
 //! Species, and a crown if there is one, to a skeleton: L-system, turtle, space colonization,
 //! radii. Knows nothing of meshes.
 
+pub mod derive;
+pub mod turtle;
+
 use glam::Vec3;
 
 /// No parent: only the root has this.
