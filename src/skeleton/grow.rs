@@ -16,7 +16,7 @@ use glam::{Quat, Vec2, Vec3};
 
 use super::colonize::{Habit as Answer, Limits, Reach, Start, colonize};
 use super::envelope::Envelope;
-use super::limb::Limb;
+use super::limb::{Limb, sides};
 use super::radii::{Pipes, radii};
 use super::scaffold::{Shoot, scaffold};
 use super::{NO_PARENT, Skeleton, polish};
@@ -58,6 +58,8 @@ impl Detail {
 const NODES: std::ops::RangeInclusive<u32> = 40..=200_000;
 /// Nodes at which a species' counts of whorls are meant.
 const FULL_NODES: f32 = 4000.0;
+/// Stems of one tree; their axes have the first ids of the scaffold.
+const MAX_STEMS: u32 = 64;
 /// Share of the nodes that the scaffold may take.
 const SCAFFOLD_SHARE: f32 = 0.65;
 
@@ -85,7 +87,7 @@ pub fn grow(species: &Species, target: Target, detail: Detail, seed: Seed) -> Re
     let max_nodes = detail.max_nodes.clamp(*NODES.start(), *NODES.end());
     let spacing_m = spacing_m(&envelope, growth, detail, max_nodes);
     let mut tree = Tree::new(species, &envelope, seed, spacing_m, max_nodes);
-    tree.add_stem_and_branches();
+    tree.add_stem_and_branches()?;
     tree.colonize(&seen);
     Ok(tree.finish())
 }
@@ -187,7 +189,7 @@ impl<'a> Tree<'a> {
         })
     }
 
-    fn add_stem_and_branches(&mut self) {
+    fn add_stem_and_branches(&mut self) -> Result<()> {
         let grown = self.species.size.height_m * (1.0 - self.species.size.crown_base);
         let fineness = (self.max_nodes as f32 / FULL_NODES).cbrt().min(1.5);
         let tallness = (self.envelope.crown_length_m() / grown.max(0.1)).powf(0.4).min(1.6);
@@ -195,9 +197,15 @@ impl<'a> Tree<'a> {
             0 | 1 => 1,
             n => ((n as f32 * fineness * tallness).round() as u32).max(3),
         };
-        let shoots = scaffold(self.species, internodes);
+        let shoots = scaffold(&self.species.rule, internodes, self.seed.derive("rule", 0))?;
         let mut drawn: Vec<Drawn> = vec![Drawn::default(); shoots.len()];
         let mut whorl = vec![0u32; shoots.len()];
+        let mut is_continued = vec![false; shoots.len()];
+        for shoot in shoots.iter().filter(|s| s.goes_on) {
+            if let Some(parent) = shoot.parent {
+                is_continued[parent as usize] = true;
+            }
+        }
         self.draw_stems(&shoots, &mut drawn, &mut whorl);
         let budget = (SCAFFOLD_SHARE * self.max_nodes as f32) as usize;
         let deepest = shoots.iter().map(|s| s.depth).max().unwrap_or(0);
@@ -209,7 +217,10 @@ impl<'a> Tree<'a> {
                 }
                 if let Some(parent) = shoot.parent {
                     let on = &drawn[parent as usize];
-                    if on.nodes.len() >= 2 {
+                    // Where the axis goes on by itself, a lateral in line would lie on it.
+                    let is_double =
+                        is_continued[parent as usize] && !shoot.goes_on && shoot.is_in_line();
+                    if on.nodes.len() >= 2 && !is_double {
                         let limb = self.lateral(id as u32, shoot, on, whorl[parent as usize]);
                         if let Some(branch) = limb {
                             drawn[id] = branch;
@@ -218,17 +229,19 @@ impl<'a> Tree<'a> {
                 }
             }
         }
+        Ok(())
     }
 
     /// Draws every stem: a chain of shoots of depth 0, each of which becomes some nodes.
     fn draw_stems(&mut self, shoots: &[Shoot], drawn: &mut [Drawn], whorl: &mut [u32]) {
         let feet: Vec<usize> = (0..shoots.len())
             .filter(|&i| shoots[i].depth == 0 && shoots[i].parent.is_none())
+            .take(MAX_STEMS as usize)
             .collect();
         for (number, &foot) in feet.iter().enumerate() {
             let mut chain = vec![foot];
             for (i, shoot) in shoots.iter().enumerate().skip(foot + 1) {
-                if shoot.depth == 0 && shoot.parent == chain.last().map(|&c| c as u32) {
+                if shoot.goes_on && shoot.parent == chain.last().map(|&c| c as u32) {
                     chain.push(i);
                 }
             }
@@ -325,7 +338,7 @@ impl<'a> Tree<'a> {
         let habit = self.habit(shoot.depth);
         let mut draws = self.seed.derive("branch", u64::from(id)).draws();
         let lives = draws.unit() < habit.keep;
-        let is_leader = shoot.tilt_rad < 0.05;
+        let is_leader = shoot.is_in_line();
         if !lives && !is_leader {
             return None;
         }
@@ -388,7 +401,7 @@ impl<'a> Tree<'a> {
             segment_m: 1.1 * self.spacing_m,
         };
         let path = limb.trace(self.envelope, &mut draws);
-        let axis = if is_leader { self.scaffold[base as usize] } else { id + 64 };
+        let axis = if is_leader { self.scaffold[base as usize] } else { id + MAX_STEMS };
         self.draw_branch(base, &path, axis, shoot.depth)
     }
 
@@ -526,7 +539,7 @@ impl<'a> Tree<'a> {
             self.species.size.stem_diameter_m,
             e.height_m,
         );
-        let is_stem: Vec<bool> = self.scaffold.iter().map(|&a| a < 64).collect();
+        let is_stem: Vec<bool> = self.scaffold.iter().map(|&a| a < MAX_STEMS).collect();
         let radius_m = radii(&self.position, &self.parent, &is_stem, &pipes);
         Skeleton { position: self.position, parent: self.parent, radius_m, axis, order }
     }
@@ -611,13 +624,11 @@ impl StemLine {
     }
 }
 
-/// `ahead` leaned by `tilt_rad` to the side `azimuth_rad` about it, counted from the side that
-/// looks down (or, where `ahead` is upright, from the X axis). `flat` draws the azimuth of a
-/// lateral on a leaning parent to left or right.
+/// `ahead` leaned by `tilt_rad` to the side `azimuth_rad` about it, counted as in [`sides`].
+/// `flat` draws the azimuth of a lateral on a leaning parent to left or right.
 fn leaned(ahead: Vec3, azimuth_rad: f32, tilt_rad: f32, flat: f32) -> Vec3 {
     let level = (1.0 - ahead.z * ahead.z).max(0.0).sqrt();
-    let across = if level > 0.05 { ahead.cross(Vec3::Z).normalize_or(Vec3::X) } else { Vec3::X };
-    let other = across.cross(ahead).normalize_or(Vec3::Y);
+    let (across, other) = sides(ahead);
     let flat = (flat * level).clamp(0.0, 1.0);
     let (s, c) = azimuth_rad.sin_cos();
     let side = across * (c.signum() * flat + (1.0 - flat) * c) + other * (s * (1.0 - flat));
