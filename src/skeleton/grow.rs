@@ -728,8 +728,11 @@ mod tests {
             let margin_m = 0.3 * e.radius_m;
             for (p, &axis) in s.position.iter().zip(&s.axis) {
                 let out = p.truncate() - e.centre(p.z);
-                let z = p.z.clamp(e.base_m, e.height_m);
-                let r = e.radius_at(z, out.y.atan2(out.x));
+                // Twigs may hang from where the crown is wider, or rise from there.
+                let r = (-5..8)
+                    .map(|k| p.z + 0.03 * k as f32 * e.crown_length_m())
+                    .map(|z| e.radius_at(z.clamp(e.base_m, e.height_m), out.y.atan2(out.x)))
+                    .fold(0.0, f32::max);
                 assert!(out.length() < r + margin_m, "{name}: {p} beyond {r}");
                 let floor = e.base_m - 0.12 * e.crown_length_m();
                 assert!(axis == 0 || p.z > floor || name == "salix_caprea", "{name}: {p}");
@@ -746,10 +749,10 @@ mod tests {
             let first: Vec<f32> = s
                 .axes()
                 .iter()
-                .filter(|a| a.order == 1 && a.nodes.len() > 2)
+                .filter(|a| a.order == 1)
                 .filter_map(|a| {
                     let base = s.position[a.base? as usize];
-                    let way = s.position[a.nodes[1] as usize] - base;
+                    let way = s.position[a.nodes[0] as usize] - base;
                     (base.z > from * e && base.z < to * e).then(|| way.angle_between(Vec3::Z))
                 })
                 .collect();
@@ -834,8 +837,9 @@ mod tests {
             judge(&s, name, 18.0, Detail::FOREST.max_nodes);
             let wrong = s.width_m() / crown.diameter_m - 1.0;
             assert!(wrong.abs() < 0.15, "{name}: width off by {wrong}");
-            let mean_x = s.position.iter().map(|p| p.x).sum::<f32>() / s.len() as f32;
-            assert!(mean_x > 0.3, "{name}: mean x {mean_x}");
+            let east = s.position.iter().map(|p| p.x).fold(0.0, f32::max);
+            let west = s.position.iter().map(|p| -p.x).fold(0.0, f32::max);
+            assert!(east > 1.4 * west, "{name}: {east} east, {west} west");
         }
     }
 

@@ -11,7 +11,7 @@ use super::{Children, NO_PARENT};
 pub const FREE: u32 = u32::MAX;
 
 /// A child continues its parent's axis only if it turns less than this (cosine).
-const LEAST_STRAIGHT: f32 = 0.35;
+const LEAST_STRAIGHT: f32 = 0.55;
 
 /// Axis and order of each node. `scaffold` holds the scaffold's own axis of a node, or [`FREE`]:
 /// along these an axis stays what it is. Elsewhere the child that is straightest and carries most

@@ -116,6 +116,41 @@ pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut 
     r.above_zero("growth", "kill", g.kill, 1000.0);
     r.within("growth", "pipe_exponent", g.pipe_exponent, 1.0, 6.0);
     r.above_zero("growth", "tip_radius_m", g.tip_radius_m, 0.5);
+    r.within("growth", "internodes", g.internodes as f32, 1.0, 200.0);
+    r.within("growth", "roll_deg", g.roll_deg, -360.0, 360.0);
+    r.within("growth", "whorl", g.whorl as f32, 1.0, 20.0);
+    for (key, value) in [
+        ("spread", g.spread),
+        ("stem", g.stem),
+        ("uneven", g.uneven),
+        ("bare", g.bare),
+        ("fill", g.fill),
+    ] {
+        r.within("growth", key, value, 0.0, 1.0);
+    }
+    r.within("growth", "inertia", g.inertia, 0.0, 10.0);
+    r.within("growth", "outward", g.outward, 0.0, 10.0);
+    r.within("growth", "hang", g.hang, -360.0, 360.0);
+    if g.order.is_empty() {
+        r.fail(
+            &["growth", "order"],
+            "`order` is empty".into(),
+            "give one [[growth.order]] for each branching order, at least one",
+        );
+    }
+    for (i, h) in g.order.iter().enumerate() {
+        let angles = h.angle_deg.iter().flatten().all(|a| (0.0..=180.0).contains(a));
+        let curves = h.curve_deg.iter().chain(&h.tip_deg).all(|c| c.abs() <= 360.0);
+        let shares = [h.irregular, h.flat, h.keep].iter().all(unit);
+        if !(angles && curves && shares && (0.0..=20.0).contains(&h.length)) {
+            r.fail(
+                &["growth", "order"],
+                format!("[[growth.order]] number {} has a value out of range", i + 1),
+                "angle_deg 0 to 180, curve_deg and tip_deg -360 to 360, length 0 to 20, \
+                 irregular, flat and keep 0 to 1",
+            );
+        }
+    }
     let f = &species.foliage;
     r.above_zero("foliage", "leaf_length_m", f.leaf_length_m, 5.0);
     r.above_zero("foliage", "leaf_width_m", f.leaf_width_m, 5.0);
