@@ -41,7 +41,7 @@ impl Ranges<'_> {
 
     /// `value` must lie in `low..=high`.
     fn within(&mut self, section: &str, key: &str, value: f32, low: f32, high: f32) {
-        if !(low..=high).contains(&value) {
+        if value.is_finite() && !(low..=high).contains(&value) {
             self.fail(
                 &[section, key],
                 format!("`{key}` is {value}, outside {low} to {high}"),
@@ -52,7 +52,7 @@ impl Ranges<'_> {
 
     /// `value` must lie above 0 and not above `high`.
     fn above_zero(&mut self, section: &str, key: &str, value: f32, high: f32) {
-        if !(value > 0.0 && value <= high) {
+        if value.is_finite() && !(value > 0.0 && value <= high) {
             self.fail(
                 &[section, key],
                 format!("`{key}` is {value}, not above 0 and up to {high}"),

@@ -57,8 +57,10 @@ pub fn load(name_or_path: &str) -> Result<Species> {
         let id = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
         return build(&id, name_or_path, &text, path.parent());
     }
-    Err(Error::new(format!("unknown species `{name_or_path}`"))
-        .remedy(format!("{}; or give the path of a .toml file", unknown(name_or_path))))
+    Err(Error::new(format!("unknown species `{name_or_path}`")).remedy(format!(
+        "{} A rule file is named by its path, ending in .toml",
+        unknown(name_or_path)
+    )))
 }
 
 /// Loads a rule file from its text; `name` is its id and stands in messages.
@@ -78,7 +80,7 @@ fn unknown(name: &str) -> String {
     let names = builtin_names();
     match super::near::nearest(name, &names) {
         Some(near) => format!("did you mean `{near}`?"),
-        None => suggest(name, &names),
+        None => format!("{}.", suggest(name, &names)),
     }
 }
 
@@ -279,5 +281,5 @@ fn find(extends: &str, from: &Link) -> std::result::Result<(Link, Source), Strin
             Err(e) => Err(format!("{}; it is looked for beside this file", e.message())),
         };
     }
-    Err(format!("{}; or give the path of a .toml file beside this one", unknown(extends)))
+    Err(format!("{} A file beside this one is named with its .toml", unknown(extends)))
 }

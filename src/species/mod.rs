@@ -8,6 +8,8 @@
 mod builtin;
 mod check;
 mod load;
+#[cfg(test)]
+mod messages;
 pub mod model;
 mod near;
 mod node;

@@ -311,7 +311,10 @@ impl<'de> Deserializer<'de> for &'de Node {
                 match rest.items.len() {
                     0 => value,
                     _ if value.is_err() => value,
-                    _ => Err(de::Error::invalid_length(rest.total, &"fewer")),
+                    left => {
+                        let wanted = format!("a list of {}", rest.total - left);
+                        Err(de::Error::invalid_length(rest.total, &wanted.as_str()))
+                    }
                 }
             }
             Value::Table(entries) => {

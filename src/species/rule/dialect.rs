@@ -1,7 +1,9 @@
 //! What the turtle makes of a symbol, in the two dialects a rule file may choose.
 //!
 //! `upright` is Table 2 of [T15]: growth along U, angles α, β, γ. `heading` is the turtle of
-//! [ABOP, ch. 1]: growth along H, one angle δ.
+//! [ABOP, ch. 1]: growth along H, one angle δ. There the printed matrices and the words beside
+//! them disagree: R_U(δ) turns H away from L, and + is to turn left. The words are followed (+ to
+//! the left, & down, \ rolls left), which is R transposed; the upright dialect keeps the matrices.
 
 use serde::Deserialize;
 
@@ -84,12 +86,12 @@ impl Dialect {
             (Dialect::Upright, '@') => turn(L, -1.0, "gamma"),
             (Dialect::Upright, '!') => turn(H, 1.0, "gamma"),
             (Dialect::Upright, '#') => turn(H, -1.0, "gamma"),
-            (Dialect::Heading, '+') => turn(U, 1.0, "delta"),
-            (Dialect::Heading, '-' | '−') => turn(U, -1.0, "delta"),
-            (Dialect::Heading, '&') => turn(L, 1.0, "delta"),
-            (Dialect::Heading, '^') => turn(L, -1.0, "delta"),
-            (Dialect::Heading, '\\') => turn(H, 1.0, "delta"),
-            (Dialect::Heading, '/') => turn(H, -1.0, "delta"),
+            (Dialect::Heading, '+') => turn(U, -1.0, "delta"),
+            (Dialect::Heading, '-' | '−') => turn(U, 1.0, "delta"),
+            (Dialect::Heading, '&') => turn(L, -1.0, "delta"),
+            (Dialect::Heading, '^') => turn(L, 1.0, "delta"),
+            (Dialect::Heading, '\\') => turn(H, -1.0, "delta"),
+            (Dialect::Heading, '/') => turn(H, 1.0, "delta"),
             (Dialect::Heading, '|') => {
                 Some(Command::Fixed(Action::Turn { axis: U, angle: std::f64::consts::PI }))
             }

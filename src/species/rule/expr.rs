@@ -549,7 +549,8 @@ impl Parser<'_, '_, '_> {
             return self.call(name, *count, span);
         }
         let mut known: Vec<&str> = self.scope.locals.iter().map(String::as_str).collect();
-        known.extend(self.scope.globals.iter().map(|(n, _)| n.as_str()));
+        let globals = self.scope.globals.iter().map(|(n, _)| n.as_str());
+        known.extend(globals.filter(|n| !self.scope.locals.iter().any(|l| l == n)));
         known.extend(FUNCTIONS.iter().map(|(n, _)| *n));
         Err(Slip::new(
             span,

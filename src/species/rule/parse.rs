@@ -435,7 +435,7 @@ fn guards(cursor: &mut Cursor<'_>, scope: Scope<'_>) -> Result<(Guard, Guard), S
     if !cursor.take(")") {
         return Err(Slip::new(open, "`(` without `)`", "close the weight").label("opened here"));
     }
-    if matches!(code.shape(&values(scope.globals)), Shape::Constant(w) if !(w >= 0.0)) {
+    if matches!(code.shape(&values(scope.globals)), Shape::Constant(w) if w < 0.0 || w.is_nan()) {
         return Err(Slip::new(span, "a weight below 0", "give a weight of 0 or more"));
     }
     Ok((condition, Some((code, span))))
