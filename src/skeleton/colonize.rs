@@ -18,8 +18,8 @@
 //!   is still out of reach is left alone and counted.
 //! - *Order of D, d_i, d_k*: [`Reach::new`] brings them to D/2 ≤ d_k < d_i, D ≤ d_i and says so.
 //!
-//! Additions: a node keeps part of its heading (`inertia`) and turns at most `max_turn_rad`, which
-//! wood does and a mean of directions does not; `pull` is the tropism vector of Runions' ĝ, here
+//! Additions: a node keeps part of its heading (`inertia`) and turns at most `max_turn_rad` a
+//! step and `max_bend_rad` in all, which wood does and a mean of directions does not; `pull` is the tropism vector of Runions' ĝ, here
 //! a field, so that twigs can be led away from the stem.
 //!
 //! Limit: a node has at most [`MAX_CHILDREN`] colonized children.
@@ -94,12 +94,18 @@ pub struct Habit {
     pub inertia: f32,
     /// Greatest turn from the heading in one step.
     pub max_turn_rad: f32,
+    /// Greatest turn of a twig from the direction in which it left the node it sprang from.
+    pub max_bend_rad: f32,
 }
 
 impl Default for Habit {
     /// Runions' own: straight to the mean.
     fn default() -> Self {
-        Habit { inertia: 0.0, max_turn_rad: std::f32::consts::PI }
+        Habit {
+            inertia: 0.0,
+            max_turn_rad: std::f32::consts::PI,
+            max_bend_rad: std::f32::consts::PI,
+        }
     }
 }
 
@@ -296,6 +302,8 @@ struct Front<'a> {
     node: Vec<Vec3>,
     parent: Vec<u32>,
     heading: Vec<Vec3>,
+    /// Direction in which the node's twig left the node it sprang from; zero for starts.
+    left_at: Vec<Vec3>,
     /// Children grown so far; at [`MAX_CHILDREN`] the node is closed.
     children: Vec<u8>,
     /// Directions of the first children, to tell a repeated one.
@@ -348,6 +356,7 @@ impl<'a> Front<'a> {
             node: starts.iter().map(|s| s.position).collect(),
             parent: vec![NOBODY; starts.len()],
             heading: starts.iter().map(|s| s.heading.normalize_or_zero()).collect(),
+            left_at: vec![Vec3::ZERO; starts.len()],
             children: starts
                 .iter()
                 .map(|s| if s.is_open && sound(s) { 0 } else { MAX_CHILDREN })
@@ -437,6 +446,7 @@ impl<'a> Front<'a> {
         // The mean first; where that leads nowhere new, the nearest attractor.
         let new = [direction, to_nearest].into_iter().find_map(|wish| {
             let direction = turned_at_most(heading, wish, self.habit.max_turn_rad);
+            let direction = turned_at_most(self.left_at[p], direction, self.habit.max_bend_rad);
             let child = at + direction * step;
             let earlier = &self.grown[p][..self.children[p] as usize];
             let repeats = earlier.iter().any(|d| d.dot(direction) > SAME_DIRECTION);
@@ -453,6 +463,8 @@ impl<'a> Front<'a> {
         self.node.push(child);
         self.parent.push(parent);
         self.heading.push(direction);
+        let goes_on = self.children[p] == 1 && self.left_at[p] != Vec3::ZERO;
+        self.left_at.push(if goes_on { self.left_at[p] } else { direction });
         self.children.push(0);
         self.grown.push([Vec3::ZERO; MAX_CHILDREN as usize]);
     }
@@ -629,12 +641,39 @@ mod tests {
     #[test]
     fn wood_turns_no_more_than_it_may() {
         let starts = [Start { position: Vec3::ZERO, heading: Vec3::Z, is_open: true }];
-        let habit = Habit { inertia: 0.0, max_turn_rad: 0.4 };
+        let habit = Habit { max_turn_rad: 0.4, ..Habit::default() };
         let attractors = [Vec3::new(3.0, 0.0, 0.5)];
         let grown =
             colonize(&starts, &attractors, &reach(0.5, 0.4, 9.0), &habit, &free, &limits());
         assert!((grown.position[0].angle_between(Vec3::Z) - 0.4).abs() < 1e-3);
         assert_eq!(grown.left, 0);
+    }
+
+    #[test]
+    fn a_twig_does_not_curl_back() {
+        // Attractors on a circle lead a free node round it.
+        let circle: Vec<Vec3> = (1..60)
+            .map(|i| {
+                let (s, c) = (i as f32 * 0.1).sin_cos();
+                Vec3::new(s, 1.0 - c, 0.0) * 3.0
+            })
+            .collect();
+        let widest = |max_bend_rad: f32| {
+            let habit = Habit { max_bend_rad, ..Habit::default() };
+            let r = reach(0.2, 0.15, 0.7);
+            let grown = colonize(&origin(), &circle, &r, &habit, &free, &limits());
+            let first = grown.position[0].normalize();
+            // Along the first child of each node; later children are twigs of their own.
+            let (mut at, mut from, mut widest) = (0u32, Vec3::ZERO, 0.0f32);
+            while let Some(next) = grown.parent.iter().position(|&p| p == at) {
+                widest = widest.max((grown.position[next] - from).angle_between(first));
+                from = grown.position[next];
+                at = next as u32 + 1;
+            }
+            widest
+        };
+        assert!(widest(std::f32::consts::PI) > 2.5);
+        assert!(widest(0.8) < 0.801);
     }
 
     /// The grid gives what the definition gives: every attractor with its nearest node.
@@ -663,11 +702,11 @@ mod tests {
         fn any_cloud_ends_and_is_sound(
             cloud in prop::collection::vec((-9.0f32..9.0, -9.0f32..9.0, -9.0f32..9.0), 0..300),
             step in 0.01f32..3.0, kill in 0.01f32..3.0, influence in 0.01f32..9.0,
-            inertia in 0.0f32..3.0, turn in 0.05f32..3.2,
+            inertia in 0.0f32..3.0, turn in 0.05f32..3.2, bend in 0.05f32..3.2,
         ) {
             let cloud: Vec<Vec3> = cloud.into_iter().map(|(x, y, z)| Vec3::new(x, y, z)).collect();
             let (reach, _) = Reach::new(step, kill, influence);
-            let habit = Habit { inertia, max_turn_rad: turn };
+            let habit = Habit { inertia, max_turn_rad: turn, max_bend_rad: bend };
             let few = Limits { max_nodes: 3_000, max_rounds: 500, bridges: 2 };
             let grown = colonize(&origin(), &cloud, &reach, &habit, &free, &few);
             prop_assert!(grown.position.len() <= 3_000 && grown.left <= cloud.len());

@@ -4,7 +4,8 @@
 //! Without a scan the radius is the species' profile, made uneven by smooth noise. With one it is
 //! the reach of the crown's attractors. A scan from the air sees the upper and outer crown, few
 //! points inside and below: sectors without points take the mean of their neighbours drawn
-//! towards the species' profile, and no sector leaves half to twice that profile.
+//! towards the species' profile, sides without any point half of it, and no sector leaves half to
+//! twice that profile.
 
 use glam::{Vec2, Vec3};
 
@@ -92,10 +93,17 @@ impl Envelope {
             reach[row][k] = reach[row][k].max(out.length());
         }
         let seen = reach.iter().flatten().filter(|&&r| r > 0.0).count();
+        // From above a side without any point, beside sides full of them, is bare, not in shadow.
+        let mut is_bare = [false; SECTORS];
+        for (k, bare) in is_bare.iter_mut().enumerate() {
+            let near = [k, (k + 1) % SECTORS, (k + SECTORS - 1) % SECTORS];
+            *bare = seen >= 2 * SECTORS && near.iter().all(|&k| reach.iter().all(|r| r[k] < 0.3 * radius_m));
+        }
         for row in 0..ROWS {
             let t = row as f32 / (ROWS - 1) as f32;
-            let expected = (radius_m * profile(&size.profile, t)).max(LEAST_RADIUS_M);
+            let typical = (radius_m * profile(&size.profile, t)).max(LEAST_RADIUS_M);
             for k in 0..SECTORS {
+                let expected = if is_bare[k] { 0.5 * typical } else { typical };
                 // The sector and its eight neighbours; what none of them saw is as expected.
                 let (mut sum, mut weight) = (expected * 0.5, 0.5);
                 for (dr, dk, w) in NEIGHBOURS {

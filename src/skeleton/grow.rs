@@ -16,7 +16,7 @@ use glam::{Quat, Vec2, Vec3};
 
 use super::colonize::{Habit as Answer, Limits, Reach, Start, colonize};
 use super::envelope::Envelope;
-use super::limb::Limb;
+use super::limb::{Limb, sides};
 use super::radii::{Pipes, radii};
 use super::scaffold::{Shoot, scaffold};
 use super::{NO_PARENT, Skeleton, polish};
@@ -58,6 +58,8 @@ impl Detail {
 const NODES: std::ops::RangeInclusive<u32> = 40..=200_000;
 /// Nodes at which a species' counts of whorls are meant.
 const FULL_NODES: f32 = 4000.0;
+/// Stems of one tree; their axes have the first ids of the scaffold.
+const MAX_STEMS: u32 = 64;
 /// Share of the nodes that the scaffold may take.
 const SCAFFOLD_SHARE: f32 = 0.65;
 
@@ -85,7 +87,7 @@ pub fn grow(species: &Species, target: Target, detail: Detail, seed: Seed) -> Re
     let max_nodes = detail.max_nodes.clamp(*NODES.start(), *NODES.end());
     let spacing_m = spacing_m(&envelope, growth, detail, max_nodes);
     let mut tree = Tree::new(species, &envelope, seed, spacing_m, max_nodes);
-    tree.add_stem_and_branches();
+    tree.add_stem_and_branches()?;
     tree.colonize(&seen);
     Ok(tree.finish())
 }
@@ -187,7 +189,7 @@ impl<'a> Tree<'a> {
         })
     }
 
-    fn add_stem_and_branches(&mut self) {
+    fn add_stem_and_branches(&mut self) -> Result<()> {
         let grown = self.species.size.height_m * (1.0 - self.species.size.crown_base);
         let fineness = (self.max_nodes as f32 / FULL_NODES).cbrt().min(1.5);
         let tallness = (self.envelope.crown_length_m() / grown.max(0.1)).powf(0.4).min(1.6);
@@ -195,9 +197,15 @@ impl<'a> Tree<'a> {
             0 | 1 => 1,
             n => ((n as f32 * fineness * tallness).round() as u32).max(3),
         };
-        let shoots = scaffold(self.species, internodes);
+        let shoots = scaffold(&self.species.rule, internodes, self.seed.derive("rule", 0))?;
         let mut drawn: Vec<Drawn> = vec![Drawn::default(); shoots.len()];
         let mut whorl = vec![0u32; shoots.len()];
+        let mut is_continued = vec![false; shoots.len()];
+        for shoot in shoots.iter().filter(|s| s.goes_on) {
+            if let Some(parent) = shoot.parent {
+                is_continued[parent as usize] = true;
+            }
+        }
         self.draw_stems(&shoots, &mut drawn, &mut whorl);
         let budget = (SCAFFOLD_SHARE * self.max_nodes as f32) as usize;
         let deepest = shoots.iter().map(|s| s.depth).max().unwrap_or(0);
@@ -209,7 +217,10 @@ impl<'a> Tree<'a> {
                 }
                 if let Some(parent) = shoot.parent {
                     let on = &drawn[parent as usize];
-                    if on.nodes.len() >= 2 {
+                    // Where the axis goes on by itself, a lateral in line would lie on it.
+                    let is_double =
+                        is_continued[parent as usize] && !shoot.goes_on && shoot.is_in_line();
+                    if on.nodes.len() >= 2 && !is_double {
                         let limb = self.lateral(id as u32, shoot, on, whorl[parent as usize]);
                         if let Some(branch) = limb {
                             drawn[id] = branch;
@@ -218,17 +229,19 @@ impl<'a> Tree<'a> {
                 }
             }
         }
+        Ok(())
     }
 
     /// Draws every stem: a chain of shoots of depth 0, each of which becomes some nodes.
     fn draw_stems(&mut self, shoots: &[Shoot], drawn: &mut [Drawn], whorl: &mut [u32]) {
         let feet: Vec<usize> = (0..shoots.len())
             .filter(|&i| shoots[i].depth == 0 && shoots[i].parent.is_none())
+            .take(MAX_STEMS as usize)
             .collect();
         for (number, &foot) in feet.iter().enumerate() {
             let mut chain = vec![foot];
             for (i, shoot) in shoots.iter().enumerate().skip(foot + 1) {
-                if shoot.depth == 0 && shoot.parent == chain.last().map(|&c| c as u32) {
+                if shoot.goes_on && shoot.parent == chain.last().map(|&c| c as u32) {
                     chain.push(i);
                 }
             }
@@ -325,7 +338,7 @@ impl<'a> Tree<'a> {
         let habit = self.habit(shoot.depth);
         let mut draws = self.seed.derive("branch", u64::from(id)).draws();
         let lives = draws.unit() < habit.keep;
-        let is_leader = shoot.tilt_rad < 0.05;
+        let is_leader = shoot.is_in_line();
         if !lives && !is_leader {
             return None;
         }
@@ -388,7 +401,7 @@ impl<'a> Tree<'a> {
             segment_m: 1.1 * self.spacing_m,
         };
         let path = limb.trace(self.envelope, &mut draws);
-        let axis = if is_leader { self.scaffold[base as usize] } else { id + 64 };
+        let axis = if is_leader { self.scaffold[base as usize] } else { id + MAX_STEMS };
         self.draw_branch(base, &path, axis, shoot.depth)
     }
 
@@ -444,6 +457,7 @@ impl<'a> Tree<'a> {
         let answer = Answer {
             inertia: self.growth.inertia.clamp(0.0, 10.0),
             max_turn_rad: 1.2,
+            max_bend_rad: 0.9,
         };
         // Away from the axis, as light comes from outside, and up or down with the tropism.
         let e = self.envelope;
@@ -514,7 +528,9 @@ impl<'a> Tree<'a> {
         polish::smooth(&mut self.position, &self.parent, &axis, &self.scaffold, 2);
         let from = if self.growth.stem < 0.95 { 3 } else { 2 };
         let hang = self.growth.hang;
-        polish::hang(&mut self.position, &self.parent, &order, from, hang, self.clearance_m);
+        let placed = (axis.as_slice(), order.as_slice());
+        polish::hang(&mut self.position, &self.parent, placed, from, hang, self.clearance_m);
+        let (axis, order) = self.prune(axis, order);
         self.fit_to_target();
         let pipes = Pipes::for_height(
             self.growth.pipe_exponent,
@@ -523,9 +539,47 @@ impl<'a> Tree<'a> {
             self.species.size.stem_diameter_m,
             e.height_m,
         );
-        let is_stem: Vec<bool> = self.scaffold.iter().map(|&a| a < 64).collect();
+        let is_stem: Vec<bool> = self.scaffold.iter().map(|&a| a < MAX_STEMS).collect();
         let radius_m = radii(&self.position, &self.parent, &is_stem, &pipes);
         Skeleton { position: self.position, parent: self.parent, radius_m, axis, order }
+    }
+
+    /// Drops what hangs far below the crown.
+    fn prune(&mut self, axis: Vec<u32>, order: Vec<u8>) -> (Vec<u32>, Vec<u8>) {
+        let e = self.envelope;
+        let floor_m = e.base_m - 0.05 * e.crown_length_m();
+        let n = self.position.len();
+        let mut new_id = vec![NO_PARENT; n];
+        let mut kept = 0;
+        for i in 0..n {
+            let is_free = self.scaffold[i] == polish::FREE;
+            let lives = i == 0 || new_id[self.parent[i] as usize] != NO_PARENT;
+            if lives && !(is_free && self.position[i].z < floor_m) {
+                new_id[i] = kept;
+                kept += 1;
+            }
+        }
+        let keep = |i: &usize| new_id[*i] != NO_PARENT;
+        let all: Vec<usize> = (0..n).filter(keep).collect();
+        self.position = all.iter().map(|&i| self.position[i]).collect();
+        self.scaffold = all.iter().map(|&i| self.scaffold[i]).collect();
+        self.parent = all
+            .iter()
+            .map(|&i| new_id.get(self.parent[i] as usize).copied().unwrap_or(NO_PARENT))
+            .collect();
+        let mut axis: Vec<u32> = all.iter().map(|&i| axis[i]).collect();
+        // Axis ids without gaps, in the order they start.
+        let mut new_axis = vec![NO_PARENT; n];
+        let mut count = 0;
+        for a in &mut axis {
+            let slot = &mut new_axis[*a as usize];
+            if *slot == NO_PARENT {
+                *slot = count;
+                count += 1;
+            }
+            *a = *slot;
+        }
+        (axis, all.iter().map(|&i| order[i]).collect())
     }
 
     /// Scales heights and widths so that the tree is as tall and as wide as the envelope.
@@ -570,13 +624,11 @@ impl StemLine {
     }
 }
 
-/// `ahead` leaned by `tilt_rad` to the side `azimuth_rad` about it, counted from the side that
-/// looks down (or, where `ahead` is upright, from the X axis). `flat` draws the azimuth of a
-/// lateral on a leaning parent to left or right.
+/// `ahead` leaned by `tilt_rad` to the side `azimuth_rad` about it, counted as in [`sides`].
+/// `flat` draws the azimuth of a lateral on a leaning parent to left or right.
 fn leaned(ahead: Vec3, azimuth_rad: f32, tilt_rad: f32, flat: f32) -> Vec3 {
     let level = (1.0 - ahead.z * ahead.z).max(0.0).sqrt();
-    let across = if level > 0.05 { ahead.cross(Vec3::Z).normalize_or(Vec3::X) } else { Vec3::X };
-    let other = across.cross(ahead).normalize_or(Vec3::Y);
+    let (across, other) = sides(ahead);
     let flat = (flat * level).clamp(0.0, 1.0);
     let (s, c) = azimuth_rad.sin_cos();
     let side = across * (c.signum() * flat + (1.0 - flat) * c) + other * (s * (1.0 - flat));
@@ -603,4 +655,225 @@ fn thinned(seen: &[Vec3], spacing_m: f32, e: &Envelope, clearance_m: f32) -> Vec
         }
     }
     cells.into_values().map(|(sum, n)| sum / n).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::species;
+    use proptest::prelude::*;
+
+    const NAMES: [&str; 6] = [
+        "larix_sibirica",
+        "picea_obovata",
+        "pinus_sylvestris",
+        "betula_pendula",
+        "quercus_robur",
+        "salix_caprea",
+    ];
+
+    fn tree(name: &str, height_m: f32, max_nodes: u32, seed: u64) -> Skeleton {
+        let species = species::load(name).unwrap();
+        let detail = Detail { max_nodes, attractor_spacing_m: None };
+        let target = Target::FromSpecies { height_m: Some(height_m) };
+        grow(&species, target, detail, Seed::new(seed)).unwrap()
+    }
+
+    /// What every tree must be, whatever its species and size.
+    fn judge(s: &Skeleton, name: &str, height_m: f32, max_nodes: u32) {
+        s.check().unwrap();
+        assert!(s.len() <= max_nodes as usize, "{name}: {} nodes", s.len());
+        assert!((s.height_m() / height_m - 1.0).abs() < 0.02, "{name}: {} m", s.height_m());
+        let lowest = s.position.iter().skip(1).map(|p| p.z).fold(f32::INFINITY, f32::min);
+        assert!(lowest > 0.0, "{name} of {height_m} m: a node at {lowest} m");
+    }
+
+    #[test]
+    fn every_species_reaches_its_height_and_width() {
+        for name in NAMES {
+            let size = species::load(name).unwrap().size;
+            for seed in 0..4 {
+                for nodes in [500, 2500] {
+                    let s = tree(name, size.height_m, nodes, seed);
+                    judge(&s, name, size.height_m, nodes);
+                    let width = s.width_m() / size.crown_diameter_m;
+                    assert!((width - 1.0).abs() < 0.12, "{name}: width {width}");
+                    assert!(s.len() as u32 > nodes / 2, "{name}: {} of {nodes} nodes", s.len());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_stem_has_its_diameter_at_breast_height() {
+        for name in ["larix_sibirica", "picea_obovata", "pinus_sylvestris", "quercus_robur"] {
+            let size = species::load(name).unwrap().size;
+            let s = tree(name, size.height_m, 900, 5);
+            let stem: Vec<bool> = s.axis.iter().map(|&a| a == 0).collect();
+            let value: Vec<f64> = s.radius_m.iter().map(|&r| f64::from(r)).collect();
+            let at = super::super::radii::radius_at(&s.position, &s.parent, &stem, 1.3, &value);
+            let wrong = 2.0 * at / size.stem_diameter_m - 1.0;
+            assert!(wrong.abs() < 0.01, "{name}: {wrong}");
+        }
+    }
+
+    #[test]
+    fn all_nodes_keep_to_the_crown() {
+        for name in NAMES {
+            let species = species::load(name).unwrap();
+            let height_m = species.size.height_m;
+            let seed = Seed::new(11);
+            let e = Envelope::of_species(&species.size, species.growth.uneven, height_m, seed);
+            let s = tree(name, height_m, 1500, 11);
+            let margin_m = 0.3 * e.radius_m;
+            for (p, &axis) in s.position.iter().zip(&s.axis) {
+                let out = p.truncate() - e.centre(p.z);
+                // Twigs may hang from where the crown is wider, or rise from there.
+                let r = (-5..8)
+                    .map(|k| p.z + 0.03 * k as f32 * e.crown_length_m())
+                    .map(|z| e.radius_at(z.clamp(e.base_m, e.height_m), out.y.atan2(out.x)))
+                    .fold(0.0, f32::max);
+                assert!(out.length() < r + margin_m, "{name}: {p} beyond {r}");
+                let floor = e.base_m - 0.12 * e.crown_length_m();
+                assert!(axis == 0 || p.z > floor || name == "salix_caprea", "{name}: {p}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_habit_is_what_its_species_says() {
+        // Insertion angles of first-order branches from the vertical, mean in a part of the crown.
+        let angle = |name: &str, from: f32, to: f32| {
+            let s = tree(name, species::load(name).unwrap().size.height_m, 2500, 3);
+            let e = s.height_m();
+            let first: Vec<f32> = s
+                .axes()
+                .iter()
+                .filter(|a| a.order == 1)
+                .filter_map(|a| {
+                    let base = s.position[a.base? as usize];
+                    let way = s.position[a.nodes[0] as usize] - base;
+                    (base.z > from * e && base.z < to * e).then(|| way.angle_between(Vec3::Z))
+                })
+                .collect();
+            assert!(first.len() > 5, "{name}");
+            (first.iter().sum::<f32>() / first.len() as f32).to_degrees()
+        };
+        let (low, high) = (angle("picea_obovata", 0.1, 0.3), angle("picea_obovata", 0.8, 0.95));
+        assert!(low > 90.0 && high < 70.0, "spruce hangs low, rises high: {low} {high}");
+        let larch = angle("larix_sibirica", 0.35, 0.6);
+        assert!((75.0..110.0).contains(&larch), "larch stands level: {larch}");
+        let birch = angle("betula_pendula", 0.3, 0.7);
+        assert!(birch < 60.0, "birch rises: {birch}");
+        // A birch's twigs hang: most wood of order 2 and more points down.
+        let s = tree("betula_pendula", 20.0, 2500, 3);
+        let (mut down, mut all) = (0.0, 0.0);
+        for i in 1..s.len() {
+            let p = s.parent[i] as usize;
+            if s.order[i] >= 2 {
+                all += s.internode_m(i as u32);
+                down += (s.position[p].z - s.position[i].z).max(0.0);
+            }
+        }
+        assert!(down / all > 0.4, "{}", down / all);
+        // A shrub has several stems from the ground, a pine one and a clear bole.
+        let s = tree("salix_caprea", 5.0, 1500, 1);
+        assert!(s.children().of(0).len() >= 3);
+        let s = tree("pinus_sylvestris", 23.0, 1500, 1);
+        let low = (0..s.len()).filter(|&i| s.order[i] > 0).map(|i| s.position[i].z);
+        assert!(low.fold(f32::INFINITY, f32::min) > 10.0);
+    }
+
+    #[test]
+    fn same_seed_same_tree_other_seed_another() {
+        let a = tree("betula_pendula", 18.0, 900, 9);
+        assert_eq!(a, tree("betula_pendula", 18.0, 900, 9));
+        assert_ne!(a.position, tree("betula_pendula", 18.0, 900, 10).position);
+    }
+
+    #[test]
+    fn a_height_out_of_range_is_refused() {
+        let species = species::load("picea_obovata").unwrap();
+        for height_m in [0.0, -3.0, 500.0, f32::NAN, f32::INFINITY] {
+            let target = Target::FromSpecies { height_m: Some(height_m) };
+            let error = grow(&species, target, Detail::FOREST, Seed::new(1)).unwrap_err();
+            assert!(error.message().starts_with("a tree of "), "{error}");
+            assert_eq!(error.remedy_text(), Some("heights from 0.1 to 130 m are grown"));
+        }
+    }
+
+    /// A half crown to the east of its root, seen from above only: points at the surface.
+    fn half_crown() -> Crown {
+        let root = Vec3::new(5000.0, -300.0, 120.0);
+        let mut draws = Seed::new(2).draws();
+        let mut attractors = Vec::new();
+        for _ in 0..600 {
+            let t = draws.unit();
+            let azimuth = draws.between(-1.6, 1.6);
+            let reach = 3.5 * (1.0 - t).sqrt();
+            let out = Vec3::new(azimuth.cos() * reach, azimuth.sin() * reach, 5.0 + 13.0 * t);
+            attractors.push(root + out);
+        }
+        Crown {
+            key: 7,
+            root,
+            apex: root + Vec3::new(0.4, 0.0, 18.0),
+            height_m: 18.0,
+            base_height_m: 5.0,
+            diameter_m: 5.0,
+            outline: Vec::new(),
+            attractors,
+            point_count: 600,
+            confidence: 0.9,
+        }
+    }
+
+    #[test]
+    fn a_tree_follows_the_crown_it_is_given() {
+        let crown = half_crown();
+        for name in NAMES {
+            let species = species::load(name).unwrap();
+            let s = grow(&species, Target::FromCrown(&crown), Detail::FOREST, Seed::new(1)).unwrap();
+            judge(&s, name, 18.0, Detail::FOREST.max_nodes);
+            let wrong = s.width_m() / crown.diameter_m - 1.0;
+            assert!(wrong.abs() < 0.15, "{name}: width off by {wrong}");
+            let east = s.position.iter().map(|p| p.x).fold(0.0, f32::max);
+            let west = s.position.iter().map(|p| -p.x).fold(0.0, f32::max);
+            assert!(east > 1.4 * west, "{name}: {east} east, {west} west");
+        }
+    }
+
+    #[test]
+    fn odd_crowns_give_sound_trees() {
+        let species = species::load("larix_sibirica").unwrap();
+        let plain = half_crown();
+        let root = plain.root;
+        let clouds: [(&str, Vec<Vec3>); 5] = [
+            ("none", Vec::new()),
+            ("one point", vec![root + Vec3::Z * 9.0; 300]),
+            ("a line", (0..300).map(|i| root + Vec3::Z * (i as f32 * 0.06)).collect()),
+            ("1 km away", vec![root + Vec3::new(1000.0, 0.0, 10.0); 9]),
+            ("not finite", vec![Vec3::NAN, Vec3::INFINITY, root + Vec3::Z * 9.0]),
+        ];
+        for (what, attractors) in clouds {
+            let crown = Crown { attractors, ..plain.clone() };
+            let s = grow(&species, Target::FromCrown(&crown), Detail::FOREST, Seed::new(1)).unwrap();
+            judge(&s, what, 18.0, Detail::FOREST.max_nodes);
+            assert!(s.width_m() < 8.0, "{what}: {}", s.width_m());
+        }
+        let broken = Crown { diameter_m: f32::NAN, ..plain };
+        let error = grow(&species, Target::FromCrown(&broken), Detail::FOREST, Seed::new(1));
+        assert!(error.unwrap_err().message().contains("is not finite"));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(60))]
+        #[test]
+        fn any_species_height_and_seed_grows_a_sound_tree(
+            which in 0usize..6, height_m in 0.3f32..45.0, nodes in 0u32..1500, seed: u64,
+        ) {
+            let s = tree(NAMES[which], height_m, nodes, seed);
+            judge(&s, NAMES[which], height_m, nodes.max(*NODES.start()));
+        }
+    }
 }

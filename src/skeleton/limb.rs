@@ -122,6 +122,14 @@ pub fn lifted(heading: Vec3, angle_rad: f32) -> Vec3 {
     (Quat::from_axis_angle(axis, from_sky - wished) * heading).normalize_or(heading)
 }
 
+/// Two unit vectors across a unit direction: level to its right, and up from there; X and Y about
+/// an upright one.
+pub fn sides(ahead: Vec3) -> (Vec3, Vec3) {
+    let is_level = ahead.x.hypot(ahead.y) > 0.05;
+    let across = if is_level { ahead.cross(Vec3::Z).normalize_or(Vec3::X) } else { Vec3::X };
+    (across, across.cross(ahead).normalize_or(Vec3::Y))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

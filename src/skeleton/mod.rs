@@ -2,12 +2,14 @@
 //! radii. Knows nothing of meshes.
 
 pub mod colonize;
+pub mod derive;
 pub mod envelope;
 pub mod grow;
 mod limb;
 mod polish;
-mod scaffold;
 pub mod radii;
+mod scaffold;
+pub mod turtle;
 
 use glam::Vec3;
 

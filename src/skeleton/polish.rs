@@ -4,13 +4,14 @@
 use glam::Vec3;
 
 use super::limb::lifted;
+use crate::seed::Seed;
 use super::{Children, NO_PARENT};
 
 /// No axis of the scaffold: a colonized node.
 pub const FREE: u32 = u32::MAX;
 
 /// A child continues its parent's axis only if it turns less than this (cosine).
-const LEAST_STRAIGHT: f32 = 0.35;
+const LEAST_STRAIGHT: f32 = 0.55;
 
 /// Axis and order of each node. `scaffold` holds the scaffold's own axis of a node, or [`FREE`]:
 /// along these an axis stays what it is. Elsewhere the child that is straightest and carries most
@@ -86,11 +87,11 @@ pub fn smooth(position: &mut [Vec3], parent: &[u32], axis: &[u32], scaffold: &[u
 }
 
 /// Lets shoots of order `from` and above turn towards the ground, by `hang` degrees a metre from
-/// where they leave their parent; no lower than `clearance_m`.
+/// where they leave their parent, each axis by a share of its own; no lower than `clearance_m`.
 pub fn hang(
     position: &mut [Vec3],
     parent: &[u32],
-    order: &[u8],
+    (axis, order): (&[u32], &[u8]),
     from: u8,
     hang: f32,
     clearance_m: f32,
@@ -105,7 +106,8 @@ pub fn hang(
         let edge = before[i] - before[p];
         let length = edge.length();
         if order[i] >= from {
-            drop_deg[i] = drop_deg[p] + hang * length;
+            let share = 0.45 + 0.85 * Seed::new(u64::from(axis[i])).draws().unit();
+            drop_deg[i] = drop_deg[p] + hang * length * share;
         }
         let turned = lifted(edge / length.max(1e-9), -drop_deg[i].to_radians().min(3.0)) * length;
         let mut there = position[p] + turned;
@@ -147,7 +149,7 @@ mod tests {
         let mut position: Vec<Vec3> = (0..5).map(|i| Vec3::new(i as f32, 0.0, 10.0)).collect();
         let before = position.clone();
         let parent = vec![NO_PARENT, 0, 1, 2, 3];
-        hang(&mut position, &parent, &[0, 0, 2, 2, 2], 2, 20.0, 0.1);
+        hang(&mut position, &parent, (&[0, 0, 1, 1, 1], &[0, 0, 2, 2, 2]), 2, 20.0, 0.1);
         assert_eq!(position[..2], before[..2]);
         for i in 2..5 {
             assert!((position[i].distance(position[i - 1]) - 1.0).abs() < 1e-5);

@@ -206,4 +206,6 @@ pub struct Species {
     pub growth: Growth,
     pub foliage: Foliage,
     pub bark: Bark,
+    /// How it branches.
+    pub rule: crate::species::rule::Rule,
 }
