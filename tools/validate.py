@@ -109,10 +109,12 @@ class Scene:
     def bounds(self):
         """Of everything drawn; to be asked for when all of it is there."""
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        columns = [np.ascontiguousarray(mesh.points.T, float) for mesh in self.meshes]
         for number, matrix in self.drawn:
-            points = self.meshes[number].points @ matrix[:3, :3].T + matrix[:3, 3]
-            if len(points):
-                low, high = np.minimum(low, points.min(0)), np.maximum(high, points.max(0))
+            points = matrix[:3, :3] @ columns[number]
+            if points.size:
+                low = np.minimum(low, points.min(1) + matrix[:3, 3])
+                high = np.maximum(high, points.max(1) + matrix[:3, 3])
         return low, high
 
 

@@ -21,7 +21,7 @@ impl Pictures {
         &self.png
     }
 
-    /// The files that [`texture_path`] names.
+    /// `textures/STEM_NAME.png`, as the other files refer to them.
     pub fn into_files(self, scene: &ValidScene, stem: &str) -> Vec<OutputFile> {
         let named = scene.textures().iter().zip(self.png);
         named
