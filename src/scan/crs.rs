@@ -118,8 +118,7 @@ impl GeoKeys {
                     }
                 }
                 34737 => {
-                    let (from, to) =
-                        (usize::from(value), usize::from(value) + usize::from(length));
+                    let (from, to) = (usize::from(value), usize::from(value) + usize::from(length));
                     if let Some(bytes) = records.geo_ascii.as_deref().and_then(|a| a.get(from..to))
                     {
                         keys.citations.push_str(&String::from_utf8_lossy(bytes));
@@ -175,7 +174,9 @@ impl GeoKeys {
             9036 => Ok(1000.0),
             code => size_m.ok_or_else(|| {
                 Error::new(format!("its coordinates are in a unit that is not known (code {code})"))
-                    .remedy("reproject it to a metric system, e.g. with PDAL's filters.reprojection")
+                    .remedy(
+                        "reproject it to a metric system, e.g. with PDAL's filters.reprojection",
+                    )
             }),
         }
     }
@@ -239,8 +240,12 @@ mod tests {
 
     #[test]
     fn user_defined_systems_have_no_code() {
-        let mut records =
-            directory(&[[1024, 0, 1, 1], [3072, 0, 1, 32767], [3076, 0, 1, 32767], [3077, 34736, 1, 1]]);
+        let mut records = directory(&[
+            [1024, 0, 1, 1],
+            [3072, 0, 1, 32767],
+            [3076, 0, 1, 32767],
+            [3077, 34736, 1, 1],
+        ]);
         records.geo_doubles = Some([9.0f64, 0.25].iter().flat_map(|v| v.to_le_bytes()).collect());
         let crs = parse(&records, false).unwrap().crs.unwrap();
         assert_eq!((crs.epsg, crs.horizontal_unit_m), (None, 0.25));
@@ -258,7 +263,9 @@ mod tests {
 
     #[test]
     fn geographic_models_are_known() {
-        assert!(parse(&directory(&[[1024, 0, 1, 2], [2048, 0, 1, 4326]]), false).unwrap().in_degrees);
+        assert!(
+            parse(&directory(&[[1024, 0, 1, 2], [2048, 0, 1, 4326]]), false).unwrap().in_degrees
+        );
         assert!(parse(&directory(&[[2048, 0, 1, 4326]]), false).unwrap().in_degrees);
         let projected = directory(&[[1024, 0, 1, 1], [2048, 0, 1, 4326], [3072, 0, 1, 32617]]);
         assert!(!parse(&projected, false).unwrap().in_degrees);

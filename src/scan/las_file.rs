@@ -118,10 +118,9 @@ fn read_inner(path: &Path, options: &ReadOptions) -> Result<Part> {
     }
 
     if decoded.repaired > 0 {
-        stated.warnings.push(format!(
-            "{} return numbers outside 1..=count were repaired",
-            decoded.repaired
-        ));
+        stated
+            .warnings
+            .push(format!("{} return numbers outside 1..=count were repaired", decoded.repaired));
     }
     let mut columns = decoded.columns;
     columns.rgb = columns.rgb.and_then(sixteen_bit);
@@ -194,7 +193,7 @@ fn layout(header: &las::raw::Header, file_bytes: u64) -> Result<Layout> {
     let scale = DVec3::new(header.x_scale_factor, header.y_scale_factor, header.z_scale_factor);
     let offset = DVec3::new(header.x_offset, header.y_offset, header.z_offset);
     let reach = scale.abs() * f64::from(i32::MAX) + offset.abs();
-    if !reach.is_finite() || scale.min_element() == 0.0 || scale.x * scale.y * scale.z == 0.0 {
+    if !reach.is_finite() || scale.to_array().contains(&0.0) {
         return Err(damaged(format!("its scale {scale} or offset {offset} gives no coordinates")));
     }
     Ok(Layout {

@@ -16,8 +16,8 @@ use laz::{DecompressionSelection, LazItemType, LazVlr};
 use super::las_file::{Layout, damaged, io_error};
 use crate::diagnostic::{Error, Result};
 
-/// Points unpacked before they are handed on.
-const SLAB_POINTS: u64 = 16_384;
+/// Bytes of records unpacked before they are handed on.
+const SLAB_BYTES: u64 = 512 << 10;
 
 /// Where one chunk lies and how many points it holds.
 #[derive(Debug, Clone, Copy)]
@@ -105,10 +105,11 @@ impl LazChunks {
                     .decompress_rgb(),
             );
             let size = self.vlr.items_size();
-            let mut slab = vec![0; (points.min(SLAB_POINTS) * size) as usize];
+            let slab_points = (SLAB_BYTES / size).max(1);
+            let mut slab = vec![0; (points.min(slab_points) * size) as usize];
             let mut left = points;
             while left > 0 {
-                let n = left.min(SLAB_POINTS);
+                let n = left.min(slab_points);
                 slab.truncate((n * size) as usize);
                 unpacker.decompress_many(&mut slab)?;
                 sink(&slab);

@@ -58,9 +58,11 @@ pub(super) fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Sc
         // A point very far away makes the voxels coarse: look again once it is gone.
         for _ in 0..3 {
             let Some(keep) = isolated::keep(&parts, unit_m, density_per_m2) else { break };
-            let dropped = drop_points(&mut parts, &keep);
-            census.removed.isolated += dropped;
+            census.removed.isolated += drop_points(&mut parts, &keep.flags);
             density_per_m2 = isolated::density_per_m2(&parts, unit_m);
+            if !keep.is_coarse {
+                break;
+            }
         }
     }
 
@@ -70,8 +72,12 @@ pub(super) fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Sc
     };
     let Some((min_m, max_m)) = isolated::bounds_m(&parts, unit_m) else {
         return Err(named(
-            Error::new(format!("no point is left of {}: {}", census.in_files, reasons(&census.removed)))
-                .remedy("give a scan whose points are not all marked as noise"),
+            Error::new(format!(
+                "no point is left of {}: {}",
+                census.in_files,
+                reasons(&census.removed)
+            ))
+            .remedy("give a scan whose points are not all marked as noise"),
         ));
     };
     let extent_m = (max_m - min_m).max_element();
@@ -198,9 +204,7 @@ fn name(crs: &Option<Crs>) -> String {
     let Some(crs) = crs else { return "no stated coordinate system".into() };
     let system = match (crs.epsg, &crs.wkt) {
         (Some(code), _) => format!("EPSG:{code}"),
-        (None, Some(wkt)) => {
-            wkt.split('"').nth(1).unwrap_or("a system without a code").to_owned()
-        }
+        (None, Some(wkt)) => wkt.split('"').nth(1).unwrap_or("a system without a code").to_owned(),
         (None, None) => "a system without a code".to_owned(),
     };
     if crs.horizontal_unit_m == 1.0 && crs.vertical_unit_m == 1.0 {

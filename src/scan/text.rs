@@ -141,9 +141,7 @@ fn heading_bytes(text: &[u8]) -> Result<usize> {
         let is_count = fields(line).count() == 1 && first.iter().all(u8::is_ascii_digit);
         let is_names = number(first).is_none()
             && fields(line).count() >= 3
-            && fields(line).all(|f| {
-                number(f).is_none() && f.iter().all(|b| b.is_ascii_graphic())
-            });
+            && fields(line).all(|f| number(f).is_none() && f.iter().all(|b| b.is_ascii_graphic()));
         return Ok(if is_count || is_names { at + length } else { at });
     }
     Ok(at)
@@ -155,7 +153,8 @@ fn pieces(text: &[u8]) -> Vec<&[u8]> {
     let mut rest = text;
     while !rest.is_empty() {
         let from = PIECE_BYTES.min(rest.len());
-        let end = rest[from..].iter().position(|b| *b == b'\n').map_or(rest.len(), |e| from + e + 1);
+        let end =
+            rest[from..].iter().position(|b| *b == b'\n').map_or(rest.len(), |e| from + e + 1);
         let (piece, others) = rest.split_at(end);
         pieces.push(piece);
         rest = others;
@@ -186,11 +185,8 @@ fn parse(text: &[u8]) -> std::result::Result<Lines, usize> {
 fn bad_line(text: &[u8], at: usize, lines_before: usize) -> Error {
     let line_number = lines_before + count_lines(&text[..at.min(text.len())]) + 1;
     let line = text.get(at..).unwrap_or_default().split(|b| *b == b'\n').next().unwrap_or_default();
-    let shown: String = String::from_utf8_lossy(line)
-        .chars()
-        .filter(|c| !c.is_control())
-        .take(40)
-        .collect();
+    let shown: String =
+        String::from_utf8_lossy(line).chars().filter(|c| !c.is_control()).take(40).collect();
     Error::new(format!("line {line_number} is no point: \"{shown}\""))
         .remedy("give text with one point a line: x y z, decimal points, `#` before comments")
 }

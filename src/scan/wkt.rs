@@ -176,7 +176,10 @@ mod tests {
         let degrees = r#"GEOGCS["WGS 84",UNIT["degree",0.0174],AUTHORITY["EPSG","4326"]]"#;
         assert_eq!(facts(degrees).unwrap().kind, Kind::Geodetic);
         let local = facts(r#"LOCAL_CS["plot",UNIT["metre",1]]"#).unwrap();
-        assert_eq!((local.kind, local.epsg, local.horizontal_unit_m), (Kind::Local, None, Some(1.0)));
+        assert_eq!(
+            (local.kind, local.epsg, local.horizontal_unit_m),
+            (Kind::Local, None, Some(1.0))
+        );
     }
 
     #[test]

@@ -70,8 +70,8 @@ fn header(cloud: &PointCloud, is_extended: bool) -> std::result::Result<las::Hea
     builder.generating_software = "Larix".into();
     builder.system_identifier = "Larix".into();
     let colour = u8::from(cloud.rgb.is_some());
-    builder.point_format =
-        Format::new(if is_extended { 6 + colour } else { 1 + 2 * colour }).map_err(las::Error::from)?;
+    builder.point_format = Format::new(if is_extended { 6 + colour } else { 1 + 2 * colour })
+        .map_err(las::Error::from)?;
     builder.point_format.is_compressed = true;
     let origin = cloud.frame.origin;
     let axis = |offset| Transform { scale: STEP, offset };
@@ -113,8 +113,10 @@ fn geo_keys(crs: &Crs) -> Vec<u8> {
 fn push_record(bytes: &mut Vec<u8>, cloud: &PointCloud, i: usize, is_extended: bool) -> Result<()> {
     let steps: DVec3 = (cloud.position[i].as_dvec3() / cloud.frame.unit_m() / STEP).round();
     if steps.abs().max_element() > f64::from(i32::MAX) {
-        return Err(Error::new(format!("point {i} is too far from the origin to be written as LAS"))
-            .remedy("write the tiles apart"));
+        return Err(Error::new(format!(
+            "point {i} is too far from the origin to be written as LAS"
+        ))
+        .remedy("write the tiles apart"));
     }
     for step in steps.to_array() {
         bytes.extend((step as i32).to_le_bytes());

@@ -1,0 +1,33 @@
+//! Reading a real LAZ scan and putting it into voxels.
+
+use std::path::PathBuf;
+
+use divan::counter::ItemsCount;
+use larix::scan::{ReadOptions, Scan, encode_laz, read};
+
+const SCAN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/lasR/bcts_2.laz");
+
+fn main() {
+    if PathBuf::from(SCAN).is_file() {
+        divan::main();
+    } else {
+        println!("skipped: no real scan at {SCAN}");
+    }
+}
+
+fn scan(drop_isolated: bool) -> Scan {
+    let options = ReadOptions { drop_isolated, ..ReadOptions::default() };
+    read(&[PathBuf::from(SCAN)], &options).unwrap().value
+}
+
+#[divan::bench(args = [false, true], sample_count = 10)]
+fn read_laz(bencher: divan::Bencher, drop_isolated: bool) {
+    let points = scan(false).cloud.len();
+    bencher.counter(ItemsCount::new(points)).bench(|| scan(drop_isolated));
+}
+
+#[divan::bench(sample_count = 5)]
+fn write_laz(bencher: divan::Bencher) {
+    let cloud = scan(false).cloud;
+    bencher.counter(ItemsCount::new(cloud.len())).bench(|| encode_laz(&cloud).unwrap());
+}
