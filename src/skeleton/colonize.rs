@@ -1,0 +1,719 @@
+//! Space colonization (Runions, Lane & Prusinkiewicz 2007; method "Space colonization").
+//!
+//! Every attractor belongs to its nearest node within the influence distance d_i. A node with
+//! attractors grows a child a step D along the mean direction to them; attractors within the kill
+//! distance d_k of a node are removed. Only new nodes look for attractors, through a hashed grid
+//! of cells d_i wide, so the cost is close to linear in the number of attractors.
+//!
+//! What the method leaves open is settled so:
+//! - *n ≈ 0* (symmetric attractors): the node grows towards its nearest attractor.
+//! - *Oscillation* (an attractor between two steps that neither reaches): a step is no longer than
+//!   the way to the nearest of the node's attractors, and a node does not grow twice in the same
+//!   direction.
+//! - *Duplicates*: a child that would fall into the same cell, D/20 wide, as an earlier node is not
+//!   grown, nor one after a step below D/100.
+//! - In both cases the node tries the way to its nearest attractor; if that is no better it is
+//!   closed: it grows no more, though its attractors may pass to nearer nodes.
+//! - *Out of reach*: when growth ends with attractors left, d_i is doubled, `bridges` times. What
+//!   is still out of reach is left alone and counted.
+//! - *Order of D, d_i, d_k*: [`Reach::new`] brings them to D/2 ≤ d_k < d_i, D ≤ d_i and says so.
+//!
+//! Additions: a node keeps part of its heading (`inertia`) and turns at most `max_turn_rad` a
+//! step and `max_bend_rad` in all, which wood does and a mean of directions does not; `pull` is the tropism vector of Runions' ĝ, here
+//! a field, so that twigs can be led away from the stem.
+//!
+//! Limit: a node has at most [`MAX_CHILDREN`] colonized children.
+
+use std::collections::HashSet;
+use std::hash::{BuildHasherDefault, Hasher};
+
+use glam::Vec3;
+
+/// Children that one node may grow.
+pub const MAX_CHILDREN: u8 = 3;
+/// Children of one node point at least this far apart (cosine).
+const SAME_DIRECTION: f32 = 0.99;
+
+/// D, d_k and d_i in metres, positive and in order.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reach {
+    step_m: f32,
+    kill_m: f32,
+    influence_m: f32,
+}
+
+impl Reach {
+    /// Takes D, d_k and d_i as wished and gives them in order, with a sentence for each change.
+    pub fn new(step_m: f32, kill_m: f32, influence_m: f32) -> (Reach, Vec<String>) {
+        let mut said = Vec::new();
+        let sound = |v: f32| v.is_finite() && v > 0.0;
+        let mut settle = |name: &str, value: f32, is_right: bool, instead: f32, why: &str| {
+            if is_right {
+                return value;
+            }
+            said.push(format!("{name} of {value} m {why}; {instead} m taken"));
+            instead
+        };
+        let step = settle("step D", step_m, sound(step_m), 0.1, "is no length").clamp(1e-4, 1e4);
+        let kill = settle("kill distance d_k", kill_m, sound(kill_m), step, "is no length");
+        let kill = settle(
+            "kill distance d_k",
+            kill,
+            kill >= 0.5 * step,
+            0.5 * step,
+            "is below half a step, so a node could pass an attractor for ever",
+        );
+        let least = (1.25 * kill).max(step);
+        let influence = settle(
+            "influence distance d_i",
+            influence_m,
+            sound(influence_m) && influence_m >= least,
+            least,
+            "does not reach beyond the kill distance and a step",
+        );
+        (Reach { step_m: step, kill_m: kill, influence_m: influence }, said)
+    }
+
+    pub fn step_m(&self) -> f32 {
+        self.step_m
+    }
+
+    pub fn kill_m(&self) -> f32 {
+        self.kill_m
+    }
+
+    pub fn influence_m(&self) -> f32 {
+        self.influence_m
+    }
+}
+
+/// How a node answers its attractors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Habit {
+    /// Weight of the node's heading against the unit mean direction to its attractors.
+    pub inertia: f32,
+    /// Greatest turn from the heading in one step.
+    pub max_turn_rad: f32,
+    /// Greatest turn of a twig from the direction in which it left the node it sprang from.
+    pub max_bend_rad: f32,
+}
+
+impl Default for Habit {
+    /// Runions' own: straight to the mean.
+    fn default() -> Self {
+        Habit {
+            inertia: 0.0,
+            max_turn_rad: std::f32::consts::PI,
+            max_bend_rad: std::f32::consts::PI,
+        }
+    }
+}
+
+/// Bounds on work and size.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// New nodes at most.
+    pub max_nodes: usize,
+    /// Rounds at most, over all bridges.
+    pub max_rounds: usize,
+    /// How often d_i is doubled for attractors out of reach.
+    pub bridges: u8,
+}
+
+/// A node that may grow: place, unit heading (zero: none), and whether it is wood that grows at
+/// all. Closed nodes still remove attractors near them and own those nearest to them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Start {
+    pub position: Vec3,
+    pub heading: Vec3,
+    pub is_open: bool,
+}
+
+/// New nodes; ids go on from those of the starts, and parents come first.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Colonized {
+    pub position: Vec<Vec3>,
+    pub parent: Vec<u32>,
+    /// Attractors no node came near.
+    pub left: usize,
+    pub rounds: usize,
+}
+
+/// Grows from `starts` into `attractors`; `pull` is added to the direction of growth at a place.
+/// Attractors and starts that are not finite are left out.
+pub fn colonize(
+    starts: &[Start],
+    attractors: &[Vec3],
+    reach: &Reach,
+    habit: &Habit,
+    pull: &dyn Fn(Vec3) -> Vec3,
+    limits: &Limits,
+) -> Colonized {
+    let mut front = Front::new(starts, attractors, reach, habit, pull, limits);
+    let mut influence_m = reach.influence_m;
+    for _ in 0..=limits.bridges {
+        let Some(mut grid) = Grid::new(&front.living, influence_m) else { break };
+        front.grow(&mut grid);
+        front.living = grid.living();
+        influence_m *= 2.0;
+    }
+    let first = starts.len();
+    Colonized {
+        position: front.node.split_off(first),
+        parent: front.parent.split_off(first),
+        left: front.living.len(),
+        rounds: front.rounds,
+    }
+}
+
+const NOBODY: u32 = u32::MAX;
+
+/// Living attractors in cells of a hash table, those of a cell side by side.
+struct Grid {
+    cell_m: f32,
+    mask: u32,
+    /// First attractor of each bucket; one more at the end.
+    start: Vec<u32>,
+    /// Living attractors of each bucket, at its front.
+    count: Vec<u32>,
+    point: Vec<Vec3>,
+    /// Nearest node of each, and how far it is.
+    owner: Vec<u32>,
+    distance_sq: Vec<f32>,
+    /// Buckets in which some attractor has an owner that may still grow, and whether a bucket is
+    /// among them.
+    active: Vec<u32>,
+    is_active: Vec<bool>,
+}
+
+impl Grid {
+    fn new(points: &[Vec3], cell_m: f32) -> Option<Grid> {
+        if points.is_empty() {
+            return None;
+        }
+        let buckets = points.len().next_power_of_two().min(1 << 26);
+        let mask = buckets as u32 - 1;
+        let mut count = vec![0u32; buckets];
+        let bucket: Vec<u32> = points.iter().map(|&p| hash(cell(p, cell_m)) & mask).collect();
+        for &b in &bucket {
+            count[b as usize] += 1;
+        }
+        let mut start = vec![0u32; buckets + 1];
+        for b in 0..buckets {
+            start[b + 1] = start[b] + count[b];
+        }
+        let mut next = start.clone();
+        let mut point = vec![Vec3::ZERO; points.len()];
+        for (p, &b) in points.iter().zip(&bucket) {
+            point[next[b as usize] as usize] = *p;
+            next[b as usize] += 1;
+        }
+        let n = points.len();
+        Some(Grid {
+            cell_m,
+            mask,
+            start,
+            count,
+            point,
+            owner: vec![NOBODY; n],
+            distance_sq: vec![f32::INFINITY; n],
+            active: Vec::new(),
+            is_active: vec![false; buckets],
+        })
+    }
+
+    /// Gives `node` the attractors it is nearest to and removes those within the kill distance.
+    fn visit(&mut self, node: u32, at: Vec3, influence_sq: f32, kill_sq: f32) {
+        let centre = cell(at, self.cell_m);
+        // Two of the cells may share a bucket; seeing its attractors twice changes nothing.
+        for dz in -1..=1 {
+            for dy in -1..=1 {
+                for dx in -1..=1 {
+                    let key = [centre[0] + dx, centre[1] + dy, centre[2] + dz];
+                    let bucket = (hash(key) & self.mask) as usize;
+                    let first = self.start[bucket] as usize;
+                    let mut end = first + self.count[bucket] as usize;
+                    let mut i = first;
+                    while i < end {
+                        let d = self.point[i].distance_squared(at);
+                        if d <= kill_sq {
+                            end -= 1;
+                            self.point.swap(i, end);
+                            self.owner.swap(i, end);
+                            self.distance_sq.swap(i, end);
+                            continue;
+                        }
+                        if d < influence_sq && d < self.distance_sq[i] {
+                            self.distance_sq[i] = d;
+                            self.owner[i] = node;
+                            if !self.is_active[bucket] {
+                                self.is_active[bucket] = true;
+                                self.active.push(bucket as u32);
+                            }
+                        }
+                        i += 1;
+                    }
+                    self.count[bucket] = (end - first) as u32;
+                }
+            }
+        }
+    }
+
+    fn living(&self) -> Vec<Vec3> {
+        let mut out = Vec::new();
+        for b in 0..self.count.len() {
+            let first = self.start[b] as usize;
+            out.extend_from_slice(&self.point[first..first + self.count[b] as usize]);
+        }
+        out
+    }
+}
+
+fn cell(p: Vec3, cell_m: f32) -> [i32; 3] {
+    // Saturating casts; the clamp keeps the neighbours' indices in range.
+    let index = |v: f32| ((v / cell_m).floor() as i32).clamp(-(1 << 30), 1 << 30);
+    [index(p.x), index(p.y), index(p.z)]
+}
+
+/// Teschner et al. 2003, then mixed so that low bits depend on all.
+fn hash(c: [i32; 3]) -> u32 {
+    let h = (c[0] as u32).wrapping_mul(73_856_093)
+        ^ (c[1] as u32).wrapping_mul(19_349_663)
+        ^ (c[2] as u32).wrapping_mul(83_492_791);
+    let h = (h ^ (h >> 15)).wrapping_mul(0x2c1b_3c6d);
+    h ^ (h >> 13)
+}
+
+/// What a node gathered in one round.
+#[derive(Clone, Copy)]
+struct Call {
+    round: u32,
+    sum: Vec3,
+    nearest: Vec3,
+    nearest_sq: f32,
+}
+
+struct Front<'a> {
+    reach: &'a Reach,
+    habit: &'a Habit,
+    pull: &'a dyn Fn(Vec3) -> Vec3,
+    limits: &'a Limits,
+    first_new: usize,
+    node: Vec<Vec3>,
+    parent: Vec<u32>,
+    heading: Vec<Vec3>,
+    /// Direction in which the node's twig left the node it sprang from; zero for starts.
+    left_at: Vec<Vec3>,
+    /// Children grown so far; at [`MAX_CHILDREN`] the node is closed.
+    children: Vec<u8>,
+    /// Directions of the first children, to tell a repeated one.
+    grown: Vec<[Vec3; MAX_CHILDREN as usize]>,
+    /// Cells, D/20 wide, with a node in them.
+    taken: HashSet<[i32; 3], BuildHasherDefault<CellHasher>>,
+    living: Vec<Vec3>,
+    rounds: usize,
+}
+
+/// The grid's own hash, for a set of cells.
+#[derive(Default)]
+struct CellHasher(u64);
+
+impl Hasher for CellHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for &b in bytes {
+            self.write_i32(i32::from(b));
+        }
+    }
+
+    fn write_usize(&mut self, _: usize) {}
+
+    fn write_i32(&mut self, value: i32) {
+        self.0 = (self.0 ^ u64::from(value as u32)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 ^= self.0 >> 29;
+    }
+}
+
+impl<'a> Front<'a> {
+    fn new(
+        starts: &[Start],
+        attractors: &[Vec3],
+        reach: &'a Reach,
+        habit: &'a Habit,
+        pull: &'a dyn Fn(Vec3) -> Vec3,
+        limits: &'a Limits,
+    ) -> Self {
+        let sound = |s: &Start| s.position.is_finite() && s.heading.is_finite();
+        Front {
+            reach,
+            habit,
+            pull,
+            limits,
+            first_new: starts.len(),
+            node: starts.iter().map(|s| s.position).collect(),
+            parent: vec![NOBODY; starts.len()],
+            heading: starts.iter().map(|s| s.heading.normalize_or_zero()).collect(),
+            left_at: vec![Vec3::ZERO; starts.len()],
+            children: starts
+                .iter()
+                .map(|s| if s.is_open && sound(s) { 0 } else { MAX_CHILDREN })
+                .collect(),
+            grown: vec![[Vec3::ZERO; MAX_CHILDREN as usize]; starts.len()],
+            taken: starts.iter().map(|s| cell(s.position, 0.05 * reach.step_m)).collect(),
+            living: attractors.iter().copied().filter(|p| p.is_finite()).collect(),
+            rounds: 0,
+        }
+    }
+
+    /// Rounds of growth in one grid, until nothing grows or a limit is met.
+    fn grow(&mut self, grid: &mut Grid) {
+        let influence_sq = grid.cell_m * grid.cell_m;
+        let kill_sq = self.reach.kill_m * self.reach.kill_m;
+        for i in 0..self.node.len() {
+            if self.node[i].is_finite() {
+                grid.visit(i as u32, self.node[i], influence_sq, kill_sq);
+            }
+        }
+        let idle = Call { round: 0, sum: Vec3::ZERO, nearest: Vec3::ZERO, nearest_sq: 0.0 };
+        let mut calls = vec![idle; self.node.len()];
+        let mut called: Vec<u32> = Vec::new();
+        let mut round = 0u32;
+        while self.rounds < self.limits.max_rounds {
+            self.rounds += 1;
+            round += 1;
+            called.clear();
+            let mut active = std::mem::take(&mut grid.active);
+            active.retain(|&b| {
+                let first = grid.start[b as usize] as usize;
+                let end = first + grid.count[b as usize] as usize;
+                let mut is_active = false;
+                for i in first..end {
+                    let owner = grid.owner[i];
+                    if owner == NOBODY || self.children[owner as usize] >= MAX_CHILDREN {
+                        continue;
+                    }
+                    is_active = true;
+                    let call = &mut calls[owner as usize];
+                    if call.round != round {
+                        *call = Call { round, nearest_sq: f32::INFINITY, ..idle };
+                        called.push(owner);
+                    }
+                    let d_sq = grid.distance_sq[i];
+                    call.sum += (grid.point[i] - self.node[owner as usize]) / d_sq.sqrt();
+                    if d_sq < call.nearest_sq {
+                        call.nearest_sq = d_sq;
+                        call.nearest = grid.point[i];
+                    }
+                }
+                grid.is_active[b as usize] = is_active;
+                is_active
+            });
+            grid.active = active;
+            called.sort_unstable();
+            let before = self.node.len();
+            for &parent in &called {
+                if self.node.len() - self.first_new >= self.limits.max_nodes {
+                    break;
+                }
+                self.sprout(parent, &calls[parent as usize]);
+            }
+            if self.node.len() == before {
+                break;
+            }
+            calls.resize(self.node.len(), idle);
+            for i in before..self.node.len() {
+                grid.visit(i as u32, self.node[i], influence_sq, kill_sq);
+            }
+        }
+    }
+
+    /// Grows one child of `parent`, or closes `parent`.
+    fn sprout(&mut self, parent: u32, call: &Call) {
+        let p = parent as usize;
+        let (at, heading) = (self.node[p], self.heading[p]);
+        let to_nearest = (call.nearest - at).normalize_or_zero();
+        let mut direction = call.sum.normalize_or_zero();
+        // n ≈ 0: attractors pull evenly.
+        if call.sum.length_squared() < 1e-4 {
+            direction = to_nearest;
+        }
+        let blended = direction + self.habit.inertia * heading + (self.pull)(at);
+        let direction = blended.try_normalize().unwrap_or(to_nearest);
+        let step = self.reach.step_m.min(call.nearest_sq.sqrt());
+        // The mean first; where that leads nowhere new, the nearest attractor.
+        let new = [direction, to_nearest].into_iter().find_map(|wish| {
+            let direction = turned_at_most(heading, wish, self.habit.max_turn_rad);
+            let direction = turned_at_most(self.left_at[p], direction, self.habit.max_bend_rad);
+            let child = at + direction * step;
+            let earlier = &self.grown[p][..self.children[p] as usize];
+            let repeats = earlier.iter().any(|d| d.dot(direction) > SAME_DIRECTION);
+            let is_short = step < 0.01 * self.reach.step_m || child == at || !child.is_finite();
+            let cell = cell(child, 0.05 * self.reach.step_m);
+            (!repeats && !is_short && self.taken.insert(cell)).then_some((direction, child))
+        });
+        let Some((direction, child)) = new else {
+            self.children[p] = MAX_CHILDREN;
+            return;
+        };
+        self.grown[p][self.children[p] as usize] = direction;
+        self.children[p] += 1;
+        self.node.push(child);
+        self.parent.push(parent);
+        self.heading.push(direction);
+        let goes_on = self.children[p] == 1 && self.left_at[p] != Vec3::ZERO;
+        self.left_at.push(if goes_on { self.left_at[p] } else { direction });
+        self.children.push(0);
+        self.grown.push([Vec3::ZERO; MAX_CHILDREN as usize]);
+    }
+}
+
+/// `wish`, or where it turns too far from `heading`, the direction that far towards it.
+fn turned_at_most(heading: Vec3, wish: Vec3, max_turn_rad: f32) -> Vec3 {
+    if heading == Vec3::ZERO || heading.angle_between(wish) <= max_turn_rad {
+        return wish;
+    }
+    let side = wish - heading * heading.dot(wish);
+    let side = side.try_normalize().unwrap_or_else(|| heading.any_orthonormal_vector());
+    let (s, c) = max_turn_rad.sin_cos();
+    (heading * c + side * s).normalize_or(wish)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::seed::Seed;
+    use proptest::prelude::*;
+
+    fn free(_: Vec3) -> Vec3 {
+        Vec3::ZERO
+    }
+
+    fn limits() -> Limits {
+        Limits { max_nodes: 100_000, max_rounds: 2_000, bridges: 1 }
+    }
+
+    fn reach(step: f32, kill: f32, influence: f32) -> Reach {
+        let (reach, said) = Reach::new(step, kill, influence);
+        assert!(said.is_empty(), "{said:?}");
+        reach
+    }
+
+    fn origin() -> [Start; 1] {
+        [Start { position: Vec3::ZERO, heading: Vec3::ZERO, is_open: true }]
+    }
+
+    fn run(attractors: &[Vec3], reach: Reach) -> Colonized {
+        let grown =
+            colonize(&origin(), attractors, &reach, &Habit::default(), &free, &limits());
+        sound(&grown, 1);
+        grown
+    }
+
+    /// Parents first, no child on its parent, no two nodes in one place.
+    fn sound(grown: &Colonized, starts: usize) {
+        let mut places = std::collections::BTreeSet::new();
+        for (i, (&p, &parent)) in grown.position.iter().zip(&grown.parent).enumerate() {
+            assert!((parent as usize) < starts + i);
+            assert!(p.is_finite());
+            let place = [p.x.to_bits(), p.y.to_bits(), p.z.to_bits()];
+            assert!(places.insert(place), "node {i} repeats {p}");
+        }
+    }
+
+    #[test]
+    fn a_row_of_attractors_is_walked_step_by_step() {
+        let row: Vec<Vec3> = (1..=10).map(|i| Vec3::X * i as f32).collect();
+        let grown = run(&row, reach(1.0, 0.5, 2.5));
+        assert_eq!(grown.position, row);
+        assert_eq!(grown.parent, (0..10).collect::<Vec<u32>>());
+        assert_eq!(grown.left, 0);
+    }
+
+    #[test]
+    fn the_step_is_towards_the_mean_of_unit_directions() {
+        let pull = [Vec3::new(2.0, 0.0, 0.0), Vec3::new(0.0, 3.0, 0.0)];
+        let grown = run(&pull, reach(0.5, 0.3, 10.0));
+        let expected = Vec3::new(1.0, 1.0, 0.0).normalize() * 0.5;
+        assert!((grown.position[0] - expected).length() < 1e-6);
+    }
+
+    #[test]
+    fn symmetric_attractors_do_not_stall_growth() {
+        for ring in [2, 3, 4, 6] {
+            let around: Vec<Vec3> = (0..ring)
+                .map(|i| {
+                    let (s, c) = (std::f32::consts::TAU * i as f32 / ring as f32).sin_cos();
+                    Vec3::new(c, s, 0.0) * 2.0
+                })
+                .collect();
+            let grown = run(&around, reach(0.5, 0.4, 6.0));
+            assert!(!grown.position.is_empty());
+            assert!(grown.left < ring, "ring of {ring}: {} left", grown.left);
+        }
+    }
+
+    #[test]
+    fn two_attractors_do_not_make_a_node_swing_for_ever() {
+        // Closer together than a step, on both sides of the way of growth.
+        for gap in [0.01, 0.3, 0.55, 0.9] {
+            let pair = [Vec3::new(1.3, gap, 0.0), Vec3::new(1.3, -gap, 0.0)];
+            let grown = run(&pair, reach(1.0, 0.5, 5.0));
+            assert!(grown.position.len() < 10, "gap {gap}: {} nodes", grown.position.len());
+            assert!(grown.rounds < 20);
+        }
+    }
+
+    #[test]
+    fn attractors_out_of_reach_are_bridged_once_then_left() {
+        let near = Vec3::X * 3.5;
+        let far = Vec3::new(0.0, 0.0, 1000.0);
+        let grown = run(&[near, far], reach(1.0, 0.6, 2.0));
+        assert_eq!(grown.left, 1);
+        assert_eq!(grown.position.len(), 3);
+        assert!(grown.position.iter().all(|p| p.length() < 5.0));
+    }
+
+    #[test]
+    fn attractors_all_in_one_place_on_a_line_in_a_plane() {
+        let one = vec![Vec3::new(1.0, 1.0, 1.0); 500];
+        let grown = run(&one, reach(0.2, 0.2, 3.0));
+        assert_eq!((grown.left, grown.position.len() < 12), (0, true));
+        let line: Vec<Vec3> = (0..500).map(|i| Vec3::new(i as f32 * 0.02, 0.5, 0.0)).collect();
+        assert_eq!(run(&line, reach(0.2, 0.2, 3.0)).left, 0);
+        let plane: Vec<Vec3> =
+            (0..400).map(|i| Vec3::new((i % 20) as f32 * 0.2, (i / 20) as f32 * 0.2, 1.0)).collect();
+        // Nodes closed for symmetry may leave single attractors.
+        assert!(run(&plane, reach(0.2, 0.2, 3.0)).left <= 4);
+        assert_eq!(run(&[Vec3::ZERO], reach(0.2, 0.2, 3.0)).position.len(), 0);
+        assert_eq!(run(&[], reach(0.2, 0.2, 3.0)).position.len(), 0);
+    }
+
+    #[test]
+    fn distances_in_a_wrong_order_are_put_right_and_said() {
+        for d in [0.1, 1.0, 5.0] {
+            for k in [0.01, 1.0, 7.0] {
+                for i in [0.05, 1.0, 9.0] {
+                    let (r, said) = Reach::new(d, k, i);
+                    assert!(r.kill_m() >= 0.5 * r.step_m());
+                    assert!(r.influence_m() > r.kill_m() && r.influence_m() >= r.step_m());
+                    let is_changed = (r.step_m(), r.kill_m(), r.influence_m()) != (d, k, i);
+                    assert_eq!(is_changed, !said.is_empty(), "{d} {k} {i}");
+                }
+            }
+        }
+        let (r, said) = Reach::new(f32::NAN, -1.0, f32::INFINITY);
+        assert!(r.step_m() > 0.0 && r.influence_m().is_finite());
+        assert_eq!(said.len(), 3);
+        assert_eq!(said[0], "step D of NaN m is no length; 0.1 m taken");
+    }
+
+    #[test]
+    fn caps_hold() {
+        let row: Vec<Vec3> = (1..=100).map(|i| Vec3::X * i as f32).collect();
+        let capped = |max_nodes, max_rounds| {
+            let limits = Limits { max_nodes, max_rounds, bridges: 0 };
+            let r = reach(1.0, 0.5, 2.5);
+            colonize(&origin(), &row, &r, &Habit::default(), &free, &limits).position.len()
+        };
+        assert_eq!(capped(7, 1000), 7);
+        assert_eq!(capped(1000, 12), 12);
+        assert_eq!(capped(0, 12), 0);
+    }
+
+    #[test]
+    fn closed_starts_clear_attractors_but_do_not_grow() {
+        let mut starts = origin();
+        starts[0].is_open = false;
+        let grown = colonize(
+            &starts,
+            &[Vec3::X * 0.1, Vec3::X * 2.0],
+            &reach(1.0, 0.5, 5.0),
+            &Habit::default(),
+            &free,
+            &limits(),
+        );
+        assert_eq!((grown.position.len(), grown.left), (0, 1));
+    }
+
+    #[test]
+    fn wood_turns_no_more_than_it_may() {
+        let starts = [Start { position: Vec3::ZERO, heading: Vec3::Z, is_open: true }];
+        let habit = Habit { max_turn_rad: 0.4, ..Habit::default() };
+        let attractors = [Vec3::new(3.0, 0.0, 0.5)];
+        let grown =
+            colonize(&starts, &attractors, &reach(0.5, 0.4, 9.0), &habit, &free, &limits());
+        assert!((grown.position[0].angle_between(Vec3::Z) - 0.4).abs() < 1e-3);
+        assert_eq!(grown.left, 0);
+    }
+
+    #[test]
+    fn a_twig_does_not_curl_back() {
+        // Attractors on a circle lead a free node round it.
+        let circle: Vec<Vec3> = (1..60)
+            .map(|i| {
+                let (s, c) = (i as f32 * 0.1).sin_cos();
+                Vec3::new(s, 1.0 - c, 0.0) * 3.0
+            })
+            .collect();
+        let widest = |max_bend_rad: f32| {
+            let habit = Habit { max_bend_rad, ..Habit::default() };
+            let r = reach(0.2, 0.15, 0.7);
+            let grown = colonize(&origin(), &circle, &r, &habit, &free, &limits());
+            let first = grown.position[0].normalize();
+            // Along the first child of each node; later children are twigs of their own.
+            let (mut at, mut from, mut widest) = (0u32, Vec3::ZERO, 0.0f32);
+            while let Some(next) = grown.parent.iter().position(|&p| p == at) {
+                widest = widest.max((grown.position[next] - from).angle_between(first));
+                from = grown.position[next];
+                at = next as u32 + 1;
+            }
+            widest
+        };
+        assert!(widest(std::f32::consts::PI) > 2.5);
+        assert!(widest(0.8) < 0.801);
+    }
+
+    /// The grid gives what the definition gives: every attractor with its nearest node.
+    #[test]
+    fn owners_are_the_nearest_nodes() {
+        let mut draws = Seed::new(3).draws();
+        let points: Vec<Vec3> = (0..500).map(|_| draws.direction() * draws.unit() * 4.0).collect();
+        let nodes: Vec<Vec3> = (0..60).map(|_| draws.direction() * draws.unit() * 4.0).collect();
+        let mut grid = Grid::new(&points, 0.9).unwrap();
+        for (i, &n) in nodes.iter().enumerate() {
+            grid.visit(i as u32, n, 0.81, 0.0);
+        }
+        for (i, p) in grid.point.iter().enumerate() {
+            let near = nodes
+                .iter()
+                .map(|n| n.distance_squared(*p))
+                .enumerate()
+                .filter(|(_, d)| *d < 0.81)
+                .min_by(|a, b| a.1.total_cmp(&b.1));
+            assert_eq!(grid.owner[i], near.map_or(NOBODY, |(n, _)| n as u32));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_cloud_ends_and_is_sound(
+            cloud in prop::collection::vec((-9.0f32..9.0, -9.0f32..9.0, -9.0f32..9.0), 0..300),
+            step in 0.01f32..3.0, kill in 0.01f32..3.0, influence in 0.01f32..9.0,
+            inertia in 0.0f32..3.0, turn in 0.05f32..3.2, bend in 0.05f32..3.2,
+        ) {
+            let cloud: Vec<Vec3> = cloud.into_iter().map(|(x, y, z)| Vec3::new(x, y, z)).collect();
+            let (reach, _) = Reach::new(step, kill, influence);
+            let habit = Habit { inertia, max_turn_rad: turn, max_bend_rad: bend };
+            let few = Limits { max_nodes: 3_000, max_rounds: 500, bridges: 2 };
+            let grown = colonize(&origin(), &cloud, &reach, &habit, &free, &few);
+            prop_assert!(grown.position.len() <= 3_000 && grown.left <= cloud.len());
+            for (i, &parent) in grown.parent.iter().enumerate() {
+                prop_assert!((parent as usize) <= i);
+                prop_assert!(grown.position[i].is_finite());
+            }
+        }
+    }
+}
