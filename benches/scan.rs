@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use divan::counter::ItemsCount;
 use larix::scan::{ReadOptions, Scan, encode_laz, read};
+use larix::voxel::VoxelOctree;
 
 const SCAN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/lasR/bcts_2.laz");
 
@@ -30,4 +31,14 @@ fn read_laz(bencher: divan::Bencher, drop_isolated: bool) {
 fn write_laz(bencher: divan::Bencher) {
     let cloud = scan(false).cloud;
     bencher.counter(ItemsCount::new(cloud.len())).bench(|| encode_laz(&cloud).unwrap());
+}
+
+#[divan::bench(args = [0.25, 0.5, 1.0], sample_count = 10)]
+fn build_octree(bencher: divan::Bencher, size_m: f32) {
+    let points = scan(false).cloud.position;
+    let tree = VoxelOctree::build(&points, size_m).unwrap();
+    println!("{} voxels, {} nodes, {} bytes", tree.len(), tree.node_count(), tree.memory_bytes());
+    bencher
+        .counter(ItemsCount::new(points.len()))
+        .bench(|| VoxelOctree::build(&points, size_m).unwrap());
 }

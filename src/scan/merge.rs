@@ -52,6 +52,9 @@ pub(super) fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Sc
     }
 
     let crs = parts.first().and_then(|part| part.crs.clone());
+    if crs.is_none() {
+        warnings.push("no coordinate system is stated: world units are taken as metres".into());
+    }
     let unit_m = Frame { origin: DVec3::ZERO, crs: crs.clone() }.unit_m();
     let mut density_per_m2 = isolated::density_per_m2(&parts, unit_m);
     if options.drop_isolated {
