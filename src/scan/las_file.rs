@@ -2,7 +2,7 @@
 //!
 //! Header fields are checked against the length of the file before anything is allocated or
 //! skipped by them, and the header's own bounds are never used: they are often wrong.
-//! Not supported: LAZ without chunks' table (its writing was cut short), waveform packets (their
+//! Not supported: LAZ without a chunk table (its writing was cut short), waveform packets (their
 //! points are read, the packets are not).
 
 use std::fs::File;
@@ -67,54 +67,14 @@ fn read_inner(path: &Path, options: &ReadOptions) -> Result<Part> {
     let mut stated = crs::parse(&records, header.global_encoding & 16 != 0)?;
 
     let mut decoded = Decoded::with_room(&layout);
-    if is_laz {
-        let laz_record = laz_record
-            .ok_or_else(|| damaged("the header says LAZ but no record tells how it is packed"))?;
-        let chunks = LazChunks::read(&mut source, &laz_record, &layout)?;
-        for batch in chunks.batches(BATCH_BYTES) {
-            let bytes = chunks.load(&mut source, batch)?;
-            let parts = laz_chunks::packed(batch, &bytes)
-                .into_par_iter()
-                .map(|chunk| {
-                    let mut part = Decoded::default();
-                    chunks.decode(chunk, |slab| part.push(slab, &layout, options))?;
-                    Ok(part)
-                })
-                .collect::<Result<Vec<_>>>()?;
-            parts.into_iter().for_each(|part| decoded.append(part));
+    match laz_record {
+        Some(record) if is_laz => {
+            decode_laz(&mut source, &record, &layout, options, &mut decoded)?;
         }
-    } else {
-        let record_bytes = layout.record_bytes as u64;
-        let end = layout
-            .point_count
-            .checked_mul(record_bytes)
-            .and_then(|bytes| bytes.checked_add(layout.data_offset));
-        if end.is_none_or(|end| end > file_bytes) {
-            return Err(damaged(format!(
-                "the header promises {} points but the file holds at most {}",
-                layout.point_count,
-                file_bytes.saturating_sub(layout.data_offset) / record_bytes
-            )));
+        None if is_laz => {
+            return Err(damaged("the header says LAZ but no record tells how it is packed"));
         }
-        source.seek(SeekFrom::Start(layout.data_offset)).map_err(io_error)?;
-        let batch = (BATCH_BYTES / record_bytes).max(1);
-        let mut slab = Vec::new();
-        let mut left = layout.point_count;
-        while left > 0 {
-            let n = left.min(batch);
-            slab.resize((n * record_bytes) as usize, 0);
-            source.read_exact(&mut slab).map_err(io_error)?;
-            let parts: Vec<Decoded> = slab
-                .par_chunks(layout.record_bytes * 65_536)
-                .map(|slab| {
-                    let mut part = Decoded::default();
-                    part.push(slab, &layout, options);
-                    part
-                })
-                .collect();
-            parts.into_iter().for_each(|part| decoded.append(part));
-            left -= n;
-        }
+        _ => decode_plain(&mut source, &layout, options, &mut decoded)?,
     }
 
     if decoded.repaired > 0 {
@@ -138,6 +98,66 @@ fn read_inner(path: &Path, options: &ReadOptions) -> Result<Part> {
         removed: decoded.removed,
         warnings: stated.warnings,
     })
+}
+
+/// Unpacks a batch of chunks at a time, each chunk on its own.
+fn decode_laz(
+    source: &mut (impl Read + Seek),
+    laz_record: &[u8],
+    layout: &Layout,
+    options: &ReadOptions,
+    decoded: &mut Decoded,
+) -> Result<()> {
+    let chunks = LazChunks::read(source, laz_record, layout)?;
+    for batch in chunks.batches(BATCH_BYTES) {
+        let bytes = chunks.load(source, batch)?;
+        let parts = laz_chunks::packed(batch, &bytes)
+            .into_par_iter()
+            .map(|chunk| {
+                let mut part = Decoded::default();
+                chunks.decode(chunk, |slab| part.push(slab, layout, options))?;
+                Ok(part)
+            })
+            .collect::<Result<Vec<_>>>()?;
+        parts.into_iter().for_each(|part| decoded.append(part));
+    }
+    Ok(())
+}
+
+fn decode_plain(
+    source: &mut (impl Read + Seek),
+    layout: &Layout,
+    options: &ReadOptions,
+    decoded: &mut Decoded,
+) -> Result<()> {
+    let record_bytes = layout.record_bytes as u64;
+    let room = (layout.file_bytes - layout.data_offset) / record_bytes;
+    if layout.point_count > room {
+        return Err(damaged(format!(
+            "the header promises {} points but the file holds at most {room}",
+            layout.point_count
+        )));
+    }
+    source.seek(SeekFrom::Start(layout.data_offset)).map_err(io_error)?;
+    let batch = (BATCH_BYTES / record_bytes).max(1);
+    let mut slab = Vec::new();
+    let mut left = layout.point_count;
+    while left > 0 {
+        let n = left.min(batch);
+        slab.resize((n * record_bytes) as usize, 0);
+        source.read_exact(&mut slab).map_err(io_error)?;
+        let parts: Vec<Decoded> = slab
+            .par_chunks(layout.record_bytes * 65_536)
+            .map(|slab| {
+                let mut part = Decoded::default();
+                part.push(slab, layout, options);
+                part
+            })
+            .collect();
+        parts.into_iter().for_each(|part| decoded.append(part));
+        left -= n;
+    }
+    Ok(())
 }
 
 fn header_error(error: las::Error) -> Error {

@@ -21,6 +21,7 @@ use serde::Serialize;
 use crate::diagnostic::{Result, Warned};
 use crate::frame::Frame;
 
+pub use merge::MAX_EXTENT_M;
 pub use write::encode_laz;
 
 /// Points as columns of equal length, in local metres, Z up.
@@ -91,7 +92,7 @@ impl Default for ReadOptions {
     }
 }
 
-/// Points dropped at reading (set E of [T15] as far as the file or the surroundings show it), by
+/// Points dropped at reading (set E of T15 as far as the file or the surroundings show it), by
 /// reason. A point counts once, under the first reason that holds.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Removed {
@@ -154,7 +155,7 @@ pub struct Scan {
 /// # Errors
 /// One that names the file: it is missing, is no scan, is damaged or cut short; it holds no
 /// points; its coordinates are degrees; the files are in different systems; the points span more
-/// than [`merge::MAX_EXTENT_M`].
+/// than [`MAX_EXTENT_M`].
 pub fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Scan>> {
     merge::read(paths, options)
 }

@@ -510,3 +510,31 @@ fn sound_enough(scan: &Scan) {
     scan.cloud.check().unwrap();
     assert_eq!(scan.census.in_files, scan.census.kept + scan.census.removed.total());
 }
+
+#[test]
+fn older_and_streamed_packings_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let cloud = sample(2_000, Some(Crs::from_epsg(32646)), true);
+    let bytes = encode_laz(&cloud).unwrap();
+    let data = u32::from_le_bytes(bytes[96..100].try_into().unwrap()) as usize;
+    let table = bytes[data..data + 8].to_vec();
+
+    // A streaming writer leaves -1 at the front and puts the table's place at the end.
+    let mut streamed = bytes.clone();
+    streamed[data..data + 8].copy_from_slice(&(-1i64).to_le_bytes());
+    streamed.extend(&table);
+
+    // Before chunks there was neither a table nor a place for it.
+    let name = bytes.windows(14).position(|w| w == b"laszip encoded").unwrap();
+    let mut pointwise = bytes.clone();
+    pointwise[name + 52] = 1;
+    let end = i64::from_le_bytes(table.try_into().unwrap()) as usize;
+    pointwise.truncate(end);
+    pointwise.drain(data..data + 8);
+
+    for (name, bytes) in [("streamed.laz", streamed), ("pointwise.laz", pointwise)] {
+        let back = read_one(&write_file(&folder, name, &bytes)).unwrap().value.cloud;
+        assert_eq!(back.intensity, cloud.intensity, "{name}");
+        assert_eq!(back.rgb, cloud.rgb, "{name}");
+    }
+}

@@ -70,8 +70,7 @@ fn header(cloud: &PointCloud, is_extended: bool) -> std::result::Result<las::Hea
     builder.generating_software = "Larix".into();
     builder.system_identifier = "Larix".into();
     let colour = u8::from(cloud.rgb.is_some());
-    builder.point_format = Format::new(if is_extended { 6 + colour } else { 1 + 2 * colour })
-        .map_err(las::Error::from)?;
+    builder.point_format = Format::new(if is_extended { 6 + colour } else { 1 + 2 * colour })?;
     builder.point_format.is_compressed = true;
     let origin = cloud.frame.origin;
     let axis = |offset| Transform { scale: STEP, offset };

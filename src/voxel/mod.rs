@@ -1,4 +1,4 @@
-//! Points to a sparse voxel octree with one centre of mass a voxel ([TD17], method "Voxels").
+//! Points to a sparse voxel octree with one centre of mass a voxel (TD17, method "Voxels").
 //! Knows nothing of trees.
 //!
 //! A voxel of edge Δ at (x, y, z) has the indices r, c, l = ⌊x/Δ⌋ − ⌊x_min/Δ⌋ and so on for y and
@@ -29,7 +29,7 @@ const LEAST_CELLS: f32 = 4.0;
 /// Points wanted under a voxel's square metre of sky, on average.
 const POINTS_PER_COLUMN: f32 = 2.0;
 
-/// 0-based indices along x (`r`), y (`c`) and z (`l`), named as in [TD17].
+/// 0-based indices along x (`r`), y (`c`) and z (`l`), named as in TD17.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct VoxelIndex {
     pub r: u32,
@@ -51,7 +51,7 @@ pub struct Voxel {
 ///
 /// The edge is such that a column of voxels holds 2 points on average, but not less than 1/10 and
 /// not more than 1/4 of the crown: the crown then spans at least 4 and at most 10 cells, 8–10
-/// wherever the density carries it ([TD17]).
+/// wherever the density carries it (TD17).
 pub fn choose_size_m(density_per_m2: f32, crown_diameter_m: f32) -> f32 {
     let crown_m = if crown_diameter_m.is_finite() { crown_diameter_m.max(0.1) } else { 0.1 };
     let (finest, coarsest) = (crown_m / MOST_CELLS, crown_m / LEAST_CELLS);

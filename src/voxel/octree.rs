@@ -1,4 +1,4 @@
-//! The sparse voxel octree ([TD17]): a node has eight children or none.
+//! The sparse voxel octree (TD17): a node has eight children or none.
 //!
 //! The children of an inner node are its eight octants. An octant without points is a leaf that
 //! takes no room: a bit in its parent's mask is all. The others lie next to each other, in Morton
