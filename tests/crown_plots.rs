@@ -8,10 +8,9 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec2, DVec3, Vec3};
 use larix::crown::{Crown, CrownOptions, detect};
-use larix::frame::Frame;
 use larix::ground::{Classified, Kind};
 use larix::raster::{Grid, GridGeometry};
-use larix::scan::PointCloud;
+use larix::scan::{PointCloud, ReadOptions, read};
 use larix::terrain::Terrain;
 
 fn data(name: &str) -> Option<PathBuf> {
@@ -23,42 +22,21 @@ fn data(name: &str) -> Option<PathBuf> {
     Some(path)
 }
 
-/// Points and their class; noise left out.
-fn read(path: &Path) -> Vec<(DVec3, u8)> {
-    if path.extension().is_some_and(|e| e == "xyz") {
-        let text = std::fs::read_to_string(path).unwrap();
-        return text
-            .lines()
-            .filter_map(|line| {
-                let v: Vec<f64> = line.split_whitespace().filter_map(|w| w.parse().ok()).collect();
-                (v.len() >= 3).then(|| (DVec3::new(v[0], v[1], v[2]), 1))
-            })
-            .collect();
-    }
-    let all = las::Reader::from_path(path).unwrap().read_all().unwrap();
-    all.points()
-        .map(|p| p.unwrap())
-        .map(|p| (DVec3::new(p.x, p.y, p.z), u8::from(p.classification)))
-        .filter(|(_, class)| ![7, 18].contains(class))
-        .collect()
-}
-
 /// The file's ground class as a grid of means, voids from their neighbours; the lowest point where
 /// there is no ground class.
-fn classify(points: &[(DVec3, u8)]) -> (Classified, Terrain) {
-    let low = points.iter().map(|p| p.0).fold(DVec3::INFINITY, DVec3::min);
-    let high = points.iter().map(|p| p.0).fold(DVec3::NEG_INFINITY, DVec3::max);
-    let origin = DVec3::new(low.x.floor(), low.y.floor(), 0.0);
-    let position: Vec<Vec3> = points.iter().map(|p| (p.0 - origin).as_vec3()).collect();
-    let kind: Vec<Kind> = points
+fn classify(cloud: PointCloud) -> (Classified, Terrain) {
+    let position = &cloud.position;
+    let low = position.iter().copied().fold(Vec3::INFINITY, Vec3::min).as_dvec3();
+    let high = position.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max).as_dvec3();
+    let kind: Vec<Kind> = cloud
+        .class
         .iter()
-        .map(|p| match p.1 {
+        .map(|class| match class {
             2 => Kind::Ground,
             9 => Kind::Excluded,
             _ => Kind::Vegetation,
         })
         .collect();
-    let (low, high) = (low - origin, high - origin);
     let g = GridGeometry::covering([low.x, low.y], [high.x, high.y], 1.0);
     let mut sum = vec![(0.0f64, 0u32); g.len()];
     for (p, k) in position.iter().zip(&kind) {
@@ -84,22 +62,13 @@ fn classify(points: &[(DVec3, u8)]) -> (Classified, Terrain) {
             data[i] = around.iter().sum::<f32>() / around.len() as f32;
         }
     }
-    let n = position.len();
-    let cloud = PointCloud {
-        frame: Frame::local(origin),
-        position,
-        intensity: vec![0; n],
-        return_number: vec![1; n],
-        return_count: vec![1; n],
-        class: points.iter().map(|p| p.1).collect(),
-        rgb: None,
-    };
     let terrain = Terrain { heights: Grid { geometry: g, data }, is_observed };
     (Classified { cloud, kind, is_normalised: false }, terrain)
 }
 
 fn crowns_of(path: &Path) -> (Vec<Crown>, DVec3, Vec<String>) {
-    let (classified, terrain) = classify(&read(path));
+    let scan = read(&[path.to_path_buf()], &ReadOptions::default()).unwrap().value;
+    let (classified, terrain) = classify(scan.cloud);
     let start = std::time::Instant::now();
     let found = detect(&classified, &terrain, &CrownOptions::default()).unwrap();
     let seconds = start.elapsed().as_secs_f64();

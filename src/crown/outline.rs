@@ -1,12 +1,12 @@
 //! A region of cells to a simple polygon.
 //!
-//! Seen from the region's middle, the farthest cell corner in each of 32 sectors becomes a corner
+//! Seen from the region's middle, the farthest cell corner in each of 20 sectors becomes a corner
 //! of the outline. Corners in order of direction make a star-shaped polygon, which can't cross
 //! itself. Where the middle sees the region only on one side, its convex hull is taken.
 
 use glam::Vec2;
 
-const SECTORS: usize = 32;
+const SECTORS: usize = 20;
 
 /// Twice the signed area of the triangle; > 0 where the turn is to the left.
 fn turn(a: Vec2, b: Vec2, c: Vec2) -> f64 {
