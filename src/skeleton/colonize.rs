@@ -506,8 +506,7 @@ mod tests {
     }
 
     fn run(attractors: &[Vec3], reach: Reach) -> Colonized {
-        let grown =
-            colonize(&origin(), attractors, &reach, &Habit::default(), &free, &limits());
+        let grown = colonize(&origin(), attractors, &reach, &Habit::default(), &free, &limits());
         sound(&grown, 1);
         grown
     }
@@ -583,8 +582,9 @@ mod tests {
         assert_eq!((grown.left, grown.position.len() < 12), (0, true));
         let line: Vec<Vec3> = (0..500).map(|i| Vec3::new(i as f32 * 0.02, 0.5, 0.0)).collect();
         assert_eq!(run(&line, reach(0.2, 0.2, 3.0)).left, 0);
-        let plane: Vec<Vec3> =
-            (0..400).map(|i| Vec3::new((i % 20) as f32 * 0.2, (i / 20) as f32 * 0.2, 1.0)).collect();
+        let plane: Vec<Vec3> = (0..400)
+            .map(|i| Vec3::new((i % 20) as f32 * 0.2, (i / 20) as f32 * 0.2, 1.0))
+            .collect();
         // Nodes closed for symmetry may leave single attractors.
         assert!(run(&plane, reach(0.2, 0.2, 3.0)).left <= 4);
         assert_eq!(run(&[Vec3::ZERO], reach(0.2, 0.2, 3.0)).position.len(), 0);
@@ -643,8 +643,7 @@ mod tests {
         let starts = [Start { position: Vec3::ZERO, heading: Vec3::Z, is_open: true }];
         let habit = Habit { max_turn_rad: 0.4, ..Habit::default() };
         let attractors = [Vec3::new(3.0, 0.0, 0.5)];
-        let grown =
-            colonize(&starts, &attractors, &reach(0.5, 0.4, 9.0), &habit, &free, &limits());
+        let grown = colonize(&starts, &attractors, &reach(0.5, 0.4, 9.0), &habit, &free, &limits());
         assert!((grown.position[0].angle_between(Vec3::Z) - 0.4).abs() < 1e-3);
         assert_eq!(grown.left, 0);
     }

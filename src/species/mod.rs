@@ -13,6 +13,7 @@ mod messages;
 pub mod model;
 mod near;
 mod node;
+pub mod photo;
 pub mod rule;
 
 pub use load::{builtin_names, check_file, load, load_text};
