@@ -12,8 +12,6 @@ pub struct Noise {
 /// What cellular noise finds around a place; distances in cells.
 #[derive(Debug, Clone, Copy)]
 pub struct Cellular {
-    /// Distance to the nearest feature point.
-    pub nearest: f32,
     /// Distance to the border with the second nearest cell.
     pub border: f32,
     /// Offset from the nearest feature point.
@@ -121,7 +119,6 @@ impl Noise {
         let apart = [second[0] - first[0], second[1] - first[1]];
         let length = (apart[0] * apart[0] + apart[1] * apart[1]).sqrt().max(1e-6);
         Cellular {
-            nearest: first_sq.sqrt(),
             border: (second_sq - first_sq) / (2.0 * length),
             offset: [-first[0], -first[1]],
             draw,
@@ -142,7 +139,7 @@ mod tests {
             let here = n.fractal(u, v, [5, 3], 4);
             assert!((here - n.fractal(u + 1.0, v - 1.0, [5, 3], 4)).abs() < 2e-3);
             let (a, b) = (n.cells(u, v, [6, 4], 0.9), n.cells(u - 1.0, v + 1.0, [6, 4], 0.9));
-            assert!((a.nearest - b.nearest).abs() < 1e-4 && a.draw == b.draw);
+            assert!((a.border - b.border).abs() < 1e-4 && a.draw == b.draw);
             spread = (spread.0.min(here), spread.1.max(here));
         }
         assert!(spread.0 > -1.2 && spread.1 < 1.2 && spread.1 - spread.0 > 0.8, "{spread:?}");

@@ -123,43 +123,17 @@ pub(crate) fn samples() -> Vec<Species> {
         ),
     ];
     rows.into_iter()
-        .map(|(id, kind, shape, leaf, colour, twig, droop, style, light, dark, upper)| Species {
-            id: id.into(),
-            name: id.into(),
-            common: id.into(),
-            builds_on: None,
-            kind,
-            branching: Branching::Monopodial,
-            luminance: None,
-            size: Size {
-                height_m: 18.0,
-                crown_diameter_m: 5.0,
-                crown_base: 0.2,
-                stem_diameter_m: 0.3,
-                profile: vec![[0.0, 1.0], [1.0, 0.1]],
-            },
-            growth: Growth {
-                decay: vec![0.0],
-                tropism: 0.0,
-                wander: 0.0,
-                step: 1.0,
-                influence: 4.0,
-                kill: 1.5,
-                pipe_exponent: 2.2,
-                tip_radius_m: 0.003,
-            },
-            foliage: Foliage {
-                shape,
-                leaf_length_m: leaf[0],
-                leaf_width_m: leaf[1],
-                colour,
-                variation: 0.25,
-                twig_length_m: twig,
-                twigs_per_m: 6.0,
-                droop,
-                bearing_radius_m: 0.012,
-            },
-            bark: Bark { style, colour: light, dark, upper, relief_m: 0.012 },
+        .map(|(id, kind, shape, leaf, colour, twig, droop, style, light, dark, upper)| {
+            let mut s = crate::species::load("quercus_robur").unwrap();
+            s.id = id.into();
+            s.kind = kind;
+            s.foliage.shape = shape;
+            [s.foliage.leaf_length_m, s.foliage.leaf_width_m] = leaf;
+            s.foliage.colour = colour;
+            s.foliage.twig_length_m = twig;
+            s.foliage.droop = droop;
+            s.bark = Bark { style, colour: light, dark, upper, relief_m: 0.012 };
+            s
         })
         .collect()
 }
