@@ -43,6 +43,27 @@ pub fn builtin_names() -> Vec<&'static str> {
     builtin::FILES.iter().map(|(name, _)| *name).collect()
 }
 
+/// One line of the list of species.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct Listed {
+    pub id: &'static str,
+    pub name: String,
+    pub common: String,
+    pub builds_on: Option<String>,
+}
+
+/// The built-in species with what each builds on.
+///
+/// # Errors
+/// A built-in file that does not load.
+pub fn list() -> Result<Vec<Listed>> {
+    let listed = |id| {
+        let Species { name, common, builds_on, .. } = load(id)?;
+        Ok(Listed { id, name, common, builds_on })
+    };
+    builtin_names().into_iter().map(listed).collect()
+}
+
 /// Loads a built-in species by name, or a rule file by path.
 ///
 /// # Errors

@@ -559,8 +559,8 @@ mod tests {
         let crowns: Vec<Crown> = (0..400).map(|i| crown(i, 0.0, 18.0, 5.0)).collect();
         let found = assign(&crowns, None, &species, false, Seed::new(1)).unwrap().value;
         assert!(found.iter().all(|a| a.how == How::DefaultMix && a.luminance.is_none()));
-        for s in 0..species.len() {
-            assert!(found.iter().any(|a| a.species == s), "no {}", species[s].id);
+        for (s, wanted) in species.iter().enumerate() {
+            assert!(found.iter().any(|a| a.species == s), "no {}", wanted.id);
         }
         let fewer = assign(&crowns[200..], None, &species, true, Seed::new(1)).unwrap().value;
         for (a, b) in found[200..].iter().zip(&fewer) {
