@@ -43,6 +43,27 @@ pub fn builtin_names() -> Vec<&'static str> {
     builtin::FILES.iter().map(|(name, _)| *name).collect()
 }
 
+/// One line of the list of species.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct Listed {
+    pub id: &'static str,
+    pub name: String,
+    pub common: String,
+    pub builds_on: Option<String>,
+}
+
+/// The built-in species with what each builds on.
+///
+/// # Errors
+/// A built-in file that does not load.
+pub fn list() -> Result<Vec<Listed>> {
+    let listed = |id| {
+        let Species { name, common, builds_on, .. } = load(id)?;
+        Ok(Listed { id, name, common, builds_on })
+    };
+    builtin_names().into_iter().map(listed).collect()
+}
+
 /// Loads a built-in species by name, or a rule file by path.
 ///
 /// # Errors
@@ -282,4 +303,128 @@ fn find(extends: &str, from: &Link) -> std::result::Result<(Link, Source), Strin
         };
     }
     Err(format!("{} A file beside this one is named with its .toml", unknown(extends)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn every_built_in_file_loads_and_every_file_is_built_in() {
+        for name in builtin_names() {
+            load(name).unwrap_or_else(|e| panic!("{name}: {}", crate::diagnostic::render(&e)));
+        }
+        let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/species"));
+        for (sub, prefix) in [("", ""), ("table3", "table3/")] {
+            for entry in std::fs::read_dir(folder.join(sub)).unwrap() {
+                let path = entry.unwrap().path();
+                if path.extension().is_some_and(|e| e == "toml") {
+                    let name = format!("{prefix}{}", path.file_stem().unwrap().to_string_lossy());
+                    assert!(builtin_names().contains(&name.as_str()), "{name} is not built in");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn sections_merge_key_by_key() {
+        let text = "extends = 'table3/10'\nname = 'Mine'\n[rule]\nangles = { alpha = 45, '!' = 10 }\n[size]\nheight_m = 3";
+        let own = load_text("mine", text).unwrap();
+        let base = load("table3/10").unwrap();
+        assert_eq!((own.name.as_str(), own.common.as_str()), ("Mine", "Mine"));
+        assert_eq!(own.builds_on.as_deref(), Some("table3/10"));
+        assert_eq!(own.size.height_m, 3.0);
+        assert_eq!(own.size.profile, base.size.profile);
+        let angle = |rule: &rule::Rule, c: char| {
+            let symbol = rule.symbols.iter().find(|s| s.name == c).unwrap();
+            match symbol.action {
+                rule::Action::Turn { angle, .. } => angle.to_degrees().abs().round(),
+                _ => panic!("{c} does not turn"),
+            }
+        };
+        // The file's own Greek letter beats the base's symbols; its own symbol beats both.
+        let angles = |rule| ['^', '@', '!', '#'].map(|c| angle(rule, c));
+        assert_eq!(angles(&base.rule), [30.0, 30.0, 50.0, 50.0]);
+        assert_eq!(angles(&own.rule), [45.0, 30.0, 10.0, 50.0]);
+    }
+
+    #[test]
+    fn files_extend_files_and_circles_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, text).unwrap();
+            path.to_string_lossy().into_owned()
+        };
+        write("base.toml", "extends = 'table3/13'\n[size]\nheight_m = 7\ncrown_diameter_m = 2");
+        let top = write("top.toml", "extends = 'base.toml'\n[size]\nheight_m = 9");
+        let species = load(&top).unwrap();
+        assert_eq!((species.size.height_m, species.size.crown_diameter_m), (9.0, 2.0));
+        assert_eq!(species.id, "top");
+
+        write("a.toml", "extends = 'b.toml'");
+        let b = write("b.toml", "extends = 'a.toml'");
+        let error = load(&b).unwrap_err();
+        assert_eq!(error.message(), "`extends` goes in a circle");
+        assert!(error.remedy_text().unwrap().matches(" → ").count() == 2);
+        let own = write("own.toml", "extends = 'own.toml'");
+        assert_eq!(load(&own).unwrap_err().message(), "`extends` goes in a circle");
+    }
+
+    #[test]
+    fn a_mistake_in_the_base_is_shown_in_the_base() {
+        let folder = tempfile::tempdir().unwrap();
+        let base = folder.path().join("base.toml");
+        std::fs::write(&base, "extends = 'table3/13'\n[size]\nhieght_m = 7").unwrap();
+        let top = folder.path().join("top.toml");
+        std::fs::write(&top, "extends = 'base.toml'").unwrap();
+        let shown = crate::diagnostic::render(&load(&top.to_string_lossy()).unwrap_err());
+        assert!(shown.contains("base.toml:3:1"), "{shown}");
+    }
+
+    #[test]
+    fn strangers_are_named() {
+        let error = load("larix_sibrica").unwrap_err();
+        assert_eq!(error.message(), "unknown species `larix_sibrica`");
+        assert!(error.remedy_text().unwrap().contains("did you mean `larix_sibirica`?"));
+        let error = load("nowhere/at_all.toml").unwrap_err();
+        assert!(error.to_string().starts_with("nowhere/at_all.toml: can't read the rule file"));
+    }
+
+    /// Whatever an author types, the answer is a species or an error that can be shown.
+    fn survives(text: &str) {
+        if let Err(error) = load_text("any", text) {
+            assert!(error.count() > 0);
+            let _ = crate::diagnostic::render(&error);
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(400))]
+
+        #[test]
+        fn no_text_panics(text in "\\PC{0,200}") {
+            survives(&text);
+        }
+
+        #[test]
+        fn no_rule_panics(
+            axiom in "[FAXS\\[\\]()a0-9.,^&+*/ é→-]{0,40}",
+            production in "[FAXS\\[\\]()<>:a0-9.,^&|!=+*/ é→-]{0,60}",
+            heading in any::<bool>(),
+        ) {
+            let turtle = if heading { "heading" } else { "upright" };
+            survives(&format!("[rule]\nturtle = '{turtle}'\naxiom = '{axiom}'\nproductions = ['F(a) -> {production}', '{production}']"));
+        }
+
+        #[test]
+        fn no_edit_of_a_sound_file_panics(at in 0usize..400, put in "\\PC{0,3}", cut in 0usize..4) {
+            let mut text: Vec<char> = builtin::text("table3/09").unwrap_or("").chars().collect();
+            let at = at.min(text.len());
+            let end = (at + cut).min(text.len());
+            text.splice(at..end, put.chars());
+            survives(&text.into_iter().collect::<String>());
+        }
+    }
 }

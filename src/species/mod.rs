@@ -13,8 +13,9 @@ mod messages;
 pub mod model;
 mod near;
 mod node;
+pub mod photo;
 pub mod rule;
 
-pub use load::{builtin_names, check_file, load, load_text};
+pub use load::{Listed, builtin_names, check_file, list, load, load_text};
 pub use model::Species;
 pub use rule::Rule;
