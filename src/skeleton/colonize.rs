@@ -2,8 +2,8 @@
 //!
 //! Every attractor belongs to its nearest node within the influence distance d_i. A node with
 //! attractors grows a child a step D along the mean direction to them; attractors within the kill
-//! distance d_k of a node are removed. Only new nodes look for attractors, through a hashed grid
-//! of cells d_i wide, so the cost is close to linear in the number of attractors.
+//! distance d_k of a node are removed. Only new nodes look for attractors, through a grid of
+//! cells d_i wide, so the cost is close to linear in the number of attractors.
 //!
 //! What the method leaves open is settled so:
 //! - *n ≈ 0* (symmetric attractors): the node grows towards its nearest attractor.
@@ -168,10 +168,10 @@ pub fn colonize(
 
 const NOBODY: u32 = u32::MAX;
 
-/// Living attractors in cells of a hash table, those of a cell side by side.
+/// Living attractors in cells, those of a cell side by side.
 struct Grid {
     cell_m: f32,
-    mask: u32,
+    table: Table,
     /// First attractor of each bucket; one more at the end.
     start: Vec<u32>,
     /// Living attractors of each bucket, at its front.
@@ -191,10 +191,10 @@ impl Grid {
         if points.is_empty() {
             return None;
         }
-        let buckets = points.len().next_power_of_two().min(1 << 26);
-        let mask = buckets as u32 - 1;
+        let (table, buckets) = Table::new(points, cell_m);
         let mut count = vec![0u32; buckets];
-        let bucket: Vec<u32> = points.iter().map(|&p| hash(cell(p, cell_m)) & mask).collect();
+        let bucket: Vec<u32> =
+            points.iter().map(|&p| table.bucket(cell(p, cell_m)).unwrap_or(0)).collect();
         for &b in &bucket {
             count[b as usize] += 1;
         }
@@ -211,7 +211,7 @@ impl Grid {
         let n = points.len();
         Some(Grid {
             cell_m,
-            mask,
+            table,
             start,
             count,
             point,
@@ -230,7 +230,11 @@ impl Grid {
             for dy in -1..=1 {
                 for dx in -1..=1 {
                     let key = [centre[0] + dx, centre[1] + dy, centre[2] + dz];
-                    let bucket = (hash(key) & self.mask) as usize;
+                    let Some(bucket) = self.table.bucket(key) else { continue };
+                    let bucket = bucket as usize;
+                    if self.count[bucket] == 0 {
+                        continue;
+                    }
                     let first = self.start[bucket] as usize;
                     let mut end = first + self.count[bucket] as usize;
                     let mut i = first;
@@ -266,6 +270,51 @@ impl Grid {
             out.extend_from_slice(&self.point[first..first + self.count[b] as usize]);
         }
         out
+    }
+}
+
+/// Where the attractors of a cell are.
+enum Table {
+    /// All cells of a box, row after row: for clouds that fill a good part of their box.
+    Box { low: [i32; 3], size: [i32; 3] },
+    /// Cells by hash, for those that do not.
+    Hash { mask: u32 },
+}
+
+impl Table {
+    /// The table and its number of buckets.
+    fn new(points: &[Vec3], cell_m: f32) -> (Table, usize) {
+        let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+        for &p in points {
+            let c = cell(p, cell_m);
+            for k in 0..3 {
+                low[k] = low[k].min(c[k]);
+                high[k] = high[k].max(c[k]);
+            }
+        }
+        let extent = |k: usize| i64::from(high[k]) - i64::from(low[k]) + 1;
+        let most = 2 * points.len() as i64 + 1024;
+        let is_compact = (0..3).all(|k| extent(k) <= most)
+            && (extent(0) * extent(1)).saturating_mul(extent(2)) <= most;
+        if is_compact {
+            let size = [extent(0) as i32, extent(1) as i32, extent(2) as i32];
+            let cells = size.iter().map(|&s| s as usize).product();
+            return (Table::Box { low, size }, cells);
+        }
+        let buckets = points.len().next_power_of_two().min(1 << 26);
+        (Table::Hash { mask: buckets as u32 - 1 }, buckets)
+    }
+
+    /// `None` outside the box.
+    fn bucket(&self, c: [i32; 3]) -> Option<u32> {
+        match *self {
+            Table::Hash { mask } => Some(hash(c) & mask),
+            Table::Box { low, size } => {
+                let at = [c[0] - low[0], c[1] - low[1], c[2] - low[2]];
+                let is_in = (0..3).all(|k| at[k] >= 0 && at[k] < size[k]);
+                is_in.then(|| ((at[2] * size[1] + at[1]) * size[0] + at[0]) as u32)
+            }
+        }
     }
 }
 
@@ -506,8 +555,7 @@ mod tests {
     }
 
     fn run(attractors: &[Vec3], reach: Reach) -> Colonized {
-        let grown =
-            colonize(&origin(), attractors, &reach, &Habit::default(), &free, &limits());
+        let grown = colonize(&origin(), attractors, &reach, &Habit::default(), &free, &limits());
         sound(&grown, 1);
         grown
     }
@@ -583,8 +631,9 @@ mod tests {
         assert_eq!((grown.left, grown.position.len() < 12), (0, true));
         let line: Vec<Vec3> = (0..500).map(|i| Vec3::new(i as f32 * 0.02, 0.5, 0.0)).collect();
         assert_eq!(run(&line, reach(0.2, 0.2, 3.0)).left, 0);
-        let plane: Vec<Vec3> =
-            (0..400).map(|i| Vec3::new((i % 20) as f32 * 0.2, (i / 20) as f32 * 0.2, 1.0)).collect();
+        let plane: Vec<Vec3> = (0..400)
+            .map(|i| Vec3::new((i % 20) as f32 * 0.2, (i / 20) as f32 * 0.2, 1.0))
+            .collect();
         // Nodes closed for symmetry may leave single attractors.
         assert!(run(&plane, reach(0.2, 0.2, 3.0)).left <= 4);
         assert_eq!(run(&[Vec3::ZERO], reach(0.2, 0.2, 3.0)).position.len(), 0);
@@ -643,8 +692,7 @@ mod tests {
         let starts = [Start { position: Vec3::ZERO, heading: Vec3::Z, is_open: true }];
         let habit = Habit { max_turn_rad: 0.4, ..Habit::default() };
         let attractors = [Vec3::new(3.0, 0.0, 0.5)];
-        let grown =
-            colonize(&starts, &attractors, &reach(0.5, 0.4, 9.0), &habit, &free, &limits());
+        let grown = colonize(&starts, &attractors, &reach(0.5, 0.4, 9.0), &habit, &free, &limits());
         assert!((grown.position[0].angle_between(Vec3::Z) - 0.4).abs() < 1e-3);
         assert_eq!(grown.left, 0);
     }

@@ -53,14 +53,8 @@ impl Envelope {
                 *sector = (r * (1.0 + 0.6 * uneven * lobe)).max(LEAST_RADIUS_M);
             }
         }
-        let mut envelope = Envelope {
-            height_m,
-            base_m,
-            apex: Vec2::ZERO,
-            radius_m,
-            radius,
-            widest: Vec::new(),
-        };
+        let mut envelope =
+            Envelope { height_m, base_m, apex: Vec2::ZERO, radius_m, radius, widest: Vec::new() };
         envelope.scale_to(2.0 * radius_m);
         envelope
     }
@@ -97,7 +91,8 @@ impl Envelope {
         let mut is_bare = [false; SECTORS];
         for (k, bare) in is_bare.iter_mut().enumerate() {
             let near = [k, (k + 1) % SECTORS, (k + SECTORS - 1) % SECTORS];
-            *bare = seen >= 2 * SECTORS && near.iter().all(|&k| reach.iter().all(|r| r[k] < 0.3 * radius_m));
+            *bare = seen >= 2 * SECTORS
+                && near.iter().all(|&k| reach.iter().all(|r| r[k] < 0.3 * radius_m));
         }
         for row in 0..ROWS {
             let t = row as f32 / (ROWS - 1) as f32;
@@ -119,7 +114,8 @@ impl Envelope {
                     }
                 }
                 let r: f32 = sum / weight;
-                envelope.radius[row][k] = r.clamp(0.5 * expected, 2.0 * expected.max(0.3 * radius_m));
+                envelope.radius[row][k] =
+                    r.clamp(0.5 * expected, 2.0 * expected.max(0.3 * radius_m));
             }
         }
         // Too few points say nothing of the shape.

@@ -361,8 +361,7 @@ impl<'a> Tree<'a> {
             along
         };
         let mix = |pair: [f32; 2]| pair[0] + (pair[1] - pair[0]) * top;
-        let spin = self.growth.roll_deg.to_radians()
-            * (internode * sets + (sets - 1 - set)) as f32;
+        let spin = self.growth.roll_deg.to_radians() * (internode * sets + (sets - 1 - set)) as f32;
         let azimuth = shoot.azimuth_rad + spin + habit.irregular * draws.between(-0.9, 0.9);
         let tilt = match habit.angle_deg {
             _ if is_leader => 0.0,
@@ -382,7 +381,8 @@ impl<'a> Tree<'a> {
         let decay = self.growth.decay.get(index).or(self.growth.decay.last()).copied();
         let length_m = apex_m * (1.0 - decay.unwrap_or(0.0) * from_apex);
         // The newest sets are weaker than the oldest.
-        let vigour = 1.0 - 0.35 * habit.irregular * draws.unit()
+        let vigour = 1.0
+            - 0.35 * habit.irregular * draws.unit()
             - if shoot.depth == 1 && sets > 1 { 0.25 * (1.0 - back) } else { 0.0 };
         let length_m = length_m * vigour;
         if !(length_m > 0.6 * self.spacing_m) {
@@ -513,7 +513,8 @@ impl<'a> Tree<'a> {
                         e.base_m + (k as f32 + draws.unit()) * s,
                     );
                     let out = e.relative_radius(p);
-                    let is_twiggy = out <= 0.97 && (out >= self.growth.bare || p.z > 0.9 * e.height_m);
+                    let is_twiggy =
+                        out <= 0.97 && (out >= self.growth.bare || p.z > 0.9 * e.height_m);
                     if is_twiggy && p.z > self.clearance_m && !taken.contains(&cell_of(p, s)) {
                         attractors.push(p);
                     }
@@ -616,7 +617,7 @@ impl StemLine {
         let t = (z / self.top_m).clamp(0.0, 1.0);
         // Waves leave foot and, where it must meet the apex, top in place.
         let hold = if self.is_straight_topped { 4.0 * t * (1.0 - t) } else { t };
-        let mut side = envelope.centre(z) + self.spread * (0.35 * t + 0.65 * t.powf(0.7)) ;
+        let mut side = envelope.centre(z) + self.spread * (0.35 * t + 0.65 * t.powf(0.7));
         for &(size, count, phase) in &self.waves {
             side += size * hold * (std::f32::consts::TAU * (count * t + phase)).sin();
         }
@@ -663,11 +664,14 @@ mod tests {
     use crate::species;
     use proptest::prelude::*;
 
-    const NAMES: [&str; 6] = [
+    const NAMES: [&str; 9] = [
         "larix_sibirica",
         "picea_obovata",
+        "abies_sibirica",
         "pinus_sylvestris",
+        "pinus_sibirica",
         "betula_pendula",
+        "populus_tremula",
         "quercus_robur",
         "salix_caprea",
     ];
@@ -833,7 +837,8 @@ mod tests {
         let crown = half_crown();
         for name in NAMES {
             let species = species::load(name).unwrap();
-            let s = grow(&species, Target::FromCrown(&crown), Detail::FOREST, Seed::new(1)).unwrap();
+            let s =
+                grow(&species, Target::FromCrown(&crown), Detail::FOREST, Seed::new(1)).unwrap();
             judge(&s, name, 18.0, Detail::FOREST.max_nodes);
             let wrong = s.width_m() / crown.diameter_m - 1.0;
             assert!(wrong.abs() < 0.15, "{name}: width off by {wrong}");
@@ -857,7 +862,8 @@ mod tests {
         ];
         for (what, attractors) in clouds {
             let crown = Crown { attractors, ..plain.clone() };
-            let s = grow(&species, Target::FromCrown(&crown), Detail::FOREST, Seed::new(1)).unwrap();
+            let s =
+                grow(&species, Target::FromCrown(&crown), Detail::FOREST, Seed::new(1)).unwrap();
             judge(&s, what, 18.0, Detail::FOREST.max_nodes);
             assert!(s.width_m() < 8.0, "{what}: {}", s.width_m());
         }
@@ -870,7 +876,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(60))]
         #[test]
         fn any_species_height_and_seed_grows_a_sound_tree(
-            which in 0usize..6, height_m in 0.3f32..45.0, nodes in 0u32..1500, seed: u64,
+            which in 0usize..9, height_m in 0.3f32..45.0, nodes in 0u32..1500, seed: u64,
         ) {
             let s = tree(NAMES[which], height_m, nodes, seed);
             judge(&s, NAMES[which], height_m, nodes.max(*NODES.start()));

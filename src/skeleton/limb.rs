@@ -67,7 +67,8 @@ impl Limb {
         // A branch that starts outside may grow until it has left a little further.
         let limit = self.reach.max(envelope.relative_radius(at).min(1.0) + 0.02);
         for (i, bend) in bends.iter().enumerate().take(count) {
-            let half = if (i as f32 + 0.5) < 0.5 * count as f32 { self.curve_deg } else { self.tip_deg };
+            let half =
+                if (i as f32 + 0.5) < 0.5 * count as f32 { self.curve_deg } else { self.tip_deg };
             // The first segment keeps the angle of the fork.
             let along = if i == 0 { 0.5 } else { 1.0 };
             let lift = along * (2.0 * half / count as f32 + self.tropism * step);

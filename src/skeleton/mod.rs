@@ -120,9 +120,8 @@ impl Skeleton {
 
     /// Length of the internode that ends at `node`, metres; 0 for the root.
     pub fn internode_m(&self, node: u32) -> f32 {
-        self.parent_of(node).map_or(0.0, |p| {
-            self.position[node as usize].distance(self.position[p as usize])
-        })
+        self.parent_of(node)
+            .map_or(0.0, |p| self.position[node as usize].distance(self.position[p as usize]))
     }
 
     /// Length of all wood, metres.

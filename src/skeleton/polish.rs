@@ -4,8 +4,8 @@
 use glam::Vec3;
 
 use super::limb::lifted;
-use crate::seed::Seed;
 use super::{Children, NO_PARENT};
+use crate::seed::Seed;
 
 /// No axis of the scaffold: a colonized node.
 pub const FREE: u32 = u32::MAX;
@@ -27,9 +27,10 @@ pub fn axes(position: &[Vec3], parent: &[u32], scaffold: &[u32]) -> (Vec<u32>, V
     let mut next_axis = 1u32;
     for i in 0..n {
         let list = children.of(i as u32);
-        let own = list.iter().copied().find(|&c| {
-            scaffold[i] != FREE && scaffold[c as usize] == scaffold[i]
-        });
+        let own = list
+            .iter()
+            .copied()
+            .find(|&c| scaffold[i] != FREE && scaffold[c as usize] == scaffold[i]);
         let ahead = match parent[i] {
             NO_PARENT => Vec3::Z,
             p => (position[i] - position[p as usize]).normalize_or(Vec3::Z),
@@ -129,12 +130,8 @@ mod tests {
     /// A stem with a fork: the straight child goes on, the other starts an axis.
     #[test]
     fn the_straight_child_continues_the_axis() {
-        let position = vec![
-            Vec3::ZERO,
-            Vec3::Z,
-            Vec3::new(0.9, 0.0, 1.3),
-            Vec3::new(0.1, 0.0, 2.0),
-        ];
+        let position =
+            vec![Vec3::ZERO, Vec3::Z, Vec3::new(0.9, 0.0, 1.3), Vec3::new(0.1, 0.0, 2.0)];
         let parent = vec![NO_PARENT, 0, 1, 1];
         let (axis, order) = axes(&position, &parent, &[FREE; 4]);
         assert_eq!(axis, [0, 0, 1, 0]);

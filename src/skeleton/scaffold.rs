@@ -135,7 +135,8 @@ mod tests {
         assert_eq!(five.len(), 625);
         assert_eq!(five.iter().filter(|s| s.depth == 0).count(), 5);
         // 12 laterals of half the length, 30° from the stem, to four sides.
-        let first: Vec<&Shoot> = five.iter().filter(|s| s.parent == Some(0) && !s.goes_on).collect();
+        let first: Vec<&Shoot> =
+            five.iter().filter(|s| s.parent == Some(0) && !s.goes_on).collect();
         assert_eq!(first.len(), 12);
         for (rank, shoot) in first.iter().enumerate() {
             assert_eq!((shoot.rank, shoot.siblings, shoot.depth), (rank as u32, 12, 1));
