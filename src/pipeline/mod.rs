@@ -1,1 +1,1 @@
-//! Filled in below.
+//! The stages in their order.

@@ -1,1 +1,357 @@
-//! A validated scene to a picture: our own software rasteriser. Knows nothing of files.
+//! A scene to a picture: our own software rasteriser, for previews, thumbnails and impostors.
+//! Knows nothing of files.
+//!
+//! Samples on a regular grid inside each pixel are filled from perspective-correct triangles with
+//! masked textures, then each is lit once: sun with a shadow map, sky dimmed inside the canopy,
+//! haze, film curve. Known limits: leaves are lit as part of a rounded crown rather than by their
+//! own normal alone; mip levels are isotropic; nothing is reflected.
+
+mod camera;
+mod draw;
+mod light;
+mod model;
+mod raster;
+mod texture;
+
+use std::collections::BTreeMap;
+
+use glam::{Mat3, Vec2, Vec3};
+use rayon::prelude::*;
+
+pub use camera::Camera;
+use draw::{Item, Paint, Place, Sample, Scratch, Stage};
+use light::Light;
+use model::{Mesh, Order};
+use texture::Pyramid;
+
+use crate::mesh::Surface;
+use crate::raster::Picture;
+use crate::scene::{Alpha, Material, Part, Scene, Texture};
+
+/// A model in its place: scale, then turn about Z, then move.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placement {
+    /// Index into [`View::models`].
+    pub model: u32,
+    pub position: Vec3,
+    pub yaw_rad: f32,
+    pub scale: Vec3,
+}
+
+/// What a picture shows. Ids out of range and triangles that can't be drawn are passed over.
+#[derive(Debug, Clone)]
+pub struct View<'a> {
+    pub textures: &'a [Texture],
+    pub materials: &'a [Material],
+    pub terrain: Option<&'a Part>,
+    pub models: Vec<&'a [Part]>,
+    pub placements: Vec<Placement>,
+}
+
+impl<'a> View<'a> {
+    /// One model on a disc of ground.
+    pub fn of_model(parts: &'a [Part], materials: &'a [Material], textures: &'a [Texture]) -> Self {
+        let placement =
+            Placement { model: 0, position: Vec3::ZERO, yaw_rad: 0.0, scale: Vec3::ONE };
+        View {
+            textures,
+            materials,
+            terrain: None,
+            models: vec![parts],
+            placements: vec![placement],
+        }
+    }
+
+    /// Points that span all that is shown: the corners of each model's bounds in its place, and
+    /// the terrain's vertices.
+    pub fn extent(&self) -> Vec<Vec3> {
+        let of_parts = |parts: &[Part]| {
+            let filled = parts.iter().filter(|p| !p.surface.is_empty());
+            filled.map(|p| p.surface.bounds()).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+        };
+        let models: Vec<_> = self.models.iter().map(|m| of_parts(m)).collect();
+        let placed = self.placements.iter().filter_map(|p| {
+            let (lo, hi) = models.get(p.model as usize).copied().flatten()?;
+            let turn = Mat3::from_rotation_z(p.yaw_rad) * Mat3::from_diagonal(p.scale);
+            Some((0..8).map(move |i| turn * camera::corner(lo, hi, i) + p.position))
+        });
+        let terrain = self.terrain.iter().flat_map(|t| t.surface.position.iter().copied());
+        placed.flatten().chain(terrain).filter(|p| p.is_finite()).collect()
+    }
+
+    /// Least and greatest corner of everything; zero where there is nothing.
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        let boxes = self.extent().into_iter().map(|p| (p, p));
+        boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((Vec3::ZERO, Vec3::ZERO))
+    }
+}
+
+impl<'a> From<&'a Scene> for View<'a> {
+    fn from(scene: &'a Scene) -> Self {
+        View {
+            textures: &scene.textures,
+            materials: &scene.materials,
+            terrain: scene.terrain.as_ref(),
+            models: scene.prototypes.iter().map(|p| p.parts.as_slice()).collect(),
+            placements: (scene.instances.iter())
+                .map(|i| Placement {
+                    model: i.prototype,
+                    position: i.position,
+                    yaw_rad: i.yaw_rad,
+                    scale: i.scale,
+                })
+                .collect(),
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RenderOptions {
+    /// Pixels, 1…8192.
+    pub width: u32,
+    /// Pixels, 1…8192.
+    pub height: u32,
+    /// Samples along a side of a pixel, 1…4.
+    pub supersample: u32,
+    /// Towards the sun.
+    pub sun: Vec3,
+    /// Texels along the longer side of the shadow map, 64…8192.
+    pub shadow_size: u32,
+    /// Share of light the air takes a metre.
+    pub haze_per_m: f32,
+    /// Factor on all light.
+    pub exposure: f32,
+    /// Triangles drawn at most, more or less; far crowns are thinned to reach it.
+    pub triangle_budget: usize,
+}
+
+impl Default for RenderOptions {
+    fn default() -> Self {
+        RenderOptions {
+            width: 1280,
+            height: 720,
+            supersample: 2,
+            sun: Vec3::new(-0.72, -0.36, 0.66),
+            shadow_size: 4096,
+            haze_per_m: 0.0004,
+            exposure: 0.52,
+            triangle_budget: 6_000_000,
+        }
+    }
+}
+
+/// Draws the view. The same input gives the same bytes on any number of threads.
+pub fn picture(view: &View<'_>, camera: &Camera, options: &RenderOptions) -> Picture {
+    let per_pixel = options.supersample.clamp(1, 4) as usize;
+    let (width, height) =
+        (options.width.clamp(1, 8192) as usize, options.height.clamp(1, 8192) as usize);
+    let eye = camera::View::pinhole(camera, width * per_pixel, height * per_pixel);
+    let stage = stage(view);
+    let seen: Vec<Vec3> = (stage.items.iter())
+        .map(|item| stage.bounds(item))
+        .filter(|(lo, hi)| lo.is_finite() && hi.is_finite() && eye.cover(*lo, *hi).is_some())
+        .flat_map(|(lo, hi)| (0..8).map(move |i| camera::corner(lo, hi, i)))
+        .collect();
+    let light = Light::new(
+        &stage,
+        options.sun,
+        &seen,
+        options.shadow_size.clamp(64, 8192) as usize,
+        options.triangle_budget / 2,
+        options.haze_per_m,
+        options.exposure,
+    );
+    const PIXEL_ROWS: usize = 24;
+    let rows = PIXEL_ROWS * per_pixel;
+    let list = stage.list(&eye, rows, options.triangle_budget);
+    let mut out = Picture::filled(width as u32, height as u32, [0, 0, 0, 255]);
+    out.data.par_chunks_mut(width * PIXEL_ROWS).enumerate().for_each_init(
+        || (Scratch::default(), Vec::new()),
+        |(scratch, samples), (band, pixels)| {
+            samples.clear();
+            samples.resize(pixels.len() * per_pixel * per_pixel, Sample::NOTHING);
+            stage.draw_band(&eye, &list, band, scratch, samples.as_mut_slice());
+            let first_row = band * rows;
+            for (i, pixel) in pixels.iter_mut().enumerate() {
+                let (px, py) = (i % width, i / width);
+                let mut sum = Vec3::ZERO;
+                for k in 0..per_pixel * per_pixel {
+                    let x = px * per_pixel + k % per_pixel;
+                    let y = py * per_pixel + k / per_pixel;
+                    let sample = &samples[y * width * per_pixel + x];
+                    let at = Vec2::new(x as f32 + 0.5, (first_row + y) as f32 + 0.5);
+                    let ray = eye.ray(at);
+                    let colour = if sample.nearness > f32::MIN {
+                        let depth = 1.0 / sample.nearness;
+                        let turn = (k + (px & 1) * 2 + (py & 1) * 3) as u32 % 4;
+                        let distance = depth * ray.length();
+                        light.shade(sample, eye.eye() + ray * depth, distance, ray, turn)
+                    } else {
+                        light.sky(ray)
+                    };
+                    sum += light.film(colour);
+                }
+                let mean = sum / (per_pixel * per_pixel) as f32;
+                let grain = dither(px as u32, (band * PIXEL_ROWS + py) as u32);
+                let code = |c: f32| (texture::srgb_from_linear(c) + grain).clamp(0.0, 255.0) as u8;
+                *pixel = [code(mean.x), code(mean.y), code(mean.z), 255];
+            }
+        },
+    );
+    out
+}
+
+/// Rounds smooth gradients up or down by place (interleaved gradient noise, Jimenez 2014): 0…1.
+fn dither(x: u32, y: u32) -> f32 {
+    let v = (0.067_110_56 * x as f32 + 0.005_837_15 * y as f32).fract();
+    (52.982_918 * v).fract()
+}
+
+/// Lays out everything that can be drawn.
+fn stage<'a>(view: &View<'a>) -> Stage<'a> {
+    let mut cutoffs: BTreeMap<u32, f32> = BTreeMap::new();
+    for material in view.materials {
+        if let (Alpha::Mask { cutoff }, Some(t)) = (material.alpha, material.base_color_texture) {
+            cutoffs.entry(t).or_insert(cutoff);
+        }
+    }
+    let textures: Vec<_> = (view.textures.par_iter().enumerate())
+        .map(|(i, t)| Pyramid::new(&t.picture, t.colorspace, cutoffs.get(&(i as u32)).copied()))
+        .collect();
+    let known = |id: Option<u32>| id.filter(|&i| (i as usize) < textures.len());
+    let mut paints: Vec<Paint> = (view.materials.iter())
+        .map(|m| Paint {
+            base_color: m.base_color,
+            colour: known(m.base_color_texture),
+            normal: known(m.normal_texture),
+            cutoff: match m.alpha {
+                Alpha::Opaque => None,
+                Alpha::Mask { cutoff } => Some(cutoff),
+            },
+            is_double_sided: m.double_sided,
+        })
+        .collect();
+    // Stands in for materials that are not there, and covers cut earth and bare ground.
+    let earth = paints.len() as u32;
+    paints.push(Paint {
+        base_color: [0.105, 0.083, 0.056],
+        colour: None,
+        normal: None,
+        cutoff: None,
+        is_double_sided: true,
+    });
+    let material = |id: u32| id.min(earth);
+
+    let mut meshes: Vec<Mesh> = (view.models.iter())
+        .flat_map(|parts| parts.iter())
+        .collect::<Vec<_>>()
+        .into_par_iter()
+        .map(|part| {
+            let paint = &paints[material(part.material) as usize];
+            let mut mesh = if paint.cutoff.is_some() || paint.is_double_sided {
+                Mesh::cards(part)
+            } else {
+                Mesh::solid(part)
+            };
+            mesh.material = material(part.material);
+            mesh
+        })
+        .collect();
+    let mut first_mesh = vec![0u32];
+    for parts in &view.models {
+        first_mesh.push(first_mesh[first_mesh.len() - 1] + parts.len() as u32);
+    }
+    let (mut places, mut items) = (vec![Place::new(Vec3::ZERO, 0.0, Vec3::ONE)], Vec::new());
+    for p in &view.placements {
+        let model = p.model as usize;
+        let is_sound = p.position.is_finite() && p.scale.is_finite() && p.yaw_rad.is_finite();
+        if model >= view.models.len() || !is_sound || p.scale.min_element() == 0.0 {
+            continue;
+        }
+        let place = places.len() as u32;
+        places.push(Place::new(p.position, p.yaw_rad, p.scale));
+        let own = first_mesh[model]..first_mesh[model + 1];
+        items.extend(own.map(|mesh| Item { mesh, place }));
+    }
+    let mut ground = match view.terrain {
+        Some(terrain) => {
+            let mut m = Mesh::clusters(&terrain.surface, material(terrain.material));
+            m.extend(Mesh::clusters(&skirt(&terrain.surface), earth));
+            m
+        }
+        None if view.placements.is_empty() => Vec::new(),
+        None => Mesh::clusters(&disc(view.bounds()), earth),
+    };
+    for mesh in &mut ground {
+        mesh.order = Order::Whole;
+    }
+    items.extend((0..ground.len()).map(|i| Item { mesh: (meshes.len() + i) as u32, place: 0 }));
+    meshes.extend(ground);
+    items.retain(|i| !meshes[i.mesh as usize].triangle.is_empty());
+    Stage { textures, paints, meshes, places, items }
+}
+
+impl Place {
+    fn new(origin: Vec3, yaw_rad: f32, scale: Vec3) -> Place {
+        let turn = Mat3::from_rotation_z(yaw_rad);
+        let linear = turn * Mat3::from_diagonal(scale);
+        let normal = turn * Mat3::from_diagonal(1.0 / scale);
+        Place { linear, origin, normal, is_mirrored: scale.x * scale.y * scale.z < 0.0 }
+    }
+}
+
+/// Walls from the rim of a terrain down to a level floor: a piece of land, cut out.
+fn skirt(terrain: &Surface) -> Surface {
+    let mut edges: BTreeMap<(u32, u32), (u32, [u32; 2])> = BTreeMap::new();
+    let count = terrain.position.len();
+    for t in terrain.index.chunks_exact(3).filter(|t| t.iter().all(|&i| (i as usize) < count)) {
+        for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+            edges.entry((a.min(b), a.max(b))).or_insert((0, [a, b])).0 += 1;
+        }
+    }
+    let (lo, hi) = terrain.bounds();
+    let floor = lo.z - 0.01 * (hi - lo).truncate().length() - 0.3;
+    let mut out = Surface::default();
+    for (uses, [a, b]) in edges.into_values() {
+        let (p, q) = (terrain.position[a as usize], terrain.position[b as usize]);
+        if uses != 1 || !p.is_finite() || !q.is_finite() {
+            continue;
+        }
+        // The surface lies to the left of its rim, seen from above: out is to the right.
+        let outward = (q - p).cross(Vec3::Z).normalize_or(Vec3::X);
+        let first = out.position.len() as u32;
+        for corner in [p, q, q.with_z(floor), p.with_z(floor)] {
+            out.position.push(corner);
+            out.normal.push(outward);
+            out.uv.push(Vec2::ZERO);
+        }
+        out.index.extend([0, 2, 1, 0, 3, 2].map(|k| first + k));
+    }
+    out
+}
+
+/// A disc of ground under models that come without terrain.
+fn disc(bounds: (Vec3, Vec3)) -> Surface {
+    const CORNERS: u32 = 96;
+    let middle = (bounds.0 + bounds.1) * 0.5;
+    let span = bounds.1 - bounds.0;
+    let radius = (0.7 * span.truncate().max_element()).max(0.4 * span.z).max(1e-3);
+    let mut out = Surface::default();
+    let mut push = |p: Vec3| {
+        out.position.push(p);
+        out.normal.push(Vec3::Z);
+        out.uv.push(Vec2::ZERO);
+    };
+    // Models stand with their root collar at 0; roots may go below.
+    let centre = middle.with_z(bounds.0.z.max(0.0).min(bounds.1.z));
+    push(centre);
+    for i in 0..CORNERS {
+        let (s, c) = (i as f32 / CORNERS as f32 * std::f32::consts::TAU).sin_cos();
+        push(centre + Vec3::new(c, s, 0.0) * radius);
+    }
+    out.index = (0..CORNERS).flat_map(|i| [0, 1 + i, 1 + (i + 1) % CORNERS]).collect();
+    out
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,143 @@
+//! Rings to triangles: one closed tube an axis, [P18]'s truncated cones with shared rings.
+//!
+//! The rings' circles come from tables, so a vertex costs no trigonometry. A ring of N sides has
+//! N + 1 vertices: the first and the last lie in one place and part the texture.
+
+use glam::Vec2;
+
+use super::Surface;
+use super::path::{MAX_SIDES, Ring};
+
+/// Cosines and sines of the corners of every ring.
+pub struct Circles(Vec<Vec<Vec2>>);
+
+impl Circles {
+    pub fn new() -> Self {
+        Circles(
+            (0..=MAX_SIDES)
+                .map(|n| {
+                    (0..=n)
+                        .map(|k| {
+                            // The last corner is the first, to the bit.
+                            let turn = (k % n.max(1)) as f32 / n.max(1) as f32;
+                            let (s, c) = (turn * std::f32::consts::TAU).sin_cos();
+                            Vec2::new(c, s)
+                        })
+                        .collect()
+                })
+                .collect(),
+        )
+    }
+
+    fn of(&self, sides: u32) -> &[Vec2] {
+        &self.0[sides.min(MAX_SIDES) as usize]
+    }
+}
+
+/// Triangles and vertices that [`tube`] makes of these rings.
+pub fn count(rings: &[Ring]) -> (usize, usize) {
+    let n = rings.len();
+    if n < 2 {
+        return (0, 0);
+    }
+    let bands: usize = rings[..n - 1].windows(2).map(|w| (w[0].sides + w[1].sides) as usize).sum();
+    let triangles = bands + rings[0].sides as usize - 2 + rings[n - 2].sides as usize;
+    let vertices = rings[..n - 1].iter().map(|r| r.sides as usize + 1).sum::<usize>() + 1;
+    (triangles, vertices)
+}
+
+/// Appends the tube of one axis; the last ring is the apex. `repeat_m`: metres a tile of bark.
+pub fn tube(rings: &[Ring], circles: &Circles, repeat_m: f32, lobe_phase: f32, out: &mut Surface) {
+    let n = rings.len();
+    if n < 2 {
+        return;
+    }
+    // Whole tiles around, by the mean girth, so that the bark closes on itself.
+    let girth = rings[..n - 1].iter().map(|r| r.radius_m).sum::<f32>() / (n - 1) as f32
+        * std::f32::consts::TAU;
+    let repeats = (girth / repeat_m).round().clamp(1.0, 1024.0);
+    let first = out.position.len() as u32;
+    let mut below = first;
+    for (i, ring) in rings[..n - 1].iter().enumerate() {
+        let start = out.position.len() as u32;
+        corners(ring, circles.of(ring.sides), repeats, repeat_m, lobe_phase, out);
+        if i > 0 {
+            band(below, rings[i - 1].sides, start, ring.sides, &mut out.index);
+        }
+        below = start;
+    }
+    // The base is closed by a fan: it lies inside the parent or below ground.
+    let base = &rings[0];
+    for k in 1..base.sides - 1 {
+        out.index.extend([first, first + k + 1, first + k]);
+    }
+    let apex = &rings[n - 1];
+    let tip = out.position.len() as u32;
+    out.position.push(apex.centre);
+    out.normal.push(apex.tangent);
+    out.uv.push(Vec2::new(0.5 * repeats, apex.arc_m / repeat_m));
+    for k in 0..rings[n - 2].sides {
+        out.index.extend([below + k, below + k + 1, tip]);
+    }
+}
+
+fn corners(
+    ring: &Ring,
+    circle: &[Vec2],
+    repeats: f32,
+    repeat_m: f32,
+    lobe_phase: f32,
+    out: &mut Surface,
+) {
+    let binormal = ring.tangent.cross(ring.normal);
+    let lift = 1.0 / (1.0 + ring.slope * ring.slope).sqrt();
+    let (flat, rise) = (lift, ring.tangent * (-ring.slope * lift));
+    let per_side = repeats / ring.sides as f32;
+    let v = ring.arc_m / repeat_m;
+    if ring.lobe == 0.0 {
+        out.position.extend(
+            circle
+                .iter()
+                .map(|c| ring.centre + (ring.normal * c.x + binormal * c.y) * ring.radius_m),
+        );
+        out.normal
+            .extend(circle.iter().map(|c| (ring.normal * c.x + binormal * c.y) * flat + rise));
+    } else {
+        // Buttresses: r(θ) = r (1 + lobe · cos(5θ + φ)).
+        for (k, c) in circle.iter().enumerate() {
+            let turn = (k % ring.sides.max(1) as usize) as f32 / ring.sides as f32;
+            let (s5, c5) = (5.0 * turn * std::f32::consts::TAU + lobe_phase).sin_cos();
+            let out_dir = ring.normal * c.x + binormal * c.y;
+            let around = binormal * c.x - ring.normal * c.y;
+            let radius = ring.radius_m * (1.0 + ring.lobe * c5);
+            let turned = -5.0 * ring.lobe * s5 / (1.0 + ring.lobe * c5);
+            out.position.push(ring.centre + out_dir * radius);
+            let normal = (out_dir - around * turned) * flat + rise;
+            out.normal.push(normal.normalize_or(out_dir));
+        }
+    }
+    out.uv.extend((0..circle.len()).map(|k| Vec2::new(k as f32 * per_side, v)));
+}
+
+/// Joins two rings; where their sides differ, by walking both around in step.
+fn band(a: u32, a_sides: u32, b: u32, b_sides: u32, index: &mut Vec<u32>) {
+    if a_sides == b_sides {
+        index.extend((0..a_sides).flat_map(|k| {
+            let (p, q) = (a + k, b + k);
+            [p, p + 1, q + 1, p, q + 1, q]
+        }));
+        return;
+    }
+    let (mut i, mut j) = (0, 0);
+    while i < a_sides || j < b_sides {
+        // The ring whose next corner comes first goes on: (i + 1) / a against (j + 1) / b.
+        let a_next = j == b_sides || (i < a_sides && (i + 1) * b_sides <= (j + 1) * a_sides);
+        if a_next {
+            index.extend([a + i, a + i + 1, b + j]);
+            i += 1;
+        } else {
+            index.extend([a + i, b + j + 1, b + j]);
+            j += 1;
+        }
+    }
+}

@@ -1,0 +1,223 @@
+//! Sun, sky and air: a shadow map, the share of the sky that each place sees, haze, and the film.
+//!
+//! Sky visibility is read off a map of heights seen from above: along sixteen slanted directions
+//! the length of the path below the canopy's surface dims the light by Beer and Lambert's law, so
+//! crowns darken inwards and the ground darkens under them.
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::camera::View;
+use super::draw::{Sample, Scratch, Stage};
+
+const SUN_COLOUR: Vec3 = Vec3::new(3.9, 3.5, 2.85);
+const SKY_COLOUR: Vec3 = Vec3::new(0.78, 0.98, 1.28);
+const BOUNCE_COLOUR: Vec3 = Vec3::new(0.34, 0.33, 0.22);
+const ZENITH: Vec3 = Vec3::new(0.20, 0.40, 0.78);
+const HORIZON: Vec3 = Vec3::new(0.80, 0.92, 1.06);
+/// Light lost a metre of path below the canopy's surface.
+const CANOPY_EXTINCTION_PER_M: f32 = 0.30;
+const ROWS: usize = 64;
+
+/// Nearness over the whole grid of an orthographic view.
+struct DepthMap {
+    view: View,
+    nearness: Vec<f32>,
+}
+
+impl DepthMap {
+    fn draw(stage: &Stage<'_>, view: View, triangle_budget: usize) -> DepthMap {
+        let list = stage.list(&view, ROWS, triangle_budget);
+        let mut nearness = vec![f32::MIN; view.width * view.height];
+        nearness
+            .par_chunks_mut(view.width * ROWS)
+            .enumerate()
+            .for_each_init(Scratch::default, |scratch, (band, samples)| {
+                stage.draw_band(&view, &list, band, scratch, samples)
+            });
+        DepthMap { view, nearness }
+    }
+
+    fn at(&self, x: i32, y: i32) -> Option<f32> {
+        let inside = x >= 0 && y >= 0 && x < self.view.width as i32 && y < self.view.height as i32;
+        inside.then(|| self.nearness[y as usize * self.view.width + x as usize])
+    }
+}
+
+/// Heights seen from above, with ever coarser means.
+struct Canopy {
+    view: View,
+    levels: Vec<(usize, usize, Vec<f32>)>,
+}
+
+impl Canopy {
+    fn from_map(map: DepthMap) -> Canopy {
+        let top = map.view.eye().z;
+        let floor = map.nearness.iter().copied().filter(|&n| n > f32::MIN).fold(f32::MAX, f32::min);
+        // Looking straight down, nearness is the height over the eye.
+        let heights: Vec<f32> =
+            map.nearness.iter().map(|&n| top + if n > f32::MIN { n } else { floor }).collect();
+        let mut levels = vec![(map.view.width, map.view.height, heights)];
+        while levels.len() < 5 {
+            let (w, h, from) = &levels[levels.len() - 1];
+            let (nw, nh) = (w / 2, h / 2);
+            if nw < 2 || nh < 2 {
+                break;
+            }
+            let mean = |i: usize| {
+                let (x, y) = (i % nw * 2, i / nw * 2);
+                0.25 * (from[y * w + x]
+                    + from[y * w + x + 1]
+                    + from[(y + 1) * w + x]
+                    + from[(y + 1) * w + x + 1])
+            };
+            let next = (0..nw * nh).map(mean).collect();
+            levels.push((nw, nh, next));
+        }
+        Canopy { view: map.view, levels }
+    }
+
+    fn height(&self, at: Vec2, level: usize) -> Option<f32> {
+        let level = level.min(self.levels.len() - 1);
+        let (w, h, data) = &self.levels[level];
+        let p = at / (1 << level) as f32;
+        if p.x < 0.0 || p.y < 0.0 {
+            return None;
+        }
+        let (x, y) = (p.x as usize, p.y as usize);
+        (x < *w && y < *h).then(|| data[y * w + x])
+    }
+
+    /// Share of the sky seen from a place, by `turn` of 4 interleaved sets of directions.
+    fn visibility(&self, p: Vec3, normal: Vec3, turn: u32) -> f32 {
+        let v = self.view.to_view(p);
+        let at = self.view.project(v).at;
+        let (mut seen, mut sum) = (0.0, 0.0);
+        for i in 0..5u32 {
+            let (direction, level, reach) = if i == 4 {
+                (Vec3::Z, 1, [0.0, 0.0])
+            } else {
+                let steep = [0.45f32, 0.8, 0.6, 1.1][((i + turn) % 4) as usize];
+                let phi = (i as f32 + turn as f32 * 0.25) * std::f32::consts::FRAC_PI_2 + 0.3;
+                let (s, c) = phi.sin_cos();
+                let (sin_e, cos_e) = steep.sin_cos();
+                (Vec3::new(c * cos_e, s * cos_e, sin_e), 2, [1.2, 4.5])
+            };
+            let cosine = (0.35 + 0.65 * normal.dot(direction)).max(0.05);
+            let mut path = 0.0f32;
+            for (k, r) in reach.into_iter().enumerate() {
+                let level = level + k;
+                let slope = direction.z / direction.truncate().length().max(1e-3);
+                let shift = direction.truncate().normalize_or_zero() * r * self.view.focal;
+                // The map's rows go south.
+                let place = at + Vec2::new(shift.x, -shift.y);
+                if let Some(top) = self.height(place, level) {
+                    let z = p.z + if r > 0.0 { r * slope } else { 0.0 };
+                    path = path.max(top - z);
+                }
+                if i == 4 {
+                    break;
+                }
+            }
+            sum += cosine;
+            seen += cosine * (-CANOPY_EXTINCTION_PER_M * path.max(0.0)).exp();
+        }
+        seen / sum
+    }
+}
+
+/// The light on a stage.
+pub(super) struct Light {
+    sun: Vec3,
+    shadow: DepthMap,
+    canopy: Canopy,
+    haze_per_m: f32,
+    exposure: f32,
+}
+
+impl Light {
+    /// `sun` points to the sun; `points` span what the picture shows.
+    pub fn new(
+        stage: &Stage<'_>,
+        sun: Vec3,
+        points: &[Vec3],
+        shadow_size: usize,
+        triangle_budget: usize,
+        haze_per_m: f32,
+        exposure: f32,
+    ) -> Light {
+        let sun = sun.try_normalize().unwrap_or(Vec3::Z);
+        let shadow_view = View::orthographic(-sun, points.iter().copied(), shadow_size);
+        let down = View::orthographic(Vec3::NEG_Z, points.iter().copied(), shadow_size / 4);
+        Light {
+            sun,
+            shadow: DepthMap::draw(stage, shadow_view, triangle_budget),
+            canopy: Canopy::from_map(DepthMap::draw(stage, down, triangle_budget / 4)),
+            haze_per_m,
+            exposure,
+        }
+    }
+
+    /// Share of the sun that reaches a place: a bilinear mean over 3 × 3 comparisons.
+    fn sunlit(&self, p: Vec3, normal: Vec3, leaf: f32) -> f32 {
+        let texel_m = 1.0 / self.shadow.view.focal;
+        let lift =
+            normal * (1.5 * texel_m * (1.0 - leaf)) + self.sun * (texel_m * 1.5 + 0.12 * leaf);
+        let v = self.shadow.view.to_view(p + lift);
+        let at = self.shadow.view.project(v);
+        let corner = at.at - 1.0;
+        let base = corner.floor();
+        let f = corner - base;
+        let (x, y) = (base.x as i32, base.y as i32);
+        let mut lit = 0.0;
+        for (j, wy) in [1.0 - f.y, 1.0, f.y].into_iter().enumerate() {
+            for (i, wx) in [1.0 - f.x, 1.0, f.x].into_iter().enumerate() {
+                let is_shaded =
+                    self.shadow.at(x + i as i32, y + j as i32).is_some_and(|n| n > at.nearness);
+                lit += if is_shaded { 0.0 } else { wx * wy };
+            }
+        }
+        lit * 0.25
+    }
+
+    /// Light towards the eye from a surface at `p`, seen over `distance` along `direction`.
+    pub fn shade(&self, s: &Sample, p: Vec3, distance: f32, direction: Vec3, turn: u32) -> Vec3 {
+        let albedo = Vec3::from(s.albedo);
+        let toward = s.normal.dot(self.sun);
+        let lit = self.sunlit(p, s.normal, s.leaf);
+        let solid = toward.max(0.0);
+        let leafy = ((toward + 0.35) / 1.35).max(0.0) * 0.75 + 0.25 * (-toward).max(0.0) + 0.05;
+        let direct = SUN_COLOUR * (lit * (solid + (leafy - solid) * s.leaf));
+        let open = 0.1 + 0.9 * self.canopy.visibility(p, s.normal, turn);
+        let up = 0.5 + 0.5 * s.normal.z;
+        let ambient = (BOUNCE_COLOUR * (1.0 - up) * (0.4 + 0.6 * open)) + SKY_COLOUR * (up * open);
+        // Light through a leaf loses blue and red: it comes out yellow-green.
+        let through = Vec3::new(1.03, 1.04, 0.88) * s.leaf + Vec3::ONE * (1.0 - s.leaf);
+        let out = albedo * (direct * through + ambient);
+        let clear = (-self.haze_per_m * distance.max(0.0)).exp();
+        out * clear + self.haze(direction) * (1.0 - clear)
+    }
+
+    fn haze(&self, direction: Vec3) -> Vec3 {
+        let toward = direction.normalize_or_zero().dot(self.sun).max(0.0);
+        Vec3::new(0.62, 0.74, 0.88) + Vec3::new(0.35, 0.26, 0.12) * toward.powi(6)
+    }
+
+    /// The sky behind everything; below the horizon, the far haze.
+    pub fn sky(&self, direction: Vec3) -> Vec3 {
+        let d = direction.normalize_or(Vec3::Y);
+        let up = d.z.max(0.0).powf(0.55);
+        let below = (-d.z).max(0.0);
+        let sky = HORIZON.lerp(ZENITH, up.min(1.0));
+        let far = HORIZON.lerp(Vec3::new(0.50, 0.58, 0.64), (below * 1.8).min(1.0));
+        let toward = d.dot(self.sun).max(0.0);
+        (if d.z >= 0.0 { sky } else { far }) + Vec3::new(0.5, 0.4, 0.2) * toward.powi(24)
+    }
+
+    /// Display-linear colour on film: the curve fitted by Narkowicz (2015) to the ACES transform.
+    pub fn film(&self, light: Vec3) -> Vec3 {
+        let x = light.max(Vec3::ZERO) * self.exposure;
+        let y = (x * (x * 2.51 + 0.03)) / (x * (x * 2.43 + 0.59) + 0.14);
+        y.clamp(Vec3::ZERO, Vec3::ONE)
+    }
+}
