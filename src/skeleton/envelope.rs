@@ -97,8 +97,8 @@ impl Envelope {
         for row in 0..ROWS {
             let t = row as f32 / (ROWS - 1) as f32;
             let typical = (radius_m * profile(&size.profile, t)).max(LEAST_RADIUS_M);
-            for k in 0..SECTORS {
-                let expected = if is_bare[k] { 0.5 * typical } else { typical };
+            for (k, &is_bare) in is_bare.iter().enumerate() {
+                let expected = if is_bare { 0.5 * typical } else { typical };
                 // The sector and its eight neighbours; what none of them saw is as expected.
                 let (mut sum, mut weight) = (expected * 0.5, 0.5);
                 for (dr, dk, w) in NEIGHBOURS {

@@ -273,7 +273,8 @@ mod tests {
     /// Each defect must be seen, and named.
     #[test]
     fn every_broken_invariant_is_found() {
-        let cases: [(&str, fn(&mut Skeleton)); 10] = [
+        type Breakage = fn(&mut Skeleton);
+        let cases: [(&str, Breakage); 10] = [
             ("no nodes", |s| *s = Skeleton::default()),
             ("unequal length", |s| s.order.truncate(2)),
             ("not the root", |s| s.parent[0] = 1),

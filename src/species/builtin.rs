@@ -11,8 +11,11 @@ macro_rules! files {
 pub const FILES: &[(&str, &str)] = files![
     "larix_sibirica",
     "picea_obovata",
+    "abies_sibirica",
     "pinus_sylvestris",
+    "pinus_sibirica",
     "betula_pendula",
+    "populus_tremula",
     "quercus_robur",
     "salix_caprea",
     "table3/01",
