@@ -171,14 +171,16 @@ fn normals_point_out_of_the_wood() {
     let against = w
         .index
         .chunks_exact(3)
+        // A base's cap shares the normals of its ring.
+        .filter(|t| t.iter().any(|&k| w.uv[k as usize].y != w.uv[t[0] as usize].y))
         .filter(|t| {
             let [a, b, c] = [0, 1, 2].map(|k| w.position[t[k] as usize]);
             let face = (b - a).cross(c - a);
             t.iter().map(|&k| w.normal[k as usize]).sum::<Vec3>().dot(face) < 0.0
         })
         .count();
-    // Base caps are flat and share the normals of their ring; sharp bends may turn a few.
-    assert!(against * 100 < w.triangles(), "{against} of {}", w.triangles());
+    // Sharp bends may turn a few.
+    assert!(against * 200 < w.triangles(), "{against} of {}", w.triangles());
 }
 
 #[test]
