@@ -218,7 +218,7 @@ impl Painter<'_> {
         let lean = self.jitter(0.06);
         let main = Shoot { base: Vec2::new(0.5, 0.01), angle: lean, length: 0.9, bend, depth: 0.8 };
         match self.species.foliage.shape {
-            LeafShape::Needle => self.spray(main, bough),
+            LeafShape::Needle => self.spray(main),
             LeafShape::Tuft => self.tufts(main, bough),
             LeafShape::Bundle => self.brushes(main, bough),
             _ => self.leafy(main, bough),
@@ -295,7 +295,7 @@ impl Painter<'_> {
     fn leaves_along(&mut self, shoot: &Shoot, leaf: f32, layer: usize) {
         let shape = self.species.foliage.shape;
         let (gap, petiole) = match shape {
-            LeafShape::Lanceolate => (0.2, 0.06),
+            LeafShape::Lanceolate => (0.13, 0.06),
             LeafShape::Lobed => (0.3, 0.05),
             LeafShape::Round => (0.5, 0.5),
             LeafShape::Deltoid => (0.34, 0.3),
@@ -404,16 +404,15 @@ impl Painter<'_> {
     }
 
     /// Flat sprays of spruce and fir: side shoots in one plane, needles all round.
-    fn spray(&mut self, main: Shoot, bough: bool) {
+    fn spray(&mut self, main: Shoot) {
         let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.006, 0.3);
         let density = 3.4 / needle.max(0.01);
         // Shoots stand so close that their needles meet.
-        let gap = (1.9 * needle).clamp(0.03, 0.2);
+        let gap = (1.35 * needle).clamp(0.03, 0.2);
         let mut shoots = Vec::new();
-        for lateral in self.laterals(&main, gap * if bough { 1.2 } else { 1.0 }, 0.62, 0.95) {
+        for lateral in self.laterals(&main, gap, 0.62, 0.95) {
             if lateral.length > 4.0 * gap {
-                let reach = if bough { 0.2 } else { 0.12 };
-                let fine = self.laterals(&lateral, gap, reach, 0.85);
+                let fine = self.laterals(&lateral, gap, 0.2, 0.85);
                 shoots.extend(fine.into_iter().map(|s| (s, 0.0012)));
             }
             shoots.push((lateral, 0.0022));
@@ -491,8 +490,7 @@ impl Painter<'_> {
             self.wood(&shoot, if bough { 0.005 } else { 0.01 }, 0.004);
             let from =
                 if shoot.length > 2.6 * needle { 1.0 - 2.6 * needle / shoot.length } else { 0.1 };
-            let density = 4.5 / needle.max(0.02);
-            self.needles(&shoot, needle, (density * 2.4).min(500.0), from.max(0.0), [0.25, 1.15]);
+            self.needles(&shoot, needle, (38.0 / needle).min(700.0), from.max(0.0), [0.25, 1.15]);
         }
     }
 }
