@@ -46,34 +46,6 @@ impl Surface {
         Ok(())
     }
 
-    /// Directed edges without exactly one partner in the other direction, after corners in one
-    /// place are welded within each connected part; 0 where every part is closed and wound one way.
-    pub fn open_edges(&self) -> usize {
-        let welded = self.weld();
-        let mut edges: Vec<(u32, u32)> = self
-            .index
-            .chunks_exact(3)
-            .flat_map(|t| {
-                let [a, b, c] = [0, 1, 2].map(|k| welded[t[k] as usize]);
-                [(a, b), (b, c), (c, a)]
-            })
-            .collect();
-        edges.sort_unstable();
-        let mut open = 0;
-        let mut i = 0;
-        while i < edges.len() {
-            let same = edges[i..].iter().take_while(|e| **e == edges[i]).count();
-            let back = (edges[i].1, edges[i].0);
-            let start = edges.partition_point(|e| *e < back);
-            let backs = edges[start..].iter().take_while(|e| **e == back).count();
-            if same != 1 || backs != 1 {
-                open += same;
-            }
-            i += same;
-        }
-        open
-    }
-
     /// Enclosed volume by the divergence theorem, cubic metres; positive when wound outward.
     pub fn volume_m3(&self) -> f64 {
         let centre = self.position.first().copied().unwrap_or(Vec3::ZERO).as_dvec3();
@@ -95,41 +67,84 @@ impl Surface {
             })
             .sum()
     }
+}
 
-    /// For every vertex, one that stands for all in its place and connected part.
-    fn weld(&self) -> Vec<u32> {
-        let n = self.position.len();
-        let mut part: Vec<u32> = (0..n as u32).collect();
-        fn root(part: &mut [u32], mut i: u32) -> u32 {
-            while part[i as usize] != i {
-                part[i as usize] = part[part[i as usize] as usize];
-                i = part[i as usize];
-            }
-            i
+/// Directed edges without exactly one partner in the other direction, after corners in one place
+/// are welded within each connected part; 0 where every part is closed and wound one way.
+pub fn open_edges(surfaces: &[&Surface]) -> usize {
+    let (index, welded) = weld(surfaces);
+    let mut edges: Vec<(u32, u32)> = index
+        .chunks_exact(3)
+        .flat_map(|t| {
+            let [a, b, c] = [0, 1, 2].map(|k| welded[t[k] as usize]);
+            [(a, b), (b, c), (c, a)]
+        })
+        .collect();
+    edges.sort_unstable();
+    let mut open = 0;
+    let mut i = 0;
+    while i < edges.len() {
+        let same = edges[i..].iter().take_while(|e| **e == edges[i]).count();
+        let back = (edges[i].1, edges[i].0);
+        let start = edges.partition_point(|e| *e < back);
+        let backs = edges[start..].iter().take_while(|e| **e == back).count();
+        if same != 1 || backs != 1 {
+            open += same;
         }
-        for t in self.index.chunks_exact(3) {
-            let a = root(&mut part, t[0]);
-            for &k in &t[1..] {
-                let b = root(&mut part, k);
+        i += same;
+    }
+    open
+}
+
+/// The surfaces' indices as one list, and for every vertex one that stands for all in its place
+/// and connected part. Parts of two surfaces are connected where corners agree in place and normal.
+fn weld(surfaces: &[&Surface]) -> (Vec<u32>, Vec<u32>) {
+    let (mut index, mut position, mut normal, mut owner) = (vec![], vec![], vec![], vec![]);
+    for (k, s) in surfaces.iter().enumerate() {
+        let base = position.len() as u32;
+        index.extend(s.index.iter().map(|i| i + base));
+        position.extend_from_slice(&s.position);
+        normal.extend_from_slice(&s.normal);
+        owner.resize(position.len(), k);
+    }
+    let n = position.len();
+    let mut part: Vec<u32> = (0..n as u32).collect();
+    fn root(part: &mut [u32], mut i: u32) -> u32 {
+        while part[i as usize] != i {
+            part[i as usize] = part[part[i as usize] as usize];
+            i = part[i as usize];
+        }
+        i
+    }
+    for t in index.chunks_exact(3) {
+        for &k in &t[1..] {
+            let (a, b) = (root(&mut part, t[0]), root(&mut part, k));
+            part[b as usize] = a;
+        }
+    }
+    // Adding zero makes −0 the same place as 0.
+    let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
+    let mut order: Vec<u32> = (0..n as u32).collect();
+    let place = |i: u32| (key(position[i as usize]), key(normal[i as usize]));
+    if surfaces.len() > 1 {
+        order.sort_unstable_by_key(|&i| (place(i), i));
+        for w in order.windows(2) {
+            if place(w[0]) == place(w[1]) && owner[w[0] as usize] != owner[w[1] as usize] {
+                let (a, b) = (root(&mut part, w[0]), root(&mut part, w[1]));
                 part[b as usize] = a;
             }
         }
-        let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
-        let mut order: Vec<u32> = (0..n as u32).collect();
-        let parts: Vec<u32> = (0..n as u32).map(|i| root(&mut part, i)).collect();
-        order.sort_unstable_by_key(|&i| (parts[i as usize], key(self.position[i as usize]), i));
-        let mut welded = vec![0; n];
-        let mut head = 0;
-        for (k, &i) in order.iter().enumerate() {
-            let new = k == 0 || {
-                let (a, b) = (order[k - 1] as usize, i as usize);
-                parts[a] != parts[b] || key(self.position[a]) != key(self.position[b])
-            };
-            if new {
-                head = i;
-            }
-            welded[i as usize] = head;
-        }
-        welded
     }
+    let parts: Vec<u32> = (0..n as u32).map(|i| root(&mut part, i)).collect();
+    let place = |i: u32| (parts[i as usize], key(position[i as usize]));
+    order.sort_unstable_by_key(|&i| (place(i), i));
+    let mut welded = vec![0; n];
+    let mut head = 0;
+    for (k, &i) in order.iter().enumerate() {
+        if k == 0 || place(order[k - 1]) != place(i) {
+            head = i;
+        }
+        welded[i as usize] = head;
+    }
+    (index, welded)
 }

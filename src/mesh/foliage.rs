@@ -22,9 +22,9 @@ const GOLDEN_RAD: f32 = 2.399_963;
 /// Cards a tree may have at most.
 const MOST_CARDS: usize = 2_000_000;
 /// How far cards may grow to make up for those left out.
-const MOST_ENLARGED: f32 = 3.2;
-/// Share of lost leaf area that enlarged cards make up for.
-const MAKE_UP: f32 = 0.92;
+const MOST_ENLARGED: f32 = 2.8;
+/// Seen leaf area of a full crown over the area of its hull.
+const FULL: f32 = 1.15;
 
 /// A place for a card.
 #[derive(Debug, Clone, Copy)]
@@ -89,8 +89,7 @@ pub fn foliage(
     let total: f64 = weights.iter().sum();
     let rate = (most as f64 / total).min(f64::INFINITY);
     let kept = spots.len().min(most);
-    let enlarge =
-        (MAKE_UP * spots.len() as f32 / kept.max(1) as f32).sqrt().clamp(1.0, MOST_ENLARGED);
+    let enlarge = enlarged(&hull, species, atlas, kept, spots.len());
     out.position.reserve(kept * shape.vertices());
     out.normal.reserve(kept * shape.vertices());
     out.uv.reserve(kept * shape.vertices());
@@ -107,6 +106,22 @@ pub fn foliage(
         place(spot, species, atlas, &hull, shape, enlarge, seed, &mut out);
     }
     out
+}
+
+/// How much larger than a twig cards are, so that the leaves seen cover the crown's hull as those
+/// of a full crown do; bounded by what thinning took away.
+fn enlarged(hull: &Hull, species: &Species, atlas: &Atlas, kept: usize, all: usize) -> f32 {
+    let cells = atlas.cells();
+    let coverage = cells.iter().map(|c| c.coverage).sum::<f32>() / cells.len() as f32;
+    // Area of an ellipsoid (Thomsen), near enough.
+    let p = 1.6f32;
+    let [a, b, c] = (hull.half.to_array()).map(|h| h.powf(p));
+    let area = 4.0 * std::f32::consts::PI * ((a * b + a * c + b * c) / 3.0).powf(1.0 / p);
+    let twig = species.foliage.twig_length_m.max(1e-3);
+    let one = coverage.max(0.05) * twig * twig * 0.8;
+    let wanted = FULL * area / (kept.max(1) as f32 * one);
+    let thinned = all as f32 / kept.max(1) as f32;
+    wanted.min(thinned.max(2.0) * 2.0).max(1.0).sqrt().clamp(1.0, MOST_ENLARGED)
 }
 
 fn shape_of(species: &Species, detail: bool) -> Shape {
@@ -243,7 +258,7 @@ fn place(
     let size_m = f.twig_length_m.clamp(1e-3, 20.0)
         * draws.between(0.8, 1.2)
         * young
-        * enlarge.min(1.0 + (enlarge - 1.0) * (1.2 - height));
+        * (1.0 + (enlarge - 1.0) * (1.0 - 0.45 * height));
     let cells = atlas.nearest(size_m);
     let pick = draws.index(cells.clone().count());
     let Some(cell) = cells.clone().nth(pick) else { return };

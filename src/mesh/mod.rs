@@ -14,7 +14,7 @@ use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
-use crate::texture::{Atlas, BARK_REPEAT_M};
+use crate::texture::Atlas;
 
 pub use path::BELOW_GROUND_M;
 
@@ -50,28 +50,40 @@ impl Surface {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TreeMesh {
     /// One closed tube an axis; stems go on below ground. u counts whole tiles of bark around,
-    /// v is arc length over [`BARK_REPEAT_M`].
+    /// v is arc length over [`crate::texture::BARK_REPEAT_M`].
     pub wood: Surface,
+    /// The part of the wood with the bark of the upper stem and the branches; empty where the
+    /// species has none. Closed only together with `wood`.
+    pub upper_wood: Surface,
     /// Empty for a bare tree.
     pub foliage: Surface,
 }
 
 impl TreeMesh {
     pub fn triangles(&self) -> usize {
-        self.wood.triangles() + self.foliage.triangles()
+        self.wood_triangles() + self.foliage.triangles()
     }
 
-    /// Least and greatest corner of wood and foliage.
+    pub fn wood_triangles(&self) -> usize {
+        self.wood.triangles() + self.upper_wood.triangles()
+    }
+
+    /// Least and greatest corner of all that is there.
     pub fn bounds(&self) -> (Vec3, Vec3) {
-        let (a, b) = (self.wood.bounds(), self.foliage.bounds());
-        if self.foliage.is_empty() { a } else { (a.0.min(b.0), a.1.max(b.1)) }
+        [&self.wood, &self.upper_wood, &self.foliage]
+            .iter()
+            .filter(|s| !s.is_empty())
+            .map(|s| s.bounds())
+            .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+            .unwrap_or_default()
     }
 
-    /// Both surfaces sound, and the wood closed.
+    /// All surfaces sound, and the wood closed.
     pub fn check(&self) -> Result<()> {
         self.wood.check()?;
+        self.upper_wood.check()?;
         self.foliage.check()?;
-        match self.wood.open_edges() {
+        match check::open_edges(&[&self.wood, &self.upper_wood]) {
             0 => Ok(()),
             n => Err(Error::new(format!("the wood has {n} open edges"))),
         }
@@ -140,14 +152,15 @@ pub fn build(
         return Err(Error::new(format!("a skeleton of {} nodes has no wood", skeleton.len()))
             .remedy("give the species a greater height"));
     }
-    let wood = plan.surface(BARK_REPEAT_M, seed);
+    let [wood, upper_wood] =
+        plan.surfaces(skeleton.radius_m[0], species.bark.upper.is_some(), seed);
     let foliage = if options.foliage {
         let left = options.triangle_budget.map(|b| b.saturating_sub(plan.triangles));
         foliage::foliage(skeleton, &axes, species, atlas, left, options.detail, seed)
     } else {
         Surface::default()
     };
-    Ok(TreeMesh { wood, foliage })
+    Ok(TreeMesh { wood, upper_wood, foliage })
 }
 
 #[cfg(test)]

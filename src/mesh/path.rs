@@ -88,9 +88,6 @@ pub fn rings(
     if kept.len() < 2 {
         return;
     }
-    for k in kept.iter_mut() {
-        k.radius_m = k.radius_m.max(least_radius);
-    }
     let lobes = &mut scratch.lobes;
     lobes.clear();
     match foot {
@@ -98,6 +95,9 @@ pub fn rings(
         Foot::Branch { parent_radius_m, parent_direction } => {
             collar(kept, parent_radius_m, parent_direction, tolerance_m, least_step);
         }
+    }
+    for k in kept.iter_mut() {
+        k.radius_m = k.radius_m.max(least_radius);
     }
     blunt(kept, tolerance_m, least_step);
     frames(kept, lobes, tolerance_m, out);
@@ -252,7 +252,7 @@ fn blunt(kept: &mut Vec<Knot>, tolerance_m: f32, least_step: f32) {
 }
 
 /// Tangents as bisectors, normals by the least turn from ring to ring (parallel transport). A
-/// reversal turns over the old normal in two steps of a right angle, so no ring is mirrored.
+/// reversal turns in two steps of a right angle, so that no ring is mirrored.
 fn frames(kept: &[Knot], lobes: &[f32], tolerance_m: f32, out: &mut Vec<Ring>) {
     let n = kept.len();
     let start = out.len();
@@ -266,8 +266,14 @@ fn frames(kept: &[Knot], lobes: &[f32], tolerance_m: f32, out: &mut Vec<Ring>) {
         } else if i + 1 == n {
             step(n - 2)
         } else {
-            let sum = step(i - 1) + step(i);
-            if sum.length_squared() > 1e-4 { sum.normalize() } else { normal }
+            let (from, to) = (step(i - 1), step(i));
+            let sum = from + to;
+            if sum.length_squared() > 1e-4 {
+                sum.normalize()
+            } else {
+                let across = tangent - from * tangent.dot(from);
+                if across.length_squared() > 0.01 { across.normalize() } else { normal }
+            }
         };
         if i > 0 {
             arc += kept[i].at.distance(kept[i - 1].at);

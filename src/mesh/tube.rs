@@ -2,11 +2,14 @@
 //!
 //! The rings' circles come from tables, so a vertex costs no trigonometry. A ring of N sides has
 //! N + 1 vertices: the first and the last lie in one place and part the texture.
+//! Where old bark gives way to young bark, facets of both mix and their rings are in both
+//! surfaces; together the two are closed.
 
 use glam::Vec2;
 
 use super::Surface;
 use super::path::{MAX_SIDES, Ring};
+use crate::seed::Draws;
 
 /// Cosines and sines of the corners of every ring.
 pub struct Circles(Vec<Vec<Vec2>>);
@@ -46,8 +49,19 @@ pub fn count(rings: &[Ring]) -> (usize, usize) {
     (triangles, vertices)
 }
 
-/// Appends the tube of one axis; the last ring is the apex. `repeat_m`: metres a tile of bark.
-pub fn tube(rings: &[Ring], circles: &Circles, repeat_m: f32, lobe_phase: f32, out: &mut Surface) {
+/// Where a tube goes: old bark and young bark.
+pub struct Barks<'a> {
+    pub surface: [&'a mut Surface; 2],
+    /// Share of young bark at a radius; between 0 and 1 the facets mix.
+    pub young: &'a dyn Fn(f32) -> f32,
+    /// Draws for that mixing, and the phase of buttresses.
+    pub draws: Draws,
+    /// Metres a tile of bark.
+    pub repeat_m: f32,
+}
+
+/// Appends the tube of one axis; the last ring is the apex.
+pub fn tube(rings: &[Ring], circles: &Circles, barks: &mut Barks) {
     let n = rings.len();
     if n < 2 {
         return;
@@ -55,29 +69,62 @@ pub fn tube(rings: &[Ring], circles: &Circles, repeat_m: f32, lobe_phase: f32, o
     // Whole tiles around, by the mean girth, so that the bark closes on itself.
     let girth = rings[..n - 1].iter().map(|r| r.radius_m).sum::<f32>() / (n - 1) as f32
         * std::f32::consts::TAU;
-    let repeats = (girth / repeat_m).round().clamp(1.0, 1024.0);
-    let first = out.position.len() as u32;
-    let mut below = first;
-    for (i, ring) in rings[..n - 1].iter().enumerate() {
-        let start = out.position.len() as u32;
-        corners(ring, circles.of(ring.sides), repeats, repeat_m, lobe_phase, out);
-        if i > 0 {
-            band(below, rings[i - 1].sides, start, ring.sides, &mut out.index);
+    let repeats = (girth / barks.repeat_m).round().clamp(1.0, 1024.0);
+    let phase = barks.draws.between(0.0, std::f32::consts::TAU);
+    let repeat_m = barks.repeat_m;
+    // Where the corners of the last ring start in each surface, once they are there.
+    let mut below = [None; 2];
+    for i in 0..n - 1 {
+        let share = (barks.young)(rings[i].radius_m);
+        let mut here = [None; 2];
+        let corners_in = |b: usize, i: usize, slot: &mut [Option<u32>; 2], out: &mut Surface| {
+            *slot[b].get_or_insert_with(|| {
+                let start = out.position.len() as u32;
+                let ring = &rings[i];
+                corners(ring, circles.of(ring.sides), repeats, repeat_m, phase, out);
+                start
+            })
+        };
+        if i == 0 {
+            // The base is closed by a fan: it lies inside the parent or below ground.
+            let b = usize::from(share >= 0.5);
+            let out = &mut *barks.surface[b];
+            let first = corners_in(b, 0, &mut here, out);
+            for k in 1..rings[0].sides - 1 {
+                out.index.extend([first, first + k + 1, first + k]);
+            }
+        } else {
+            let (sides, next) = (rings[i - 1].sides, rings[i].sides);
+            if share > 0.0 && share < 1.0 && sides == next {
+                for k in 0..sides {
+                    let b = usize::from(barks.draws.unit() < share);
+                    let out = &mut *barks.surface[b];
+                    let p = corners_in(b, i - 1, &mut below, out) + k;
+                    let q = corners_in(b, i, &mut here, out) + k;
+                    out.index.extend([p, p + 1, q + 1, p, q + 1, q]);
+                }
+            } else {
+                let b = usize::from(share >= 0.5);
+                let out = &mut *barks.surface[b];
+                let p = corners_in(b, i - 1, &mut below, out);
+                let q = corners_in(b, i, &mut here, out);
+                band(p, sides, q, next, &mut out.index);
+            }
         }
-        below = start;
-    }
-    // The base is closed by a fan: it lies inside the parent or below ground.
-    let base = &rings[0];
-    for k in 1..base.sides - 1 {
-        out.index.extend([first, first + k + 1, first + k]);
-    }
-    let apex = &rings[n - 1];
-    let tip = out.position.len() as u32;
-    out.position.push(apex.centre);
-    out.normal.push(apex.tangent);
-    out.uv.push(Vec2::new(0.5 * repeats, apex.arc_m / repeat_m));
-    for k in 0..rings[n - 2].sides {
-        out.index.extend([below + k, below + k + 1, tip]);
+        if i == n - 2 {
+            let b = usize::from(share >= 0.5);
+            let out = &mut *barks.surface[b];
+            let last = corners_in(b, i, &mut here, out);
+            let apex = &rings[n - 1];
+            let tip = out.position.len() as u32;
+            out.position.push(apex.centre);
+            out.normal.push(apex.tangent);
+            out.uv.push(Vec2::new(0.5 * repeats, apex.arc_m / repeat_m));
+            for k in 0..rings[i].sides {
+                out.index.extend([last + k, last + k + 1, tip]);
+            }
+        }
+        below = here;
     }
 }
 

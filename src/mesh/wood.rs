@@ -1,10 +1,11 @@
 //! Which axes of a skeleton become tubes, and how finely, within a budget of triangles.
 
 use super::path::{Foot, Knot, Ring, Scratch, rings};
-use super::tube::{Circles, count, tube};
+use super::tube::{Barks, Circles, count, tube};
 use super::{MeshOptions, Surface};
 use crate::seed::Seed;
 use crate::skeleton::{Axis, Skeleton};
+use crate::texture::BARK_REPEAT_M;
 
 /// The rings of all tubes; axis k has `ring[span[k].0..span[k].1]`.
 pub struct Wood {
@@ -98,19 +99,33 @@ fn knots_of(skeleton: &Skeleton, axis: &Axis, knots: &mut Vec<Knot>) -> Foot {
     foot
 }
 
+/// Radius over that of the stem's foot where bark is all young, and where it is all old.
+const YOUNG: [f32; 2] = [0.36, 0.62];
+
 impl Wood {
-    /// The triangles of all tubes.
-    pub fn surface(&self, repeat_m: f32, seed: Seed) -> Surface {
+    /// The triangles of all tubes: old bark, and young bark where `has_young`.
+    pub fn surfaces(&self, foot_radius_m: f32, has_young: bool, seed: Seed) -> [Surface; 2] {
         let circles = Circles::new();
-        let mut out = Surface::default();
-        out.position.reserve_exact(self.vertices);
-        out.normal.reserve_exact(self.vertices);
-        out.uv.reserve_exact(self.vertices);
-        out.index.reserve_exact(self.triangles * 3);
-        for (k, &(start, end)) in self.span.iter().enumerate() {
-            let phase = seed.derive("lobes", k as u64).draws().between(0.0, std::f32::consts::TAU);
-            tube(&self.ring[start..end], &circles, repeat_m, phase, &mut out);
+        let [mut old, mut young] = [Surface::default(), Surface::default()];
+        if !has_young {
+            old.position.reserve_exact(self.vertices);
+            old.normal.reserve_exact(self.vertices);
+            old.uv.reserve_exact(self.vertices);
+            old.index.reserve_exact(self.triangles * 3);
         }
-        out
+        let share = |radius_m: f32| {
+            let t = (YOUNG[1] - radius_m / foot_radius_m) / (YOUNG[1] - YOUNG[0]);
+            if has_young { t.clamp(0.0, 1.0) } else { 0.0 }
+        };
+        for (k, &(start, end)) in self.span.iter().enumerate() {
+            let mut barks = Barks {
+                surface: [&mut old, &mut young],
+                young: &share,
+                draws: seed.derive("bark", k as u64).draws(),
+                repeat_m: BARK_REPEAT_M,
+            };
+            tube(&self.ring[start..end], &circles, &mut barks);
+        }
+        [old, young]
     }
 }

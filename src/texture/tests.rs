@@ -207,7 +207,7 @@ fn leaf_pictures_have_sane_cover_colour_and_padding() {
         for c in 0..3 {
             let mean = seen.iter().map(|p| f64::from(p[c])).sum::<f64>() / seen.len() as f64;
             let wanted = f64::from(s.foliage.colour[c]);
-            assert!((mean - wanted).abs() < 12.0, "{}: {mean} {wanted}", s.id);
+            assert!((mean - wanted).abs() < 20.0, "{}: {mean} {wanted}", s.id);
         }
         // Nothing black hides under the transparent pixels.
         let least = s.foliage.colour.iter().map(|&c| u32::from(c)).sum::<u32>() / 4;
@@ -216,7 +216,7 @@ fn leaf_pictures_have_sane_cover_colour_and_padding() {
             assert!(sum > least, "{}: {p:?}", s.id);
         }
         for cell in t.atlas.cells() {
-            assert!(cell.coverage > 0.15 && cell.size_m > 0.0, "{}: {cell:?}", s.id);
+            assert!(cell.coverage > 0.12 && cell.size_m > 0.0, "{}: {cell:?}", s.id);
         }
     }
 }

@@ -84,24 +84,19 @@ fn describe(pixels: &[[u8; 4]], side: usize, size_m: f32, corner: Vec2) -> Cell 
     Cell { min: corner, max: corner + 0.5, size_m, reach, coverage }
 }
 
-/// Scales the seen pixels so that their mean is `colour`.
+/// Scales the pixels so that what is seen has the mean luminance of `colour`; hues stay.
 fn match_colour(picture: &mut Picture, colour: [u8; 3]) {
-    let (mut sum, mut count) = ([0u64; 3], 0u64);
+    let luminance =
+        |c: [u8; 3]| 0.2126 * f64::from(c[0]) + 0.7152 * f64::from(c[1]) + 0.0722 * f64::from(c[2]);
+    let (mut sum, mut count) = (0.0f64, 0u32);
     for p in picture.data.iter().filter(|p| p[3] >= 128) {
         count += 1;
-        for c in 0..3 {
-            sum[c] += u64::from(p[c]);
-        }
+        sum += luminance([p[0], p[1], p[2]]);
     }
-    if count == 0 {
-        return;
-    }
-    let gain: Vec<f32> = (0..3)
-        .map(|c| (f32::from(colour[c]) * count as f32 / sum[c].max(1) as f32).clamp(0.4, 2.5))
-        .collect();
+    let gain = (luminance(colour) * f64::from(count) / sum.max(1.0)).clamp(0.5, 2.5) as f32;
     for p in picture.data.iter_mut() {
-        for c in 0..3 {
-            p[c] = (f32::from(p[c]) * gain[c]).clamp(0.0, 255.0) as u8;
+        for c in &mut p[..3] {
+            *c = (f32::from(*c) * gain).clamp(0.0, 255.0) as u8;
         }
     }
 }
@@ -200,7 +195,8 @@ impl Painter<'_> {
         let bark = &self.species.bark;
         let leafy = self.species.foliage.colour;
         let tone = bark.upper.unwrap_or(bark.dark).map(f32::from);
-        let colour = [0, 1, 2].map(|c| 0.75 * tone[c] + 0.12 * f32::from(leafy[c]));
+        let colour = [0, 1, 2]
+            .map(|c| 0.4 * tone[c] + 0.3 * f32::from(bark.dark[c]) + 0.12 * f32::from(leafy[c]));
         let least = 0.45 * self.canvas.pixel();
         let steps = 10;
         for k in 0..steps {
@@ -222,7 +218,7 @@ impl Painter<'_> {
         let lean = self.jitter(0.06);
         let main = Shoot { base: Vec2::new(0.5, 0.01), angle: lean, length: 0.9, bend, depth: 0.8 };
         match self.species.foliage.shape {
-            LeafShape::Needle => self.spray(main, bough),
+            LeafShape::Needle => self.spray(main),
             LeafShape::Tuft => self.tufts(main, bough),
             LeafShape::Bundle => self.brushes(main, bough),
             _ => self.leafy(main, bough),
@@ -238,7 +234,7 @@ impl Painter<'_> {
             let side = if k % 2 == 0 { 1.0 } else { -1.0 };
             // Longest below the middle, short towards the tip.
             let hull = (t / 0.3).min(1.0).powf(0.5) * (1.0 - t).max(0.0).powf(0.7) * 1.25;
-            let length = reach * hull.max(0.12) * self.draws.between(0.75, 1.1);
+            let length = reach * hull.max(0.12) * self.draws.between(0.5, 1.15);
             let turn = angle * (1.0 - 0.35 * t) * self.draws.between(0.85, 1.15);
             let base = main.at(t);
             let heading = main.angle + main.bend * t + side * turn;
@@ -262,17 +258,24 @@ impl Painter<'_> {
     fn leafy(&mut self, main: Shoot, bough: bool) {
         let leaf = self.share(self.species.foliage.leaf_length_m).clamp(0.01, 0.5);
         let narrow = self.species.foliage.shape == LeafShape::Lanceolate;
-        let angle = if narrow { 0.55 } else { 0.85 };
-        let spacing = if bough { 1.1 } else { 0.9 } * leaf.max(0.03);
+        // Birch twigs hang in strands.
+        let strands = bough && self.species.foliage.shape == LeafShape::Deltoid;
+        let angle = if narrow || strands { 0.55 } else { 0.85 };
+        let reach = if narrow || strands { 0.75 } else { 0.6 };
+        let spacing = 0.75 * leaf.max(0.03);
         let mut shoots = Vec::new();
         if bough {
-            for lateral in self.laterals(&main, (spacing * 1.3).max(0.055), 0.46, angle) {
-                let twigs = self.laterals(&lateral, (leaf * 1.5).max(0.03), 0.16, angle);
+            for lateral in self.laterals(&main, (spacing * 1.3).max(0.055), reach, angle) {
+                let twigs = self.laterals(
+                    &lateral,
+                    (leaf * 1.2).max(0.034),
+                    if strands { 0.13 } else { 0.19 },
+                    angle,
+                );
                 shoots.extend(twigs.into_iter().map(|t| (t, 0.0015)));
                 shoots.push((lateral, 0.003));
             }
         } else {
-            let reach = 0.40;
             shoots.extend(
                 self.laterals(&main, spacing, reach, angle).into_iter().map(|s| (s, 0.004)),
             );
@@ -292,11 +295,11 @@ impl Painter<'_> {
     fn leaves_along(&mut self, shoot: &Shoot, leaf: f32, layer: usize) {
         let shape = self.species.foliage.shape;
         let (gap, petiole) = match shape {
-            LeafShape::Lanceolate => (0.2, 0.06),
-            LeafShape::Lobed => (0.42, 0.05),
+            LeafShape::Lanceolate => (0.13, 0.06),
+            LeafShape::Lobed => (0.3, 0.05),
             LeafShape::Round => (0.5, 0.5),
-            LeafShape::Deltoid => (0.42, 0.3),
-            _ => (0.42, 0.14),
+            LeafShape::Deltoid => (0.34, 0.3),
+            _ => (0.34, 0.14),
         };
         let count = (shoot.length / (gap * leaf)).clamp(1.0, 80.0) as usize;
         for k in 0..=count {
@@ -401,13 +404,15 @@ impl Painter<'_> {
     }
 
     /// Flat sprays of spruce and fir: side shoots in one plane, needles all round.
-    fn spray(&mut self, main: Shoot, bough: bool) {
+    fn spray(&mut self, main: Shoot) {
         let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.006, 0.3);
-        let density = 3.2 / needle.max(0.01);
+        let density = 3.4 / needle.max(0.01);
+        // Shoots stand so close that their needles meet.
+        let gap = (1.35 * needle).clamp(0.03, 0.2);
         let mut shoots = Vec::new();
-        for lateral in self.laterals(&main, if bough { 0.06 } else { 0.1 }, 0.5, 0.95) {
-            if bough && lateral.length > 0.12 {
-                let fine = self.laterals(&lateral, 0.05, 0.17, 0.85);
+        for lateral in self.laterals(&main, gap, 0.62, 0.95) {
+            if lateral.length > 4.0 * gap {
+                let fine = self.laterals(&lateral, gap, 0.2, 0.85);
                 shoots.extend(fine.into_iter().map(|s| (s, 0.0012)));
             }
             shoots.push((lateral, 0.0022));
@@ -415,15 +420,15 @@ impl Painter<'_> {
         shoots.push((main, 0.005));
         for (shoot, half) in shoots {
             self.wood(&shoot, half, half * 0.5);
-            self.needles(&shoot, needle, density.min(180.0), 0.02, [0.5, 1.0]);
+            self.needles(&shoot, needle, density.min(260.0), 0.02, [0.5, 1.0]);
         }
     }
 
     /// Larch: rosettes on short shoots along thin twigs, single needles near the tips.
     fn tufts(&mut self, main: Shoot, bough: bool) {
         let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.006, 0.3);
-        let spacing = if bough { 0.075 } else { 0.13 };
-        let mut shoots = self.laterals(&main, spacing, 0.46, 0.9);
+        let spacing = if bough { 0.075 } else { 0.11 };
+        let mut shoots = self.laterals(&main, spacing, 0.58, 0.95);
         if bough {
             let mut fine = Vec::new();
             for lateral in shoots.iter().filter(|l| l.length > 0.15) {
@@ -470,15 +475,22 @@ impl Painter<'_> {
     /// Pine: long needles crowded towards the ends of few stout shoots.
     fn brushes(&mut self, main: Shoot, bough: bool) {
         let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.02, 0.35);
-        let mut shoots = self.laterals(&main, if bough { 0.085 } else { 0.2 }, 0.42, 0.8);
+        let gap = if bough { 0.05 } else { 0.12 };
+        let mut shoots = self.laterals(&main, gap, 0.55, 0.9);
+        if bough {
+            let mut fine = Vec::new();
+            for lateral in shoots.iter().filter(|l| l.length > 0.16) {
+                fine.extend(self.laterals(lateral, 0.07, 0.14, 0.8));
+            }
+            shoots.extend(fine);
+        }
         let main = Shoot { length: (0.97 - needle * 0.8).max(0.4), ..main };
         shoots.push(main);
         for shoot in shoots {
-            self.wood(&shoot, if bough { 0.006 } else { 0.011 }, 0.005);
+            self.wood(&shoot, if bough { 0.005 } else { 0.01 }, 0.004);
             let from =
-                if shoot.length > 2.0 * needle { 1.0 - 1.9 * needle / shoot.length } else { 0.1 };
-            let density = 4.5 / needle.max(0.02);
-            self.needles(&shoot, needle, (density * 3.0).min(700.0), from.max(0.0), [0.25, 1.15]);
+                if shoot.length > 2.6 * needle { 1.0 - 2.6 * needle / shoot.length } else { 0.1 };
+            self.needles(&shoot, needle, (38.0 / needle).min(700.0), from.max(0.0), [0.25, 1.15]);
         }
     }
 }
