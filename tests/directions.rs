@@ -44,7 +44,7 @@ const HOMES: [(&str, &[&str]); 9] = [
     ("clap", &["cli"]),
     ("indicatif", &["cli"]),
     ("csv", &["inventory"]),
-    ("tempfile", &["export"]),
+    ("tempfile", &["export", "cli"]),
 ];
 
 /// Source without comments and without test modules (by convention the last item of a file).

@@ -107,6 +107,10 @@ impl ValidScene {
         parts(&self.scene)
     }
 
+    pub fn as_scene(&self) -> &Scene {
+        &self.scene
+    }
+
     /// The scene, open to change again.
     pub fn into_scene(self) -> Scene {
         self.scene

@@ -41,6 +41,15 @@ pub struct Size {
     pub profile: Vec<[f32; 2]>,
 }
 
+impl Size {
+    /// Stem diameter of a tree of another height, metres: it goes with height^1.5 (elastic
+    /// similarity, McMahon 1973).
+    pub fn stem_diameter_at(&self, height_m: f32) -> f32 {
+        let scale = (height_m / self.height_m.max(0.1)).max(1e-3);
+        self.stem_diameter_m * scale.powf(1.5)
+    }
+}
+
 /// From scaffold to filled crown.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]

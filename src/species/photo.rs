@@ -130,7 +130,7 @@ impl Photo {
     }
 
     /// Side of a pixel, local metres.
-    fn pixel_m(&self) -> f32 {
+    pub fn pixel_m(&self) -> f32 {
         let unit = self.frame.unit_m();
         (self.geometry.cell_x * unit.x).min(self.geometry.cell_y * unit.y) as f32
     }
