@@ -14,6 +14,7 @@ pub mod diagnostic;
 pub mod export;
 pub mod frame;
 pub mod ground;
+pub mod inventory;
 pub mod mesh;
 pub mod pipeline;
 pub mod raster;

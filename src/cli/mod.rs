@@ -1,1 +1,30 @@
-//! Filled in below.
+//! The command line: arguments as typed to resolved jobs, progress, messages. Knows no algorithm.
+
+mod args;
+mod commands;
+mod progress;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use crate::diagnostic::{self, Error, Result};
+
+/// Runs the program; exit code 0 only when the output is whole.
+pub fn run() -> ExitCode {
+    let cli = args::Cli::parse();
+    match set_threads(cli.threads).and_then(|()| commands::run(&cli)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprint!("{}", diagnostic::render(&error));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn set_threads(threads: Option<u16>) -> Result<()> {
+    let Some(n) = threads else { return Ok(()) };
+    rayon::ThreadPoolBuilder::new().num_threads(n.into()).build_global().map_err(|e| {
+        Error::new(format!("{n} threads cannot be started: {e}")).remedy("give a smaller --threads")
+    })
+}

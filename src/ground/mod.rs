@@ -1,8 +1,16 @@
 //! Which points are ground (L) and which vegetation (T). Knows nothing of terrain.
 
+mod morphology;
+mod smrf;
+mod voxel_rules;
+
+use glam::Vec3;
+
+use crate::diagnostic::{Error, Result, Warned};
+use crate::raster::GridGeometry;
 use crate::scan::PointCloud;
 
-/// What a point is, VL = T ∪ L ∪ E ([T15]); E is what is neither (water, buildings, wires).
+/// What a point is, VL = T ∪ L ∪ E (T15); E is what is neither (water, buildings, wires).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     Ground,
@@ -20,3 +28,122 @@ pub struct Classified {
     /// world).
     pub is_normalised: bool,
 }
+
+/// How ground points are found.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Method {
+    /// Simple morphological filter (Pingel 2013), coarse to fine.
+    #[default]
+    Smrf,
+    /// The voxel rules of the source (T15).
+    VoxelRules,
+    /// Class 2 of the file.
+    FileClasses,
+}
+
+#[derive(Debug, Clone, Default)]
+pub struct GroundOptions {
+    pub method: Method,
+}
+
+/// ASPRS classes that are neither ground nor vegetation.
+const NEITHER: [u8; 10] = [6, 7, 9, 10, 13, 14, 15, 16, 17, 18];
+const FILE_GROUND: u8 = 2;
+/// Ground of a cloud of normalised heights lies this close to zero, metres.
+const NORMALISED_GROUND_M: f32 = 0.25;
+
+/// Finds the kind of every point. Classes of the file are read for what is neither ground nor
+/// vegetation, and for ground with [`Method::FileClasses`] only.
+///
+/// # Errors
+/// No points; fewer than three that could be ground; no class 2 where that is asked for.
+pub fn classify(cloud: PointCloud, options: &GroundOptions) -> Result<Warned<Classified>> {
+    let is_candidate: Vec<bool> = (0..cloud.len())
+        .map(|i| {
+            cloud.return_number[i] >= cloud.return_count[i] && !NEITHER.contains(&cloud.class[i])
+        })
+        .collect();
+    let mut candidates: Vec<Vec3> =
+        cloud.position.iter().zip(&is_candidate).filter(|(_, c)| **c).map(|(p, _)| *p).collect();
+    if candidates.len() < 3 {
+        // Return numbers may be wrong throughout; every point is then a candidate.
+        candidates = cloud.position.clone();
+    }
+    if candidates.len() < 3 {
+        return Err(Error::new(format!("{} points are too few to find the ground", cloud.len()))
+            .remedy("give a whole scan: at least a few points that reached the ground"));
+    }
+    let is_normalised = is_normalised(&cloud, &candidates);
+    let mut warnings = Vec::new();
+    let is_ground: Vec<bool> = if options.method == Method::FileClasses {
+        if !cloud.class.contains(&FILE_GROUND) {
+            return Err(Error::new("the scan holds no ground points (class 2)")
+                .remedy("let them be found: leave out --ground file"));
+        }
+        cloud.class.iter().map(|&c| c == FILE_GROUND).collect()
+    } else if is_normalised {
+        let zero = zero_level(&cloud);
+        cloud.position.iter().map(|p| (p.z - zero).abs() <= NORMALISED_GROUND_M).collect()
+    } else {
+        match options.method {
+            Method::VoxelRules => voxel_rules::ground(&cloud.position),
+            _ => smrf::ground(&candidates, &cloud.position),
+        }
+    };
+    if is_normalised {
+        warnings.push(
+            "the heights are above ground already: the terrain is taken as the plane z = 0".into(),
+        );
+    }
+    let kind: Vec<Kind> = is_ground
+        .iter()
+        .zip(&cloud.class)
+        .map(|(&ground, class)| match (NEITHER.contains(class), ground) {
+            (true, _) => Kind::Excluded,
+            (false, true) => Kind::Ground,
+            (false, false) => Kind::Vegetation,
+        })
+        .collect();
+    if !is_normalised && kind.iter().filter(|&&k| k == Kind::Ground).count() < 3 {
+        return Err(Error::new("no ground was found in the scan").remedy(
+            "give a scan whose lowest returns reach the ground, or try --ground voxel or --ground file",
+        ));
+    }
+    Ok(Warned::with(Classified { cloud, kind, is_normalised }, warnings))
+}
+
+/// Local height of z = 0 of the world.
+fn zero_level(cloud: &PointCloud) -> f32 {
+    (-cloud.frame.origin.z * cloud.frame.unit_m().z) as f32
+}
+
+/// Whether heights are above ground already: of the lowest points of 5 m cells, a quarter or more
+/// lie within 15 cm of z = 0 of the world and next to none below −50 cm. A level site at sea level
+/// fits too; both readings of it agree.
+fn is_normalised(cloud: &PointCloud, candidates: &[Vec3]) -> bool {
+    const CELL_M: f64 = 5.0;
+    let zero = zero_level(cloud);
+    let first = candidates[0];
+    let (low, high) = candidates.iter().fold((first, first), |(a, b), p| (a.min(*p), b.max(*p)));
+    let geometry = GridGeometry::covering(
+        [low.x.into(), low.y.into()],
+        [high.x.into(), high.y.into()],
+        // Few large cells where points are far apart, so that memory stays bounded.
+        CELL_M.max(f64::from((high - low).truncate().max_element()) / 2000.0),
+    );
+    let mut lowest = vec![f32::INFINITY; geometry.len()];
+    for p in candidates {
+        if let Some((c, r)) = geometry.cell_of(p.x.into(), p.y.into()) {
+            let i = geometry.index(c, r);
+            lowest[i] = lowest[i].min(p.z - zero);
+        }
+    }
+    lowest.retain(|z| z.is_finite());
+    let share = |is: &dyn Fn(f32) -> bool| {
+        lowest.iter().filter(|&&z| is(z)).count() as f32 / lowest.len().max(1) as f32
+    };
+    share(&|z| z.abs() < 0.15) >= 0.25 && share(&|z| z < -0.5) < 0.02
+}
+
+#[cfg(test)]
+mod tests;

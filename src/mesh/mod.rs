@@ -1,11 +1,26 @@
 //! Skeletons to triangle meshes: closed tubes for the wood, cards or geometry for the foliage.
 //! Knows nothing of files or scenes.
 
+mod card;
+mod check;
+mod foliage;
+mod path;
+mod tube;
+mod wood;
+
 use glam::{Vec2, Vec3};
+
+use crate::diagnostic::{Error, Result};
+use crate::seed::Seed;
+use crate::skeleton::Skeleton;
+use crate::species::Species;
+use crate::texture::Atlas;
+
+pub use path::BELOW_GROUND_M;
 
 /// An indexed triangle surface; columns of equal length, three indices a triangle,
 /// counter-clockwise seen from outside. `uv` has v = 0 at the bottom of the picture.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Surface {
     pub position: Vec<Vec3>,
     /// Unit length.
@@ -32,9 +47,121 @@ impl Surface {
 }
 
 /// A tree's mesh; tree-local metres, root collar at the origin, Z up.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct TreeMesh {
+    /// One closed tube an axis; stems go on below ground. u counts whole tiles of bark around,
+    /// v is arc length over [`crate::texture::BARK_REPEAT_M`].
     pub wood: Surface,
+    /// The part of the wood with the bark of the upper stem and the branches; empty where the
+    /// species has none. Closed only together with `wood`.
+    pub upper_wood: Surface,
     /// Empty for a bare tree.
     pub foliage: Surface,
 }
+
+impl TreeMesh {
+    pub fn triangles(&self) -> usize {
+        self.wood_triangles() + self.foliage.triangles()
+    }
+
+    pub fn wood_triangles(&self) -> usize {
+        self.wood.triangles() + self.upper_wood.triangles()
+    }
+
+    /// Least and greatest corner of all that is there.
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        [&self.wood, &self.upper_wood, &self.foliage]
+            .iter()
+            .filter(|s| !s.is_empty())
+            .map(|s| s.bounds())
+            .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+            .unwrap_or_default()
+    }
+
+    /// All surfaces sound, and the wood closed.
+    pub fn check(&self) -> Result<()> {
+        self.wood.check()?;
+        self.upper_wood.check()?;
+        self.foliage.check()?;
+        match check::open_edges(&[&self.wood, &self.upper_wood]) {
+            0 => Ok(()),
+            n => Err(Error::new(format!("the wood has {n} open edges"))),
+        }
+    }
+}
+
+/// How finely a tree is meshed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeshOptions {
+    /// Greatest distance between a tube's facets and its circle, and between the mesh and nodes
+    /// left out, metres; clamped to 1e-5…1.
+    pub tolerance_m: f32,
+    /// Triangles of the whole tree, wood and foliage; a stem alone may exceed a tiny budget.
+    pub triangle_budget: Option<usize>,
+    pub foliage: bool,
+    /// Buttresses at the ground, cards of more rows.
+    pub detail: bool,
+}
+
+impl MeshOptions {
+    /// One of many trees in a forest.
+    pub const FOREST: MeshOptions = MeshOptions {
+        tolerance_m: 0.004,
+        triangle_budget: Some(5_000),
+        foliage: true,
+        detail: false,
+    };
+    /// A tree seen from near.
+    pub const HERO: MeshOptions = MeshOptions {
+        tolerance_m: 0.0015,
+        triangle_budget: Some(20_000),
+        foliage: true,
+        detail: true,
+    };
+}
+
+/// Share of a budget that the wood of a leafy tree may take.
+const WOOD_SHARE: f32 = 0.36;
+
+/// Meshes a skeleton. `atlas` says where the twigs lie in the species' leaf picture. Same
+/// arguments, same bytes.
+///
+/// # Errors
+/// A skeleton that breaks its invariants, or of a single node: it has no wood.
+pub fn build(
+    skeleton: &Skeleton,
+    species: &Species,
+    atlas: &Atlas,
+    options: &MeshOptions,
+    seed: Seed,
+) -> Result<TreeMesh> {
+    skeleton.check()?;
+    let far = skeleton.position.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
+    if far > 1e4 {
+        return Err(Error::new(format!("a skeleton reaches {far} m from its root"))
+            .remedy("give lengths in metres"));
+    }
+    let axes = skeleton.axes();
+    let seed = seed.derive("mesh", 0);
+    let wood_budget = options.triangle_budget.map(|b| match options.foliage {
+        true => (b as f32 * WOOD_SHARE) as usize,
+        false => b,
+    });
+    let plan = wood::plan(skeleton, &axes, options, wood_budget);
+    if plan.triangles == 0 {
+        return Err(Error::new(format!("a skeleton of {} nodes has no wood", skeleton.len()))
+            .remedy("give the species a greater height"));
+    }
+    let [wood, upper_wood] =
+        plan.surfaces(skeleton.radius_m[0], species.bark.upper.is_some(), seed);
+    let foliage = if options.foliage {
+        let left = options.triangle_budget.map(|b| b.saturating_sub(plan.triangles));
+        foliage::foliage(skeleton, &axes, species, atlas, left, options.detail, seed)
+    } else {
+        Surface::default()
+    };
+    Ok(TreeMesh { wood, upper_wood, foliage })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,1 +1,11 @@
-//! Filled in below.
+//! The stages in their order: the only room that knows every stage. Knows nothing of the command
+//! line; takes resolved jobs, gives values, and records what each stage did.
+
+pub mod demo;
+pub mod forest;
+pub mod survey;
+pub mod tree;
+
+pub use forest::{Forest, ForestJob, Sharing};
+pub use survey::{Survey, SurveyJob};
+pub use tree::TreeJob;

@@ -4,6 +4,7 @@
 //! a value stands for the middle of its cell.
 
 pub mod geotiff;
+pub mod inpaint;
 pub mod picture;
 
 pub use picture::Picture;

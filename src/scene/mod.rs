@@ -1,7 +1,25 @@
 //! Prototypes, instances and terrain as one scene, and the proof that it is sound. Knows nothing
 //! of formats.
+//!
+//! A [`Scene`] is built freely, relieved of what it does not use by [`Scene::prune`], and turned
+//! by [`Scene::validate`] into a [`ValidScene`], the only thing that writers accept.
 
-use glam::Vec3;
+mod name;
+mod prune;
+#[cfg(test)]
+pub(crate) mod sample;
+pub mod sharing;
+mod standing;
+mod statistics;
+mod valid;
+
+pub use name::{identifier, is_identifier};
+pub use prune::LeftOut;
+pub use standing::{OFF_TERRAIN_M, ROOT_TOLERANCE_M};
+pub use statistics::{Statistics, bounds_of, statistics};
+pub use valid::{SpeciesGroup, ValidScene, Wrap};
+
+use glam::{Vec2, Vec3};
 
 use crate::frame::Frame;
 use crate::mesh::Surface;
@@ -92,6 +110,15 @@ pub struct Instance {
     pub yaw_rad: f32,
     pub scale: Vec3,
     pub facts: TreeFacts,
+}
+
+impl Instance {
+    /// Scene metres of a point of the prototype.
+    pub fn place(&self, p: Vec3) -> Vec3 {
+        let p = self.scale * p;
+        let turned = Vec2::from_angle(self.yaw_rad).rotate(Vec2::new(p.x, p.y));
+        self.position + turned.extend(p.z)
+    }
 }
 
 /// Everything a writer needs; scene metres (local to `frame`), Z up.

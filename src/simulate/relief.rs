@@ -1,74 +1,98 @@
-//! The ground of a simulated stand: a function in closed form.
+//! Terrain in closed form: a slope, smooth hills, and a little roughness.
 
 use std::f64::consts::TAU;
 
 use crate::seed::Seed;
 
-/// A plane wave of height.
+/// A hill or hollow: a Gaussian.
 #[derive(Debug, Clone, Copy)]
-struct Wave {
-    /// Radians a metre, east and north.
-    k: [f64; 2],
-    phase: f64,
-    amplitude_m: f64,
+struct Hill {
+    x: f64,
+    y: f64,
+    height_m: f64,
+    radius_m: f64,
 }
 
-/// Slope, hills and roughness; heights in local metres.
+/// z(x, y) in local metres, smooth, defined everywhere.
 #[derive(Debug, Clone)]
 pub struct Relief {
     base_m: f64,
     slope: [f64; 2],
-    waves: Vec<Wave>,
+    hills: Vec<Hill>,
+    waves: Vec<[f64; 4]>,
 }
 
 impl Relief {
-    /// Hills between 0 and `relief_m` over a square of `side_m`, with roughness of a few
-    /// centimetres on top.
-    pub fn new(side_m: f32, relief_m: f32, seed: Seed) -> Relief {
-        let mut draws = seed.derive("relief", 0).draws();
-        let side = f64::from(side_m).max(1.0);
-        let mut wave = |length: [f32; 2], amplitude_m: f64| {
-            let length = f64::from(draws.between(length[0], length[1]));
-            let (s, c) = (f64::from(draws.unit()) * TAU).sin_cos();
-            let k = TAU / length;
-            Wave { k: [c * k, s * k], phase: f64::from(draws.unit()) * TAU, amplitude_m }
-        };
-        let long = side as f32;
-        let mut waves: Vec<Wave> = [0.9f32, 0.6, 0.45, 0.3]
-            .into_iter()
-            .map(|share| {
-                let length = (long * share).max(12.0);
-                wave([length, length * 1.3], f64::from(share) * f64::from(share))
+    /// About `range_m` between lowest and highest over a square of `side_m` from the origin.
+    pub fn new(side_m: f64, range_m: f64, seed: Seed) -> Self {
+        let mut d = seed.derive("relief", 0).draws();
+        let mut between = |low: f64, high: f64| low + (high - low) * f64::from(d.unit());
+        let direction = between(0.0, TAU);
+        let steepness = 0.45 * range_m / side_m;
+        let hills = (0..7)
+            .map(|_| Hill {
+                x: between(0.0, side_m),
+                y: between(0.0, side_m),
+                height_m: between(-0.3, 0.45) * range_m,
+                radius_m: between(0.15, 0.3) * side_m,
             })
             .collect();
-        let hills = waves.len();
-        waves.extend((0..4).map(|_| wave([4.0, 11.0], 0.035)));
-        let mut relief = Relief { base_m: 0.0, slope: [0.4 / side, 0.25 / side], waves };
-        // The hills alone are stretched to the asked range.
-        let only_hills = Relief { waves: relief.waves[..hills].to_vec(), ..relief.clone() };
-        let n = 96;
-        let at = |i: i32| side * f64::from(i) / f64::from(n);
-        let (mut low, mut high) = (f64::MAX, f64::MIN);
-        for j in 0..=n {
-            for i in 0..=n {
-                let z = only_hills.height_at(at(i), at(j));
-                low = low.min(z);
-                high = high.max(z);
-            }
+        let waves = (0..6)
+            .map(|_| {
+                let (angle, length) = (between(0.0, TAU), between(5.0, 14.0));
+                let k = TAU / length;
+                [k * angle.cos(), k * angle.sin(), between(0.0, TAU), 0.006 * length]
+            })
+            .collect();
+        Relief {
+            base_m: 240.0,
+            slope: [steepness * direction.cos(), steepness * direction.sin()],
+            hills,
+            waves,
         }
-        let gain = f64::from(relief_m.max(0.0)) / (high - low).max(1e-9);
-        for w in &mut relief.waves[..hills] {
-            w.amplitude_m *= gain;
-        }
-        relief.slope = relief.slope.map(|s| s * gain);
-        relief.base_m = -low * gain;
-        relief
     }
 
-    /// Height at a place, local metres.
+    /// Level ground at a height.
+    pub fn flat(height_m: f64) -> Self {
+        Relief { base_m: height_m, slope: [0.0; 2], hills: Vec::new(), waves: Vec::new() }
+    }
+
     pub fn height_at(&self, x: f64, y: f64) -> f64 {
-        let plane = self.base_m + self.slope[0] * x + self.slope[1] * y;
-        let wave = |w: &Wave| w.amplitude_m * (w.k[0] * x + w.k[1] * y + w.phase).sin();
-        plane + self.waves.iter().map(wave).sum::<f64>()
+        let hills: f64 = self
+            .hills
+            .iter()
+            .map(|h| {
+                let d_sq = (x - h.x).powi(2) + (y - h.y).powi(2);
+                h.height_m * (-d_sq / (2.0 * h.radius_m * h.radius_m)).exp()
+            })
+            .sum();
+        let waves: f64 = self.waves.iter().map(|w| w[3] * (w[0] * x + w[1] * y + w[2]).sin()).sum();
+        self.base_m + self.slope[0] * x + self.slope[1] * y + hills + waves
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn uneven_but_walkable() {
+        for seed in 0..20 {
+            let r = Relief::new(100.0, 20.0, Seed::new(seed));
+            let (mut low, mut high, mut steepest) = (f64::MAX, f64::MIN, 0.0f64);
+            for i in 0..100 {
+                for j in 0..100 {
+                    let (x, y) = (f64::from(i), f64::from(j));
+                    let z = r.height_at(x, y);
+                    low = low.min(z);
+                    high = high.max(z);
+                    let gradient =
+                        (r.height_at(x + 0.5, y) - z).hypot(r.height_at(x, y + 0.5) - z) / 0.5;
+                    steepest = steepest.max(gradient);
+                }
+            }
+            assert!((5.0..45.0).contains(&(high - low)), "seed {seed}: {}", high - low);
+            assert!(steepest < 1.5, "seed {seed}: {steepest}");
+        }
     }
 }

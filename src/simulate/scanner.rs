@@ -1,55 +1,98 @@
-//! A flying scanner: parallel flight lines with 50 % overlap, pulses traced through crowns, stems
-//! and ground.
+//! A flying laser scanner: pulses traced through crowns by the Beer–Lambert law, several returns a
+//! pulse, ground, stems, ranging noise and a few stray points.
 //!
-//! Light meets leaves by the law of Beer and Lambert: the path to the next hit is exponential in
-//! the leaf density passed. A hit keeps part of the pulse's energy, so that later returns come
-//! from below, until too little is left.
+//! Known limits: footprints are rays without width, and crowns hold leaves alone, thicker in an
+//! outer shell, as airborne pulses meet them.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::crown::Grove;
-use super::stand::Stand;
+use super::planting::Stand;
+use super::shape::Shape;
 use crate::scan::PointCloud;
-use crate::seed::Draws;
+use crate::seed::{Draws, Seed};
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct ScannerOptions {
-    /// Pulses from all flight lines, over the stand's area.
-    pub pulses_per_sq_m: f32,
-    /// Flying height above the middle ground.
-    pub altitude_m: f32,
-    /// Half of the scanner's angle of view.
-    pub scan_angle_deg: f32,
-    /// Standard deviation of the range.
-    pub range_noise_m: f32,
-    /// Stray points (birds, multiple paths) a thousand pulses.
-    pub strays_per_mille: f32,
-    /// ASPRS classes 2, 5, 7 and 18 as they truly are; otherwise all points are class 1 but for
-    /// half of the strays.
-    pub is_classified: bool,
+    /// First returns per square metre, all flight lines together.
+    pub pulses_per_m2: f64,
+    /// Above the mean ground.
+    pub altitude_m: f64,
+    pub flight_lines: u32,
+    /// Standard deviation of each coordinate.
+    pub noise_m: f32,
+    /// Stray points per million.
+    pub strays_per_million: f32,
+    /// Write class 2 on ground returns; else every return is class 1 (unclassified).
+    pub has_classes: bool,
 }
 
 impl Default for ScannerOptions {
     fn default() -> Self {
         ScannerOptions {
-            pulses_per_sq_m: 12.0,
-            altitude_m: 300.0,
-            scan_angle_deg: 14.0,
-            range_noise_m: 0.03,
-            strays_per_mille: 0.4,
-            is_classified: false,
+            pulses_per_m2: 12.0,
+            altitude_m: 450.0,
+            flight_lines: 3,
+            noise_m: 0.025,
+            strays_per_million: 150.0,
+            has_classes: false,
         }
     }
 }
 
-const UNCLASSIFIED: u8 = 1;
-const GROUND: u8 = 2;
-const HIGH_VEGETATION: u8 = 5;
-const LOW_NOISE: u8 = 7;
-const HIGH_NOISE: u8 = 18;
+/// Leaf area met per metre of path in the outer shell of a crown, and inside.
+const SHELL_DENSITY: f32 = 0.75;
+const INNER_DENSITY: f32 = 0.3;
+const SHELL_M: f32 = 0.9;
+/// Ranges closer than this merge into one return.
+const RESOLUTION_M: f32 = 1.0;
+/// Share of a pulse's energy that goes on after a return.
+const LEFT_AFTER_RETURN: f32 = 0.6;
+/// Weaker remainders are not recorded.
+const LEAST_ENERGY: f32 = 0.1;
+const MOST_RETURNS: usize = 5;
+const STEP_M: f32 = 0.12;
 
-struct Return {
+/// Trees by square cells, for pulses and pixels.
+pub(super) struct TreeGrid<'a> {
+    cell_m: f32,
+    side: usize,
+    cells: Vec<Vec<u32>>,
+    shapes: &'a [Shape],
+}
+
+impl<'a> TreeGrid<'a> {
+    pub fn new(shapes: &'a [Shape], side_m: f32) -> Self {
+        let cell_m = 3.0;
+        let side = (side_m / cell_m).ceil().max(1.0) as usize;
+        let mut cells = vec![Vec::new(); side * side];
+        for (i, s) in shapes.iter().enumerate() {
+            let reach = s.reach_m();
+            let span = |c: f32| {
+                let low = ((c - reach) / cell_m).floor().max(0.0) as usize;
+                let high = (((c + reach) / cell_m).floor().max(0.0) as usize).min(side - 1);
+                low..=high
+            };
+            for row in span(s.y) {
+                for col in span(s.x) {
+                    cells[row * side + col].push(i as u32);
+                }
+            }
+        }
+        TreeGrid { cell_m, side, cells, shapes }
+    }
+
+    /// Trees that may reach over a place, with their index.
+    pub fn near(&self, x: f32, y: f32) -> impl Iterator<Item = (usize, &'a Shape)> + '_ {
+        let (c, r) = (x / self.cell_m, y / self.cell_m);
+        let inside = c >= 0.0 && r >= 0.0 && (c as usize) < self.side && (r as usize) < self.side;
+        let cell = if inside { &self.cells[r as usize * self.side + c as usize][..] } else { &[] };
+        cell.iter().map(|&i| (i as usize, &self.shapes[i as usize]))
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Echo {
     position: Vec3,
     intensity: u16,
     number: u8,
@@ -57,174 +100,222 @@ struct Return {
     class: u8,
 }
 
-/// Scans the stand and cuts the points at its edge; in the order in which they were measured.
-pub fn scan(stand: &Stand, options: &ScannerOptions) -> PointCloud {
-    let grove = Grove::new(&stand.shapes, stand.side_m);
-    let side = f64::from(stand.side_m);
-    let middle = side * 0.5;
-    let reference_z = stand.relief.height_at(middle, middle);
-    let altitude = f64::from(options.altitude_m.clamp(60.0, 10_000.0));
-    let half_swath =
-        altitude * f64::from(options.scan_angle_deg.clamp(1.0, 60.0)).to_radians().tan();
-    // Each place lies under two lines, each of which gives half of the pulses.
-    let pulses = f64::from(options.pulses_per_sq_m.clamp(0.01, 1000.0));
-    let spacing = (2.0 / pulses).sqrt();
-    // Slanted pulses that end beyond the edge still meet crowns inside.
-    let lean = half_swath / altitude;
-    let margin = (f64::from(grove.highest()) - reference_z).max(0.0) * lean + 1.0;
-    let rows = ((side + 2.0 * margin) / spacing).ceil() as u64;
-    let lines = ((side + 2.0 * margin) / half_swath).ceil() as i64 + 2;
-    let strips: Vec<(i64, u64)> =
-        (0..lines).flat_map(|line| (0..rows).map(move |row| (line, row))).collect();
-    let returns: Vec<Vec<Return>> = strips
-        .par_iter()
-        .map(|&(line, row)| {
-            let key = (line as u64) << 40 | row;
-            let mut draws = stand.seed.derive("scan line", key).draws();
-            // Lines stand half a swath apart, the first a quarter of that beyond the western edge.
-            let line_x = (line as f64 - 0.25) * half_swath - margin;
-            let y = (row as f64 + 0.5) * spacing - margin;
+/// Flies over a stand.
+pub fn scan(stand: &Stand, options: &ScannerOptions, seed: Seed) -> PointCloud {
+    let seed = seed.derive("scanner", 0);
+    let grid = TreeGrid::new(&stand.shapes, stand.side_m as f32);
+    let lines = options.flight_lines.max(1);
+    let spacing_m = (f64::from(lines) / options.pulses_per_m2.max(1e-3)).sqrt();
+    let per_side = (stand.side_m / spacing_m).ceil().max(1.0) as u64;
+    let top_z =
+        stand.shapes.iter().map(|s| s.top_z).fold(f32::MIN, f32::max).max(ground_top(stand));
+    let rows: Vec<Vec<Echo>> = (0..u64::from(lines) * per_side)
+        .into_par_iter()
+        .map(|row| {
+            let (line, along) = (row / per_side, row % per_side);
+            let mut d = seed.derive("row", row).draws();
+            let offset = (line as f64 + 0.5) / f64::from(lines) - 0.5;
+            let sensor_y = stand.side_m * (0.5 + 1.6 * offset);
             let mut out = Vec::new();
-            let west = (line_x - half_swath).max(-margin);
-            let east = (line_x + half_swath).min(side + margin);
-            let count = ((east - west) / spacing).round().max(0.0) as u64;
-            for i in 0..count {
-                let x = west + (i as f64 + f64::from(draws.unit())) * spacing;
-                let target =
-                    DVec3::new(x, y + (f64::from(draws.unit()) - 0.5) * spacing, reference_z);
-                let source = DVec3::new(line_x, y, reference_z + altitude);
-                pulse(stand, &grove, options, source, target, &mut draws, &mut out);
+            for across in 0..per_side {
+                let x = (along as f64 + f64::from(d.unit())) * spacing_m;
+                let y = (across as f64 + f64::from(d.unit())) * spacing_m;
+                if x >= stand.side_m || y >= stand.side_m {
+                    continue;
+                }
+                let ground_z = stand.relief.height_at(x, y);
+                let target = DVec3::new(x, y, ground_z);
+                let sensor = DVec3::new(x, sensor_y, ground_z + options.altitude_m);
+                pulse(&grid, sensor, target, top_z, options, &mut d, &mut out);
             }
             out
         })
         .collect();
-    let mut cloud = PointCloud {
+    let mut echoes: Vec<Echo> = rows.into_iter().flatten().collect();
+    add_strays(&mut echoes, stand, options, seed);
+    PointCloud {
         frame: stand.frame.clone(),
-        position: Vec::new(),
-        intensity: Vec::new(),
-        return_number: Vec::new(),
-        return_count: Vec::new(),
-        class: Vec::new(),
+        position: echoes.iter().map(|e| e.position).collect(),
+        intensity: echoes.iter().map(|e| e.intensity).collect(),
+        return_number: echoes.iter().map(|e| e.number).collect(),
+        return_count: echoes.iter().map(|e| e.count).collect(),
+        class: echoes.iter().map(|e| e.class).collect(),
         rgb: None,
-    };
-    let inside = |p: Vec3| p.x >= 0.0 && p.y >= 0.0 && p.x < stand.side_m && p.y < stand.side_m;
-    for r in returns.into_iter().flatten().filter(|r| inside(r.position)) {
-        cloud.position.push(r.position);
-        cloud.intensity.push(r.intensity);
-        cloud.return_number.push(r.number);
-        cloud.return_count.push(r.count);
-        cloud.class.push(r.class);
     }
-    cloud
 }
 
-/// Traces one pulse from the source through the target on the reference plane.
-fn pulse(
-    stand: &Stand,
-    grove: &Grove<'_>,
-    options: &ScannerOptions,
-    source: DVec3,
-    target: DVec3,
-    draws: &mut Draws,
-    out: &mut Vec<Return>,
-) {
-    const MOST_RETURNS: u8 = 5;
-    const LEAST_ENERGY: f32 = 0.10;
-    /// Two echoes nearer than this melt into one.
-    const LEAST_SEPARATION_M: f32 = 0.9;
-    const STEP_M: f32 = 0.22;
-    let direction = (target - source).normalize();
-    let ground_t = ground_hit(stand, source, direction);
-    let foot = source + direction * ground_t;
-    let first = out.len();
-    let mut echo = |t: f64, energy: f32, reflectance: f32, class: u8, draws: &mut Draws| {
-        let range = t + f64::from(options.range_noise_m * draws.normal());
-        let speckle = 1.0 + 0.15 * draws.normal();
-        out.push(Return {
-            position: (source + direction * range).as_vec3(),
-            intensity: (42_000.0 * energy * reflectance * speckle).clamp(1.0, 65_535.0) as u16,
-            number: 0,
-            count: 0,
-            class: if options.is_classified { class } else { UNCLASSIFIED },
-        });
+fn ground_top(stand: &Stand) -> f32 {
+    let at = |i: u32, j: u32| {
+        stand
+            .relief
+            .height_at(f64::from(i) / 32.0 * stand.side_m, f64::from(j) / 32.0 * stand.side_m)
     };
-    // Enter where the ray passes under the highest top.
-    let above = source.z - f64::from(grove.highest());
-    let mut t = (above / -direction.z).max(0.0) - f64::from(draws.unit() * STEP_M);
-    let (mut energy, mut echoes, mut blind_until) = (1.0f32, 0u8, f64::MIN);
-    let mut depth_left = -(1.0 - draws.unit()).ln();
-    while t < ground_t && echoes < MOST_RETURNS - 1 {
-        let p = (source + direction * (t + f64::from(STEP_M) * 0.5)).as_vec3();
-        if p.z > grove.top_at(p.truncate()) {
-            t += f64::from(STEP_M);
-            continue;
+    let highest = (0..=32).flat_map(|i| (0..=32).map(move |j| at(i, j))).fold(f64::MIN, f64::max);
+    highest as f32 + 1.0
+}
+
+/// Follows one pulse from the canopy's top to the ground and appends its echoes.
+fn pulse(
+    grid: &TreeGrid,
+    sensor: DVec3,
+    target: DVec3,
+    top_z: f32,
+    options: &ScannerOptions,
+    d: &mut Draws,
+    out: &mut Vec<Echo>,
+) {
+    let direction = (target - sensor).normalize().as_vec3();
+    let path_m = (top_z - target.z as f32).max(0.0) / -direction.z;
+    let start = target.as_vec3() - direction * path_m;
+    let steps = (path_m / STEP_M).ceil() as usize;
+    let first = out.len();
+    let mut energy = 1.0f32;
+    let mut depth = 0.0;
+    let mut wanted = exponential(d);
+    let mut blind_until = 0.0f32;
+    let mut stopped = false;
+    for k in 0..steps {
+        let along = (k as f32 + 0.5) * STEP_M;
+        let p = start + direction * along;
+        let mut density = 0.0f32;
+        let mut bark = false;
+        for (_, shape) in grid.near(p.x, p.y) {
+            if p.z < shape.base_z || p.z > shape.top_z {
+                let apart = (p.x - shape.x).hypot(p.y - shape.y);
+                bark |= p.z < shape.base_z && p.z > shape.foot_z && apart < shape.stem_radius_m;
+                continue;
+            }
+            let inside = shape.depth(p.x, p.y, p.z);
+            if inside > 0.0 {
+                density += if inside < SHELL_M { SHELL_DENSITY } else { INNER_DENSITY };
+            }
         }
-        let (mut extinction, mut in_stem) = (0.0f32, false);
-        for (_, shape) in grove.over(p.truncate()) {
-            extinction += shape.extinction_at(p);
-            in_stem |= shape.is_in_stem(p);
-        }
-        if in_stem {
-            echo(t, energy, 0.30, HIGH_VEGETATION, draws);
-            energy = 0.0;
+        if bark {
+            out.push(echo(p, 0.5 * energy, d));
+            stopped = true;
             break;
         }
-        let depth = extinction * STEP_M;
-        if depth < depth_left {
-            depth_left -= depth;
-            t += f64::from(STEP_M);
-            continue;
+        depth += density * STEP_M;
+        if depth >= wanted && along >= blind_until {
+            out.push(echo(p, 0.35 * energy, d));
+            depth = 0.0;
+            wanted = exponential(d);
+            blind_until = along + RESOLUTION_M;
+            energy *= LEFT_AFTER_RETURN;
+            if energy < LEAST_ENERGY || out.len() - first >= MOST_RETURNS {
+                stopped = true;
+                break;
+            }
         }
-        let hit = t + f64::from(depth_left / extinction);
-        depth_left = -(1.0 - draws.unit()).ln();
-        if hit >= ground_t {
-            break;
-        }
-        let kept = energy * draws.between(0.35, 0.85);
-        if hit >= blind_until && kept > LEAST_ENERGY {
-            echo(hit, kept, 0.48, HIGH_VEGETATION, draws);
-            echoes += 1;
-            blind_until = hit + f64::from(LEAST_SEPARATION_M);
-        }
-        energy -= kept;
-        if energy < LEAST_ENERGY {
-            break;
-        }
-        t = hit + 1e-3;
     }
-    if energy >= LEAST_ENERGY && ground_t >= blind_until - f64::from(LEAST_SEPARATION_M) * 0.5 {
-        echo(ground_t, energy, 0.34, GROUND, draws);
+    if !stopped {
+        let mut e = echo(target.as_vec3(), 0.6 * energy, d);
+        e.class = if options.has_classes { 2 } else { 1 };
+        out.push(e);
     }
     let count = (out.len() - first) as u8;
-    for (i, r) in out[first..].iter_mut().enumerate() {
-        (r.number, r.count) = (i as u8 + 1, count);
-    }
-    if draws.unit() * 1000.0 < options.strays_per_mille {
-        let is_high = draws.unit() < 0.5;
-        let lift = if is_high { draws.between(35.0, 80.0) } else { draws.between(-15.0, -3.0) };
-        let is_marked = options.is_classified || draws.unit() < 0.5;
-        let noise = if is_high { HIGH_NOISE } else { LOW_NOISE };
-        out.push(Return {
-            position: foot.as_vec3() + Vec3::Z * lift,
-            intensity: draws.between(10.0, 900.0) as u16,
-            number: 1,
-            count: 1,
-            class: if is_marked { noise } else { UNCLASSIFIED },
-        });
+    for (i, e) in out[first..].iter_mut().enumerate() {
+        e.number = i as u8 + 1;
+        e.count = count;
+        let noise = Vec3::new(d.normal(), d.normal(), d.normal());
+        e.position += noise * options.noise_m;
     }
 }
 
-/// Distance to the ground: the ray meets the level plane through the ground under its last
-/// meeting. A steep ray over gentle ground closes in by a factor of slope · tan(angle) a step.
-fn ground_hit(stand: &Stand, source: DVec3, direction: DVec3) -> f64 {
-    let mut t = source.z / -direction.z;
-    for _ in 0..12 {
-        let p = source + direction * t;
-        let next = (source.z - stand.relief.height_at(p.x, p.y)) / -direction.z;
-        if (next - t).abs() < 1e-5 {
-            return next;
-        }
-        t = next;
+fn exponential(d: &mut Draws) -> f32 {
+    -(1.0 - d.unit()).ln()
+}
+
+fn echo(position: Vec3, strength: f32, d: &mut Draws) -> Echo {
+    let intensity = (strength * d.between(0.8, 1.2) * 3000.0) as u16;
+    Echo { position, intensity, number: 1, count: 1, class: 1 }
+}
+
+/// Points that no surface returned: low and high noise with their classes, and as many that
+/// nobody has marked.
+fn add_strays(echoes: &mut Vec<Echo>, stand: &Stand, options: &ScannerOptions, seed: Seed) {
+    let count = (echoes.len() as f32 * options.strays_per_million * 1e-6).ceil() as u64;
+    for i in 0..count {
+        let mut d = seed.derive("stray", i).draws();
+        let (x, y) = (f64::from(d.unit()) * stand.side_m, f64::from(d.unit()) * stand.side_m);
+        let ground = stand.relief.height_at(x, y) as f32;
+        let is_low = d.unit() < 0.5;
+        let z = ground + if is_low { -d.between(3.0, 12.0) } else { d.between(55.0, 120.0) };
+        let is_marked = d.unit() < 0.5;
+        let class = match (is_marked, is_low) {
+            (false, _) => 1,
+            (true, true) => 7,
+            (true, false) => 18,
+        };
+        let position = Vec3::new(x as f32, y as f32, z);
+        echoes.push(Echo { position, intensity: 5, number: 1, count: 1, class });
     }
-    t
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::planting::Stand;
+    use super::super::relief::Relief;
+    use super::super::shape::cone;
+    use super::*;
+    use crate::frame::Frame;
+
+    fn bare(side_m: f64) -> Stand {
+        Stand {
+            frame: Frame::local(DVec3::ZERO),
+            side_m,
+            relief: Relief::flat(100.0),
+            trees: Vec::new(),
+            species: Vec::new(),
+            shapes: Vec::new(),
+            looks: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn bare_ground_returns_lie_on_it_within_the_noise() {
+        let options = ScannerOptions { strays_per_million: 0.0, ..ScannerOptions::default() };
+        let cloud = scan(&bare(40.0), &options, Seed::new(3));
+        let density = cloud.len() as f64 / (40.0 * 40.0);
+        assert!((density - options.pulses_per_m2).abs() < 0.1 * options.pulses_per_m2, "{density}");
+        let off: Vec<f64> = cloud.position.iter().map(|p| f64::from(p.z) - 100.0).collect();
+        let rms = (off.iter().map(|z| z * z).sum::<f64>() / off.len() as f64).sqrt();
+        assert!((rms - 0.025).abs() < 0.002, "{rms}");
+    }
+
+    #[test]
+    fn first_returns_in_a_deep_crown_follow_beer_lambert() {
+        // A crown as wide as the plot and 60 m deep: a vertical pulse starts at its top face.
+        let mut stand = bare(8.0);
+        stand.shapes = vec![cone(4.0, 4.0, 100.0, 101.0, 100_101.0, 500.0)];
+        // Far down the cone its flank is distant, so that the density is the inner one.
+        stand.shapes[0].top_z = 160.0;
+        stand.shapes[0].radius_m = 5000.0;
+        let options = ScannerOptions {
+            strays_per_million: 0.0,
+            noise_m: 0.0,
+            altitude_m: 1e6,
+            flight_lines: 1,
+            pulses_per_m2: 60.0,
+            ..ScannerOptions::default()
+        };
+        let cloud = scan(&stand, &options, Seed::new(5));
+        let first: Vec<f64> = (0..cloud.len())
+            .filter(|&i| cloud.return_number[i] == 1)
+            .map(|i| 160.0 - f64::from(cloud.position[i].z))
+            .collect();
+        let mean = first.iter().sum::<f64>() / first.len() as f64;
+        let expected = 1.0 / f64::from(INNER_DENSITY);
+        assert!((mean - expected).abs() < 0.1 * expected, "{mean} against {expected}");
+    }
+
+    #[test]
+    fn returns_are_numbered_within_their_pulse() {
+        let mut stand = bare(20.0);
+        stand.shapes = vec![cone(10.0, 10.0, 100.0, 103.0, 120.0, 4.0)];
+        let cloud = scan(&stand, &ScannerOptions::default(), Seed::new(2));
+        cloud.check().unwrap();
+        assert!(cloud.return_count.iter().any(|&n| n > 1));
+        assert!(cloud.position.iter().any(|p| p.z > 117.0 && p.z < 121.0));
+    }
 }

@@ -1,155 +1,191 @@
-//! What was found beside what is true.
-//!
-//! Matching is one to one, nearest first: of all pairs within reach, the pair with the least
-//! horizontal distance is taken, both leave, and so on. A found tree is within reach of a true one
-//! when it stands nearer than the greater of 2 m and half of the true crown's radius, and its
-//! height differs by no more than the greater of 3 m and 35 %: a shrub under a larch is not that
-//! larch.
+//! What was found beside what is there.
 
-use std::collections::BTreeMap;
-
-use glam::Vec2;
 use serde::Serialize;
 
-use super::stand::TrueTree;
+use super::planting::{Stand, TrueTree};
 
-/// A tree as found; local metres of the stand's frame.
-#[derive(Debug, Clone, PartialEq)]
+/// A tree as somebody found it; the stand's local metres.
+#[derive(Debug, Clone)]
 pub struct FoundTree {
-    pub position: Vec2,
+    pub x: f64,
+    pub y: f64,
     pub height_m: f32,
     pub crown_diameter_m: f32,
-    /// [`crate::species::Species::id`], where it was named.
-    pub species: Option<String>,
+    /// Scientific name.
+    pub species: String,
 }
 
-/// Errors of a measure: found less true.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Deviation {
-    pub count: usize,
-    pub rmse: f64,
-    pub bias: f64,
+/// A difference, found minus true.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Difference {
+    pub rmse_m: f64,
+    pub bias_m: f64,
 }
 
-impl Deviation {
-    /// Zero for no differences.
-    fn of(differences: impl Iterator<Item = f64>) -> Deviation {
-        let (mut count, mut sum, mut squares) = (0, 0.0, 0.0);
-        for d in differences {
-            count += 1;
-            sum += d;
-            squares += d * d;
+impl Difference {
+    fn of(values: &[f64]) -> Self {
+        let n = values.len().max(1) as f64;
+        Difference {
+            rmse_m: (values.iter().map(|v| v * v).sum::<f64>() / n).sqrt(),
+            bias_m: values.iter().sum::<f64>() / n,
         }
-        let n = f64::from(u32::try_from(count).unwrap_or(u32::MAX)).max(1.0);
-        Deviation { count, rmse: (squares / n).sqrt(), bias: sum / n }
     }
 }
 
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// How close somebody came to the truth.
+#[derive(Debug, Clone, Serialize)]
 pub struct Comparison {
-    pub truth: usize,
+    pub trees: usize,
     pub found: usize,
     pub matched: usize,
-    /// True trees without a found one.
+    /// True trees without a match.
     pub missed: usize,
-    /// Found trees without a true one.
+    /// Found trees without a match.
     pub invented: usize,
-    pub recall: f64,
-    pub precision: f64,
+    /// 2 · matched / (trees + found).
     pub f1: f64,
-    /// Horizontal distance of matched trees; metres.
+    /// Distance between matched positions.
     pub position_rmse_m: f64,
-    pub height_m: Deviation,
-    pub crown_diameter_m: Deviation,
-    /// Matched trees whose found species is named.
-    pub species_named: usize,
-    pub species_right: usize,
-    /// Matched trees by true species, then by found species.
-    pub confusion: BTreeMap<String, BTreeMap<String, usize>>,
-    /// (true, found) indices, by true index.
-    #[serde(skip)]
-    pub pairs: Vec<(u32, u32)>,
+    pub height: Difference,
+    pub crown_diameter: Difference,
+    pub terrain: Difference,
+    /// Share of the matched trees with the right species.
+    pub species_accuracy: f64,
+    /// Rows: true species; columns: found species, in the stand's order; the last column holds
+    /// any other.
+    pub confusion: Vec<Vec<usize>>,
+    pub species: Vec<String>,
 }
 
-/// Matches found trees to true ones and measures both.
-pub fn compare(truth: &[TrueTree], found: &[FoundTree]) -> Comparison {
-    let pairs = matching(truth, found);
-    let of = |pair: &(u32, u32)| (&truth[pair.0 as usize], &found[pair.1 as usize]);
-    let distance = |p: &(u32, u32)| {
-        let (t, f) = of(p);
-        f64::from(t.position.truncate().distance(f.position))
-    };
-    let height = |p: &(u32, u32)| f64::from(of(p).1.height_m) - f64::from(of(p).0.height_m);
-    let diameter =
-        |p: &(u32, u32)| f64::from(of(p).1.crown_diameter_m) - f64::from(of(p).0.crown_diameter_m);
-    let (mut named, mut right) = (0, 0);
-    let mut confusion: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
-    for (t, f) in pairs.iter().map(of) {
-        let Some(species) = &f.species else { continue };
-        named += 1;
-        right += usize::from(*species == t.species);
-        *confusion.entry(t.species.clone()).or_default().entry(species.clone()).or_default() += 1;
-    }
-    let share = |whole: usize| pairs.len() as f64 / (whole as f64).max(1.0);
-    let (recall, precision) = (share(truth.len()), share(found.len()));
-    Comparison {
-        truth: truth.len(),
-        found: found.len(),
-        matched: pairs.len(),
-        missed: truth.len() - pairs.len(),
-        invented: found.len() - pairs.len(),
-        recall,
-        precision,
-        f1: 2.0 * pairs.len() as f64 / ((truth.len() + found.len()) as f64).max(1.0),
-        position_rmse_m: Deviation::of(pairs.iter().map(distance)).rmse,
-        height_m: Deviation::of(pairs.iter().map(height)),
-        crown_diameter_m: Deviation::of(pairs.iter().map(diameter)),
-        species_named: named,
-        species_right: right,
-        confusion,
-        pairs,
-    }
-}
+/// A match may be this far off, or half a crown's radius if that is more.
+const REACH_M: f64 = 2.0;
 
-fn matching(truth: &[TrueTree], found: &[FoundTree]) -> Vec<(u32, u32)> {
-    // Found trees by column of 2 m, so that each true tree looks at few.
-    const COLUMN_M: f32 = 2.0;
-    let mut columns: BTreeMap<i32, Vec<u32>> = BTreeMap::new();
-    for (i, f) in found.iter().enumerate().filter(|(_, f)| f.position.is_finite()) {
-        columns.entry((f.position.x / COLUMN_M).floor() as i32).or_default().push(i as u32);
-    }
-    let mut candidates: Vec<(f32, u32, u32)> = Vec::new();
-    for (i, t) in truth.iter().enumerate() {
-        let reach = (t.crown_diameter_m * 0.25).max(2.0);
-        let height_reach = (t.height_m * 0.35).max(3.0);
-        let first = ((t.position.x - reach) / COLUMN_M).floor() as i32;
-        let last = ((t.position.x + reach) / COLUMN_M).floor() as i32;
-        for &j in columns.range(first..=last.max(first)).flat_map(|c| c.1) {
-            let f = &found[j as usize];
-            let distance = t.position.truncate().distance(f.position);
-            if distance <= reach && (f.height_m - t.height_m).abs() <= height_reach {
-                candidates.push((distance, i as u32, j));
+/// Sets found trees beside a stand. A true and a found tree may match within 2 m or half the true
+/// crown's radius; pairs are taken greedily from the nearest on, each tree once, a metre of height
+/// counting as a third of a metre of distance. `height_at` is the terrain as found, sampled every
+/// metre inside the stand.
+pub fn compare(
+    stand: &Stand,
+    found: &[FoundTree],
+    height_at: impl Fn(f64, f64) -> f64,
+) -> Comparison {
+    let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+    for (i, t) in stand.trees.iter().enumerate() {
+        let reach = REACH_M.max(0.25 * f64::from(t.crown_diameter_m));
+        for (j, f) in found.iter().enumerate() {
+            let distance = (t.x - f.x).hypot(t.y - f.y);
+            if distance <= reach {
+                pairs.push((distance + f64::from((t.height_m - f.height_m).abs()) / 3.0, i, j));
             }
         }
     }
-    candidates.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
-    let (mut is_taken, mut is_used) = (vec![false; truth.len()], vec![false; found.len()]);
-    let mut pairs = Vec::new();
-    for (_, i, j) in candidates {
-        if !is_taken[i as usize] && !is_used[j as usize] {
-            (is_taken[i as usize], is_used[j as usize]) = (true, true);
-            pairs.push((i, j));
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+    let mut is_taken = (vec![false; stand.trees.len()], vec![false; found.len()]);
+    let mut matches: Vec<(&TrueTree, &FoundTree)> = Vec::new();
+    for (_, i, j) in pairs {
+        if !is_taken.0[i] && !is_taken.1[j] {
+            (is_taken.0[i], is_taken.1[j]) = (true, true);
+            matches.push((&stand.trees[i], &found[j]));
         }
     }
-    pairs.sort_unstable();
-    pairs
+    let all = |f: &dyn Fn(&TrueTree, &FoundTree) -> f64| -> Vec<f64> {
+        matches.iter().map(|(t, m)| f(t, m)).collect()
+    };
+    let mut confusion = vec![vec![0; stand.species.len() + 1]; stand.species.len()];
+    for (t, m) in &matches {
+        let column = stand.species.iter().position(|s| *s == m.species);
+        confusion[t.species][column.unwrap_or(stand.species.len())] += 1;
+    }
+    let right: usize = (0..stand.species.len()).map(|i| confusion[i][i]).sum();
+    let matched = matches.len();
+    Comparison {
+        trees: stand.trees.len(),
+        found: found.len(),
+        matched,
+        missed: stand.trees.len() - matched,
+        invented: found.len() - matched,
+        f1: 2.0 * matched as f64 / (stand.trees.len() + found.len()).max(1) as f64,
+        position_rmse_m: Difference::of(&all(&|t, m| (t.x - m.x).hypot(t.y - m.y))).rmse_m,
+        height: Difference::of(&all(&|t, m| f64::from(m.height_m - t.height_m))),
+        crown_diameter: Difference::of(&all(&|t, m| {
+            f64::from(m.crown_diameter_m - t.crown_diameter_m)
+        })),
+        terrain: terrain(stand, height_at),
+        species_accuracy: right as f64 / matched.max(1) as f64,
+        confusion,
+        species: stand.species.clone(),
+    }
 }
 
-/// Errors of heights at places (x, y), local metres of the stand's frame, against its relief.
-pub fn terrain_error(
-    stand: &super::Stand,
-    places: impl IntoIterator<Item = [f64; 2]>,
-    height_at: impl Fn([f64; 2]) -> f64,
-) -> Deviation {
-    Deviation::of(places.into_iter().map(|p| height_at(p) - stand.relief.height_at(p[0], p[1])))
+fn terrain(stand: &Stand, height_at: impl Fn(f64, f64) -> f64) -> Difference {
+    let n = stand.side_m.floor() as u32;
+    let off: Vec<f64> = (0..n)
+        .flat_map(|i| (0..n).map(move |j| (f64::from(i) + 0.5, f64::from(j) + 0.5)))
+        .map(|(x, y)| height_at(x, y) - stand.relief.height_at(x, y))
+        .collect();
+    Difference::of(&off)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::relief::Relief;
+    use super::*;
+    use crate::frame::Frame;
+    use glam::DVec3;
+
+    fn tree(x: f64, y: f64, height_m: f32) -> TrueTree {
+        TrueTree {
+            x,
+            y,
+            z: 0.0,
+            height_m,
+            crown_diameter_m: 4.0,
+            crown_base_height_m: 3.0,
+            stem_diameter_m: 0.2,
+            species: 0,
+        }
+    }
+
+    fn stand(trees: Vec<TrueTree>) -> Stand {
+        Stand {
+            frame: Frame::local(DVec3::ZERO),
+            side_m: 10.0,
+            relief: Relief::flat(5.0),
+            trees,
+            species: vec!["Abies alba".into()],
+            shapes: Vec::new(),
+            looks: Vec::new(),
+        }
+    }
+
+    fn found(x: f64, y: f64, height_m: f32, species: &str) -> FoundTree {
+        FoundTree { x, y, height_m, crown_diameter_m: 5.0, species: species.into() }
+    }
+
+    #[test]
+    fn matches_misses_and_inventions_are_counted() {
+        let stand = stand(vec![tree(1.0, 1.0, 10.0), tree(5.0, 5.0, 12.0), tree(9.0, 9.0, 8.0)]);
+        let found = [
+            found(5.3, 5.4, 13.0, "Abies alba"),
+            found(1.0, 1.0, 10.0, "Quercus"),
+            found(5.0, 9.0, 10.0, "Abies alba"),
+        ];
+        let c = compare(&stand, &found, |_, _| 5.1);
+        assert_eq!((c.matched, c.missed, c.invented), (2, 1, 1));
+        assert!((c.position_rmse_m - (0.25f64 / 2.0).sqrt()).abs() < 1e-9);
+        assert!((c.height.bias_m - 0.5).abs() < 1e-6);
+        assert!((c.crown_diameter.bias_m - 1.0).abs() < 1e-6);
+        assert!((c.terrain.bias_m - 0.1).abs() < 1e-9 && (c.terrain.rmse_m - 0.1).abs() < 1e-9);
+        assert_eq!(c.confusion, [[1, 1]]);
+        assert_eq!(c.species_accuracy, 0.5);
+    }
+
+    #[test]
+    fn one_found_tree_matches_one_true_tree() {
+        let stand = stand(vec![tree(1.0, 1.0, 10.0), tree(1.5, 1.0, 10.0)]);
+        let c = compare(&stand, &[found(1.4, 1.0, 10.0, "")], |_, _| 5.0);
+        assert_eq!((c.matched, c.missed, c.invented), (1, 1, 0));
+        assert!((c.position_rmse_m - 0.1).abs() < 1e-9);
+        assert_eq!(compare(&stand, &[], |_, _| 5.0).f1, 0.0);
+    }
 }

@@ -1,14 +1,28 @@
 //! Species, and a crown if there is one, to a skeleton: L-system, turtle, space colonization,
 //! radii. Knows nothing of meshes.
 
+pub mod colonize;
+pub mod derive;
+pub mod envelope;
+pub mod grow;
+mod limb;
+mod polish;
+pub mod radii;
+mod scaffold;
+pub mod turtle;
+
 use glam::Vec3;
+
+use crate::diagnostic::{Error, Result};
+
+pub use grow::{Detail, Target, grow};
 
 /// No parent: only the root has this.
 pub const NO_PARENT: u32 = u32::MAX;
 
 /// A tree of nodes as flat columns; a node and its parent span one internode. Tree-local metres:
 /// the root collar is the origin, Z up.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Skeleton {
     pub position: Vec<Vec3>,
     /// Parents come before children; node 0 is the only root.
@@ -19,4 +33,264 @@ pub struct Skeleton {
     pub axis: Vec<u32>,
     /// Branching order of the node's axis: 0 the stem, 1 its branches, …
     pub order: Vec<u8>,
+}
+
+/// The children of every node in one flat list, in the order of their ids.
+#[derive(Debug, Clone)]
+pub struct Children {
+    start: Vec<u32>,
+    list: Vec<u32>,
+}
+
+impl Children {
+    /// `parent` may hold [`NO_PARENT`]; ids out of range are left out.
+    pub fn new(parent: &[u32]) -> Self {
+        let mut start = vec![0u32; parent.len() + 1];
+        for &p in parent {
+            if let Some(count) = start.get_mut(p as usize + 1).filter(|_| p != NO_PARENT) {
+                *count += 1;
+            }
+        }
+        for i in 1..start.len() {
+            start[i] += start[i - 1];
+        }
+        let mut next = start.clone();
+        let mut list = vec![0u32; start.last().copied().unwrap_or(0) as usize];
+        for (i, &p) in parent.iter().enumerate() {
+            if p != NO_PARENT && (p as usize) < parent.len() {
+                list[next[p as usize] as usize] = i as u32;
+                next[p as usize] += 1;
+            }
+        }
+        Children { start, list }
+    }
+
+    pub fn of(&self, node: u32) -> &[u32] {
+        let i = node as usize;
+        match (self.start.get(i), self.start.get(i + 1)) {
+            (Some(&a), Some(&b)) => &self.list[a as usize..b as usize],
+            _ => &[],
+        }
+    }
+}
+
+/// One axis: a chain of nodes from base to tip.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Axis {
+    /// The node of the parent axis it springs from; `None` for the stem.
+    pub base: Option<u32>,
+    /// Its own nodes, from base to tip; never empty.
+    pub nodes: Vec<u32>,
+    /// Branching order.
+    pub order: u8,
+}
+
+impl Skeleton {
+    pub fn len(&self) -> usize {
+        self.position.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.position.is_empty()
+    }
+
+    /// The parent of a node; `None` for the root.
+    pub fn parent_of(&self, node: u32) -> Option<u32> {
+        self.parent.get(node as usize).copied().filter(|&p| p != NO_PARENT)
+    }
+
+    pub fn children(&self) -> Children {
+        Children::new(&self.parent)
+    }
+
+    /// The axes in the order of their ids.
+    pub fn axes(&self) -> Vec<Axis> {
+        let count = self.axis.iter().max().map_or(0, |&m| m as usize + 1);
+        let mut axes = vec![Axis { base: None, nodes: Vec::new(), order: 0 }; count];
+        for i in 0..self.len() {
+            let axis = &mut axes[self.axis[i] as usize];
+            if axis.nodes.is_empty() {
+                axis.base = self.parent_of(i as u32);
+                axis.order = self.order[i];
+            }
+            axis.nodes.push(i as u32);
+        }
+        axes
+    }
+
+    /// Length of the internode that ends at `node`, metres; 0 for the root.
+    pub fn internode_m(&self, node: u32) -> f32 {
+        self.parent_of(node)
+            .map_or(0.0, |p| self.position[node as usize].distance(self.position[p as usize]))
+    }
+
+    /// Length of all wood, metres.
+    pub fn length_m(&self) -> f32 {
+        (0..self.len() as u32).map(|i| f64::from(self.internode_m(i))).sum::<f64>() as f32
+    }
+
+    /// Highest node above the root collar, metres.
+    pub fn height_m(&self) -> f32 {
+        self.position.iter().map(|p| p.z).fold(0.0, f32::max)
+    }
+
+    /// Mean calliper width of the nodes seen from above over 16 directions, metres.
+    pub fn width_m(&self) -> f32 {
+        const DIRECTIONS: usize = 16;
+        let mut sum = 0.0;
+        for k in 0..DIRECTIONS {
+            let (s, c) = (std::f32::consts::PI * k as f32 / DIRECTIONS as f32).sin_cos();
+            let (mut lo, mut hi) = (0.0f32, 0.0f32);
+            for p in &self.position {
+                let d = p.x * c + p.y * s;
+                lo = lo.min(d);
+                hi = hi.max(d);
+            }
+            sum += hi - lo;
+        }
+        sum / DIRECTIONS as f32
+    }
+
+    /// Whether the internode that ends at each node bears leaves: it is thinner than
+    /// `bearing_radius_m`, or it is the last of its axis.
+    pub fn bears_leaves(&self, bearing_radius_m: f32) -> Vec<bool> {
+        let mut is_tip = vec![true; self.len()];
+        for &p in &self.parent {
+            if let Some(tip) = is_tip.get_mut(p as usize) {
+                *tip = false;
+            }
+        }
+        (0..self.len())
+            .map(|i| i != 0 && (is_tip[i] || self.radius_m[i] <= bearing_radius_m))
+            .collect()
+    }
+
+    /// Every invariant of the columns: equal lengths; one root, at the origin, on axis 0; parents
+    /// first; all finite; no internode of length 0; radii positive and not growing outward; each
+    /// axis one unbranched chain, its order one more than that of the axis it springs from.
+    pub fn check(&self) -> Result<()> {
+        let n = self.len();
+        let fail = |what: String| Err(Error::new(format!("skeleton: {what}")));
+        if n == 0 {
+            return fail("no nodes".into());
+        }
+        let lengths = [self.parent.len(), self.radius_m.len(), self.axis.len(), self.order.len()];
+        if lengths.iter().any(|&l| l != n) {
+            return fail(format!("columns of unequal length: {n} positions, others {lengths:?}"));
+        }
+        if self.parent[0] != NO_PARENT || self.axis[0] != 0 || self.order[0] != 0 {
+            return fail("node 0 is not the root of axis 0".into());
+        }
+        if self.position[0] != Vec3::ZERO {
+            return fail(format!("the root is at {}, not at the origin", self.position[0]));
+        }
+        // The last node seen of each axis.
+        let mut tip: Vec<Option<usize>> = vec![None; n];
+        tip[0] = Some(0);
+        for i in 0..n {
+            if !self.position[i].is_finite() {
+                return fail(format!("node {i} is at {}", self.position[i]));
+            }
+            let r = self.radius_m[i];
+            if !(r.is_finite() && r > 0.0) {
+                return fail(format!("node {i} has radius {r}"));
+            }
+            if i == 0 {
+                continue;
+            }
+            let p = self.parent[i] as usize;
+            if p >= i {
+                return fail(format!("node {i} comes before its parent {p}"));
+            }
+            if self.position[i] == self.position[p] {
+                return fail(format!("node {i} lies on its parent {p}"));
+            }
+            if r > self.radius_m[p] {
+                return fail(format!(
+                    "node {i} (radius {r}) is thicker than its parent {p} ({})",
+                    self.radius_m[p]
+                ));
+            }
+            let Some(last) = tip.get_mut(self.axis[i] as usize) else {
+                return fail(format!("node {i} is on axis {} of {n} nodes", self.axis[i]));
+            };
+            match last.replace(i) {
+                Some(before) if before != p => {
+                    return fail(format!("axis {} forks at node {p}", self.axis[i]));
+                }
+                Some(before) if self.order[i] != self.order[before] => {
+                    return fail(format!("node {i} changes order along its axis"));
+                }
+                None if self.order[i] != self.order[p].saturating_add(1) => {
+                    return fail(format!(
+                        "node {i} starts an axis of order {} on one of order {}",
+                        self.order[i], self.order[p]
+                    ));
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fork() -> Skeleton {
+        Skeleton {
+            position: vec![Vec3::ZERO, Vec3::Z, Vec3::new(0.0, 0.0, 2.0), Vec3::new(1.0, 0.0, 1.0)],
+            parent: vec![NO_PARENT, 0, 1, 1],
+            radius_m: vec![0.3, 0.2, 0.1, 0.1],
+            axis: vec![0, 0, 0, 1],
+            order: vec![0, 0, 0, 1],
+        }
+    }
+
+    #[test]
+    fn a_fork_has_two_axes_and_three_metres_of_wood() {
+        let s = fork();
+        s.check().unwrap();
+        assert_eq!(s.children().of(1), &[2, 3]);
+        assert_eq!(s.children().of(3), &[] as &[u32]);
+        let axes = s.axes();
+        assert_eq!(axes[0], Axis { base: None, nodes: vec![0, 1, 2], order: 0 });
+        assert_eq!(axes[1], Axis { base: Some(1), nodes: vec![3], order: 1 });
+        assert_eq!(s.length_m(), 3.0);
+        assert_eq!(s.height_m(), 2.0);
+        assert_eq!(s.bears_leaves(0.15), vec![false, false, true, true]);
+    }
+
+    #[test]
+    fn width_is_the_mean_calliper_of_the_plan() {
+        let mut s = fork();
+        s.position[3] = Vec3::new(1.0, 0.0, 1.0);
+        // A segment of length 1 has mean calliper width 2/π.
+        assert!((s.width_m() - std::f32::consts::FRAC_2_PI).abs() < 0.01);
+    }
+
+    /// Each defect must be seen, and named.
+    #[test]
+    fn every_broken_invariant_is_found() {
+        type Breakage = fn(&mut Skeleton);
+        let cases: [(&str, Breakage); 10] = [
+            ("no nodes", |s| *s = Skeleton::default()),
+            ("unequal length", |s| s.order.truncate(2)),
+            ("not the root", |s| s.parent[0] = 1),
+            ("not at the origin", |s| s.position[0] = Vec3::X),
+            ("node 2 is at", |s| s.position[2].x = f32::NAN),
+            ("has radius", |s| s.radius_m[1] = 0.0),
+            ("before its parent", |s| s.parent[1] = 3),
+            ("lies on its parent", |s| s.position[3] = Vec3::Z),
+            ("thicker than its parent", |s| s.radius_m[3] = 0.25),
+            ("axis 0 forks", |s| s.axis[3] = 0),
+        ];
+        for (message, breakage) in cases {
+            let mut s = fork();
+            breakage(&mut s);
+            let error = s.check().unwrap_err();
+            assert!(error.message().contains(message), "{message}: {error}");
+        }
+    }
 }

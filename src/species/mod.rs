@@ -1,6 +1,21 @@
 //! Rule files to [`Species`], and the species of each crown from a photo. Knows nothing of
 //! geometry.
+//!
+//! A rule file is TOML. `extends = "table3/13"` lays it over another file, key by key within each
+//! section; what no file says comes from `defaults.toml`. Names (`name`, `common`) are each
+//! file's own. The `[rule]` section is compiled by [`rule`].
 
+mod builtin;
+mod check;
+mod load;
+#[cfg(test)]
+mod messages;
 pub mod model;
+mod near;
+mod node;
+pub mod photo;
+pub mod rule;
 
+pub use load::{Listed, builtin_names, check_file, list, load, load_text};
 pub use model::Species;
+pub use rule::Rule;

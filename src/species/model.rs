@@ -41,6 +41,15 @@ pub struct Size {
     pub profile: Vec<[f32; 2]>,
 }
 
+impl Size {
+    /// Stem diameter of a tree of another height, metres: it goes with height^1.5 (elastic
+    /// similarity, McMahon 1973).
+    pub fn stem_diameter_at(&self, height_m: f32) -> f32 {
+        let scale = (height_m / self.height_m.max(0.1)).max(1e-3);
+        self.stem_diameter_m * scale.powf(1.5)
+    }
+}
+
 /// From scaffold to filled crown.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -62,6 +71,55 @@ pub struct Growth {
     pub pipe_exponent: f32,
     /// Radius of a last shoot.
     pub tip_radius_m: f32,
+    /// Shoots of the stem within the crown of a tree of `size.height_m`; each is rewritten by the
+    /// rule into itself and its laterals. 1: the rule's axiom stands for the whole tree.
+    pub internodes: u32,
+    /// Turn about the stem from one group of laterals to the next, degrees (137.5: golden angle).
+    pub roll_deg: f32,
+    /// Laterals that spring from one place: those of a whorl, or 1 for a spiral.
+    pub whorl: u32,
+    /// Share of a shoot, from its tip, over which the rule's laterals are spread: 0 leaves them at
+    /// the tip, as the rule writes them.
+    pub spread: f32,
+    /// Share of the crown that the stem passes before it gives way to its laterals; 1: all.
+    pub stem: f32,
+    /// Unevenness of the crown outline, 0…1.
+    pub uneven: f32,
+    /// Share of the crown's radius, from the axis, that bears no fine twigs, 0…1.
+    pub bare: f32,
+    /// Weight of a twig's heading against its attractors: 0 follows them freely, 2 is stiff.
+    pub inertia: f32,
+    /// Weight of the way from the stem outwards in the growth of twigs.
+    pub outward: f32,
+    /// Density of attractors added to the scan's own inside the crown, 0…1.
+    pub fill: f32,
+    /// Turn of the outer twigs towards the ground, degrees a metre.
+    pub hang: f32,
+    /// The habit of branches, one an order from 1 on; the last holds for the rest.
+    pub order: Vec<Habit>,
+}
+
+/// How branches of one order grow. Pairs hold at the base and at the top of the crown (for order
+/// 1) or of the parent axis (from 2 on), with linear change between.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Habit {
+    /// Angle from the parent's direction. Absent: the angle of the rule.
+    #[serde(default)]
+    pub angle_deg: Option<[f32; 2]>,
+    /// Spread of that angle, of the azimuth and of the place, 0…1.
+    pub irregular: f32,
+    /// Turn of the first half of the branch, up (+) or down (−).
+    pub curve_deg: [f32; 2],
+    /// Turn of the outer half.
+    pub tip_deg: [f32; 2],
+    /// Length at the apex of the parent (L_apex) over the crown's radius (order 1) or the parent's
+    /// length (from 2 on).
+    pub length: f32,
+    /// 0: laterals stand all around the parent; 1: in a flat spray beside it.
+    pub flat: f32,
+    /// Share of the rule's laterals that live.
+    pub keep: f32,
 }
 
 /// The outline of a leaf, or needles.
@@ -157,4 +215,6 @@ pub struct Species {
     pub growth: Growth,
     pub foliage: Foliage,
     pub bark: Bark,
+    /// How it branches.
+    pub rule: crate::species::rule::Rule,
 }

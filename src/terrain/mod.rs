@@ -1,9 +1,20 @@
 //! Ground points to a height grid that can be sampled anywhere, and to a mesh. Knows nothing of
-//! trees. Heights are cell-centred ("cell-centred reading" of the method).
+//! trees.
+//!
+//! Heights are cell-centred: the "cell-centred reading" of the two that [T15] allows. A cell takes
+//! the height of the Delaunay triangulation of the ground points at its centre; cells outside the
+//! hull go on smoothly from the plane through all ground points.
 
-use glam::{Vec2, Vec3};
+mod lattice;
+mod tin;
 
-use crate::raster::Grid;
+use glam::{DMat3, DVec3, Vec2, Vec3};
+
+use crate::diagnostic::{Error, Result, Warned};
+use crate::ground::{Classified, Kind};
+use crate::raster::{Grid, GridGeometry, inpaint};
+
+pub use lattice::Lattice;
 
 /// A height grid without voids, local metres.
 #[derive(Debug, Clone)]
@@ -11,6 +22,204 @@ pub struct Terrain {
     pub heights: Grid<f32>,
     /// Which cells hold a ground point of their own.
     pub is_observed: Vec<bool>,
+}
+
+/// How the grid is made.
+#[derive(Debug, Clone, Default)]
+pub struct TerrainOptions {
+    /// Side of a cell; from the density of ground points where `None`.
+    pub cell_m: Option<f32>,
+}
+
+/// Cells that are chosen among, metres.
+const CELLS_M: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
+const MOST_CELLS: usize = 100_000_000;
+/// One ground point in so many is held out.
+const HELD_OUT: u64 = 10;
+
+/// Ground points to a terrain that covers the whole cloud.
+///
+/// # Errors
+/// A cell that is not a positive number or makes more than 100 million cells; fewer than three
+/// ground points where the heights are absolute.
+pub fn build(classified: &Classified, options: &TerrainOptions) -> Result<Warned<Terrain>> {
+    let ground = ground_points(classified);
+    let geometry = geometry(classified, &ground, options)?;
+    if classified.is_normalised {
+        let frame = &classified.cloud.frame;
+        let zero = (-frame.origin.z * frame.unit_m().z) as f32;
+        let is_observed = observed(&ground, &geometry);
+        return Ok(Warned::new(Terrain { heights: Grid::filled(geometry, zero), is_observed }));
+    }
+    let terrain = from_points(&ground, geometry)?;
+    let seen = terrain.is_observed.iter().filter(|&&o| o).count();
+    let mut warnings = Vec::new();
+    if seen * 20 < geometry.len() {
+        let share = 100.0 * seen as f64 / geometry.len() as f64;
+        warnings.push(format!(
+            "only {share:.1} % of the terrain's cells hold a ground point; the rest is interpolated"
+        ));
+    }
+    Ok(Warned::with(terrain, warnings))
+}
+
+fn ground_points(classified: &Classified) -> Vec<Vec3> {
+    let points = classified.cloud.position.iter().zip(&classified.kind);
+    points.filter(|(_, k)| **k == Kind::Ground).map(|(p, _)| *p).collect()
+}
+
+fn from_points(ground: &[Vec3], geometry: GridGeometry) -> Result<Terrain> {
+    if ground.len() < 3 {
+        return Err(Error::new(format!("{} ground points make no terrain", ground.len())).remedy(
+            "give a scan whose lowest returns reach the ground, or try --ground voxel or --ground file",
+        ));
+    }
+    let half = GridGeometry {
+        cell_x: geometry.cell_x / 2.0,
+        cell_y: geometry.cell_y / 2.0,
+        cols: geometry.cols * 2,
+        rows: geometry.rows * 2,
+        ..geometry
+    };
+    // Heights over the plane through all points, which is how the surface goes on outside the hull.
+    let plane = Plane::through(ground);
+    let vertices: Vec<Vec3> = tin::thinned(ground, &half)
+        .into_iter()
+        .map(|p| {
+            Vec3::new(p.x, p.y, (f64::from(p.z) - plane.height_at(p.x.into(), p.y.into())) as f32)
+        })
+        .collect();
+    let mut heights = tin::heights(&vertices, geometry);
+    let is_observed = observed(ground, &geometry);
+    for v in &vertices {
+        // Fewer than three points in general position have no hull: each stands for its cell.
+        if let Some((c, r)) = geometry.cell_of(v.x.into(), v.y.into())
+            && heights.at(c, r).is_nan()
+        {
+            heights.set(c, r, v.z);
+        }
+    }
+    let is_known: Vec<bool> = heights.data.iter().map(|z| z.is_finite()).collect();
+    inpaint::fill(&mut heights, &is_known);
+    for row in 0..geometry.rows {
+        for col in 0..geometry.cols {
+            let [x, y] = geometry.centre(col, row);
+            let z = f64::from(heights.at(col, row)) + plane.height_at(x, y);
+            heights.set(col, row, z as f32);
+        }
+    }
+    Ok(Terrain { heights, is_observed })
+}
+
+fn observed(ground: &[Vec3], geometry: &GridGeometry) -> Vec<bool> {
+    let mut out = vec![false; geometry.len()];
+    for p in ground {
+        if let Some((c, r)) = geometry.cell_of(p.x.into(), p.y.into()) {
+            out[geometry.index(c, r)] = true;
+        }
+    }
+    out
+}
+
+fn geometry(
+    classified: &Classified,
+    ground: &[Vec3],
+    options: &TerrainOptions,
+) -> Result<GridGeometry> {
+    let mut points = classified.cloud.position.iter();
+    let Some(first) = points.next() else {
+        return Err(Error::new("no points, so no terrain").remedy("give a scan with points"));
+    };
+    let (low, high) = points.fold((*first, *first), |(a, b), p| (a.min(*p), b.max(*p)));
+    let cell = match options.cell_m {
+        Some(c) if c.is_finite() && c > 0.0 => f64::from(c),
+        Some(c) => {
+            return Err(Error::new(format!("a terrain cell of {c} m is not possible"))
+                .remedy("give --cell a number greater than 0"));
+        }
+        None => {
+            let area = f64::from((high.x - low.x).max(1.0)) * f64::from((high.y - low.y).max(1.0));
+            let spacing = (area / ground.len().max(1) as f64).sqrt();
+            CELLS_M.into_iter().find(|&c| c >= 0.8 * spacing).unwrap_or(2.0)
+        }
+    };
+    let across = f64::from(high.x - low.x) / cell + 2.0;
+    let down = f64::from(high.y - low.y) / cell + 2.0;
+    if across * down > MOST_CELLS as f64 {
+        return Err(Error::new(format!(
+            "a terrain of {across:.0} × {down:.0} cells of {cell} m is more than {MOST_CELLS} cells"
+        ))
+        .remedy("give a larger --cell, or look for points far from the rest"));
+    }
+    Ok(GridGeometry::covering([low.x.into(), low.y.into()], [high.x.into(), high.y.into()], cell))
+}
+
+/// How far the terrain is from ground points that it was not built from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeldOut {
+    pub rmse_m: f64,
+    pub max_m: f64,
+    pub points: usize,
+}
+
+/// Builds the terrain from nine tenths of the ground points and measures it at the others, chosen
+/// by a hash of their place. `None` for normalised heights and for fewer than 30 points.
+///
+/// # Errors
+/// Those of [`build`].
+pub fn held_out_error(
+    classified: &Classified,
+    options: &TerrainOptions,
+) -> Result<Option<HeldOut>> {
+    let ground = ground_points(classified);
+    if classified.is_normalised || ground.len() < 30 {
+        return Ok(None);
+    }
+    let geometry = geometry(classified, &ground, options)?;
+    let is_out = |p: &Vec3| {
+        let bits = p.to_array().map(|v| u64::from(v.to_bits()));
+        let h = bits.into_iter().fold(0u64, |h, b| (h ^ b).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        (h >> 40) % HELD_OUT == 0
+    };
+    let (out, kept): (Vec<Vec3>, Vec<Vec3>) = ground.into_iter().partition(is_out);
+    if out.is_empty() || kept.len() < 3 {
+        return Ok(None);
+    }
+    let terrain = from_points(&kept, geometry)?;
+    let off: Vec<f64> =
+        out.iter().map(|p| f64::from(terrain.height_at(p.truncate()) - p.z).abs()).collect();
+    Ok(Some(HeldOut {
+        rmse_m: (off.iter().map(|e| e * e).sum::<f64>() / off.len() as f64).sqrt(),
+        max_m: off.iter().copied().fold(0.0, f64::max),
+        points: off.len(),
+    }))
+}
+
+/// z = h + a·(x − x0) + b·(y − y0), least squares.
+struct Plane {
+    at: DVec3,
+    slope: [f64; 2],
+}
+
+impl Plane {
+    fn through(points: &[Vec3]) -> Self {
+        let n = points.len().max(1) as f64;
+        let at = points.iter().fold(DVec3::ZERO, |s, p| s + p.as_dvec3()) / n;
+        let (mut m, mut b) = (DMat3::IDENTITY * 1e-6, DVec3::ZERO);
+        for p in points {
+            let d = p.as_dvec3() - at;
+            let v = DVec3::new(1.0, d.x, d.y);
+            m += DMat3::from_cols(v * v.x, v * v.y, v * v.z);
+            b += v * d.z;
+        }
+        let s = m.inverse() * b;
+        let slope = if s.is_finite() { [s.y, s.z] } else { [0.0; 2] };
+        Plane { at, slope }
+    }
+
+    fn height_at(&self, x: f64, y: f64) -> f64 {
+        self.at.z + self.slope[0] * (x - self.at.x) + self.slope[1] * (y - self.at.y)
+    }
 }
 
 impl Terrain {
@@ -25,5 +234,154 @@ impl Terrain {
         let dx = self.height_at(p + Vec2::X * d) - self.height_at(p - Vec2::X * d);
         let dy = self.height_at(p + Vec2::Y * d) - self.height_at(p - Vec2::Y * d);
         Vec3::new(-dx, -dy, 2.0 * d).normalize()
+    }
+
+    /// What breaks the invariants: every height finite, columns as long as the grid.
+    pub fn check(&self) -> std::result::Result<(), String> {
+        let n = self.heights.geometry.len();
+        if self.heights.data.len() != n || self.is_observed.len() != n || n == 0 {
+            return Err(format!("{n} cells, {} heights", self.heights.data.len()));
+        }
+        match self.heights.data.iter().position(|z| !z.is_finite()) {
+            Some(i) => Err(format!("cell {i} has no finite height")),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Frame;
+    use crate::scan::PointCloud;
+
+    pub(super) fn from_function(
+        cols: usize,
+        rows: usize,
+        cell: f64,
+        f: impl Fn(f64, f64) -> f64,
+    ) -> Terrain {
+        let geometry = GridGeometry {
+            west: 0.0,
+            north: rows as f64 * cell,
+            cell_x: cell,
+            cell_y: cell,
+            cols,
+            rows,
+        };
+        let mut heights = Grid::filled(geometry, 0.0);
+        for row in 0..rows {
+            for col in 0..cols {
+                let [x, y] = geometry.centre(col, row);
+                heights.set(col, row, f(x, y) as f32);
+            }
+        }
+        Terrain { heights, is_observed: vec![true; geometry.len()] }
+    }
+
+    fn classified(points: Vec<Vec3>, ground: impl Fn(&Vec3) -> bool) -> Classified {
+        let kind = points
+            .iter()
+            .map(|p| if ground(p) { Kind::Ground } else { Kind::Vegetation })
+            .collect();
+        let n = points.len();
+        Classified {
+            cloud: PointCloud {
+                frame: Frame::local(DVec3::ZERO),
+                position: points,
+                intensity: vec![0; n],
+                return_number: vec![1; n],
+                return_count: vec![1; n],
+                class: vec![1; n],
+                rgb: None,
+            },
+            kind,
+            is_normalised: false,
+        }
+    }
+
+    fn scattered(n: u32, f: impl Fn(f32, f32) -> f32) -> Vec<Vec3> {
+        let mut d = crate::seed::Seed::new(9).draws();
+        (0..n)
+            .map(|_| {
+                let (x, y) = (d.between(0.0, 60.0), d.between(0.0, 40.0));
+                Vec3::new(x, y, f(x, y))
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_tilted_plane_is_exact_up_to_and_beyond_the_hull() {
+        let plane = |x: f32, y: f32| 100.0 + 0.5 * x - 0.3 * y;
+        let mut points = scattered(3000, plane);
+        // Vegetation widens the cloud beyond the ground.
+        points.push(Vec3::new(-5.0, -5.0, 130.0));
+        points.push(Vec3::new(66.0, 44.0, 130.0));
+        let c = classified(points, |p| p.z < 129.0);
+        let terrain = build(&c, &TerrainOptions::default()).unwrap().value;
+        terrain.check().unwrap();
+        for (x, y) in [(30.0, 20.0), (1.0, 39.0), (-4.0, -4.0), (65.0, 43.0), (-4.0, 43.0)] {
+            let off = terrain.height_at(Vec2::new(x, y)) - plane(x, y);
+            assert!(off.abs() < 0.02, "{off} at {x} {y}");
+        }
+        let error = held_out_error(&c, &TerrainOptions::default()).unwrap().unwrap();
+        assert!(error.rmse_m < 1e-3 && error.points > 200, "{error:?}");
+    }
+
+    #[test]
+    fn held_out_error_is_that_of_the_noise() {
+        let mut d = crate::seed::Seed::new(4).draws();
+        let points: Vec<Vec3> =
+            scattered(8000, |_, _| 0.0).iter().map(|p| *p + Vec3::Z * 0.1 * d.normal()).collect();
+        let error = held_out_error(&classified(points, |_| true), &TerrainOptions::default())
+            .unwrap()
+            .unwrap();
+        assert!((0.1..0.16).contains(&error.rmse_m), "{error:?}");
+    }
+
+    #[test]
+    fn a_large_void_is_filled_without_overshoot() {
+        let hill = |x: f32, y: f32| {
+            10.0 + 3.0 * (-((x - 20.0).powi(2) + (y - 20.0).powi(2)) / 300.0).exp()
+        };
+        let points: Vec<Vec3> =
+            scattered(6000, hill).into_iter().filter(|p| p.x < 25.0 || p.x > 45.0).collect();
+        let terrain =
+            build(&classified(points, |_| true), &TerrainOptions::default()).unwrap().value;
+        let (low, high) = terrain
+            .heights
+            .data
+            .iter()
+            .fold((f32::MAX, f32::MIN), |(a, b), &z| (a.min(z), b.max(z)));
+        assert!(low > 9.5 && high < 13.5, "{low} {high}");
+    }
+
+    #[test]
+    fn too_few_points_or_too_fine_a_cell_are_refused() {
+        let two = classified(vec![Vec3::ZERO, Vec3::ONE], |_| true);
+        let e = build(&two, &TerrainOptions::default()).unwrap_err();
+        assert_eq!(e.message(), "2 ground points make no terrain");
+        let points = scattered(100, |_, _| 0.0);
+        let options = TerrainOptions { cell_m: Some(1e-4) };
+        let e = build(&classified(points, |_| true), &options).unwrap_err();
+        assert!(e.remedy_text().unwrap().contains("--cell"), "{e:?}");
+    }
+
+    #[test]
+    fn collinear_ground_still_gives_heights() {
+        let points: Vec<Vec3> =
+            (0..50).map(|i| Vec3::new(i as f32, i as f32, i as f32 * 0.1)).collect();
+        let terrain =
+            build(&classified(points, |_| true), &TerrainOptions::default()).unwrap().value;
+        terrain.check().unwrap();
+    }
+
+    #[test]
+    fn normalised_clouds_stand_on_the_plane_zero_of_the_world() {
+        let mut c = classified(scattered(500, |_, _| 3.0), |_| false);
+        c.is_normalised = true;
+        c.cloud.frame.origin.z = -10.0;
+        let terrain = build(&c, &TerrainOptions::default()).unwrap().value;
+        assert!(terrain.heights.data.iter().all(|&z| z == 10.0));
     }
 }

@@ -1,2 +1,206 @@
-//! Points to a sparse voxel octree with one centre of mass a voxel ([TD17], method "Voxels").
+//! Points to a sparse voxel octree with one centre of mass a voxel (TD17, method "Voxels").
 //! Knows nothing of trees.
+//!
+//! A voxel of edge Δ at (x, y, z) has the indices r, c, l = ⌊x/Δ⌋ − ⌊x_min/Δ⌋ and so on for y and
+//! z. Departures from the source: indices begin at 0, not 1; y is not flipped; and the grid is
+//! aligned to whole multiples of Δ from the local origin instead of to x_min, so that a voxel does
+//! not move when a point is added elsewhere. As in the source, no voxel stores its coordinates:
+//! they follow from its place in the octree, or from its centre of mass.
+
+mod morton;
+mod octree;
+#[cfg(test)]
+mod tests;
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use crate::diagnostic::{Error, Result};
+
+pub use octree::{Place, VoxelOctree};
+
+/// Voxels along an axis, at most: three indices of 21 bits make a 63-bit Morton code.
+pub const MAX_SIDE: u32 = 1 << morton::AXIS_BITS;
+
+/// Cells across a crown: no finer than this many …
+const MOST_CELLS: f32 = 10.0;
+/// … and no coarser than this few.
+const LEAST_CELLS: f32 = 4.0;
+/// Points wanted under a voxel's square metre of sky, on average.
+const POINTS_PER_COLUMN: f32 = 2.0;
+
+/// 0-based indices along x (`r`), y (`c`) and z (`l`), named as in TD17.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct VoxelIndex {
+    pub r: u32,
+    pub c: u32,
+    pub l: u32,
+}
+
+/// An occupied voxel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Voxel {
+    pub index: VoxelIndex,
+    /// Points in it, at least 1.
+    pub count: u32,
+    /// Mean position of its points, local metres; inside the voxel.
+    pub centre_of_mass: Vec3,
+}
+
+/// The edge of a voxel in metres for crowns of `crown_diameter_m` in a scan of `density_per_m2`.
+///
+/// The edge is such that a column of voxels holds 2 points on average, but not less than 1/10 and
+/// not more than 1/4 of the crown: the crown then spans at least 4 and at most 10 cells, 8–10
+/// wherever the density carries it (TD17).
+pub fn choose_size_m(density_per_m2: f32, crown_diameter_m: f32) -> f32 {
+    let crown_m = if crown_diameter_m.is_finite() { crown_diameter_m.max(0.1) } else { 0.1 };
+    let (finest, coarsest) = (crown_m / MOST_CELLS, crown_m / LEAST_CELLS);
+    if density_per_m2 > 0.0 {
+        (POINTS_PER_COLUMN / density_per_m2).sqrt().clamp(finest, coarsest)
+    } else {
+        coarsest
+    }
+}
+
+/// The centre of mass of every occupied voxel of edge `size_m`, in Morton order. Points that are
+/// not finite count for nothing. A size that is not positive, or too small for the extent, is
+/// raised to the least that [`MAX_SIDE`] allows.
+pub fn centres_of_mass(points: &[Vec3], size_m: f32) -> Vec<Vec3> {
+    let finite: Vec<Vec3>;
+    let points = if points.iter().all(|p| p.is_finite()) {
+        points
+    } else {
+        finite = points.iter().copied().filter(|p| p.is_finite()).collect();
+        &finite
+    };
+    let extent_m =
+        bounds(points).map_or(0.0, |(min, max)| (max.as_dvec3() - min.as_dvec3()).max_element());
+    // Two voxels less than fit: one for each end that the alignment may cut.
+    let least_m = (extent_m / f64::from(MAX_SIDE - 2)).max(1e-3) as f32;
+    let size_m = if size_m.is_finite() { size_m.max(least_m) } else { least_m };
+    let Some(grid) = Grid::over(points, size_m) else { return Vec::new() };
+    grid.occupied(points).centres_of_mass
+}
+
+/// Where voxels are: the edge, and the indices of voxel (0, 0, 0) counted from the local origin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Grid {
+    size_m: f32,
+    first: [i64; 3],
+    /// Voxels along each axis.
+    sides: [u32; 3],
+}
+
+/// Occupied voxels in Morton order, as columns.
+#[derive(Debug, Default)]
+struct Occupied {
+    codes: Vec<u64>,
+    counts: Vec<u32>,
+    centres_of_mass: Vec<Vec3>,
+}
+
+fn bounds(points: &[Vec3]) -> Option<(Vec3, Vec3)> {
+    let empty = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    let grow = |(min, max): (Vec3, Vec3), p: &Vec3| (min.min(*p), max.max(*p));
+    let (min, max) = points
+        .par_chunks(1 << 16)
+        .map(|points| points.iter().fold(empty, grow))
+        .reduce(|| empty, |a, b| (a.0.min(b.0), a.1.max(b.1)));
+    (!points.is_empty() && min.is_finite() && max.is_finite()).then_some((min, max))
+}
+
+impl Grid {
+    /// The grid over finite points; `None` without points or where an axis needs more than
+    /// [`MAX_SIDE`] voxels.
+    fn over(points: &[Vec3], size_m: f32) -> Option<Grid> {
+        let (min, max) = bounds(points)?;
+        let mut grid = Grid { size_m, first: [0; 3], sides: [1; 3] };
+        let first = grid.cell(min);
+        let last = grid.cell(max);
+        for axis in 0..3 {
+            // Cells beyond 2^53 are not told apart, and make more sides than fit anyway.
+            let side = last[axis].saturating_sub(first[axis]).saturating_add(1);
+            grid.sides[axis] = u32::try_from(side).ok().filter(|side| *side <= MAX_SIDE)?;
+        }
+        grid.first = first;
+        Some(grid)
+    }
+
+    /// Indices counted from the local origin.
+    fn cell(&self, p: Vec3) -> [i64; 3] {
+        let cell: DVec3 = (p.as_dvec3() / f64::from(self.size_m)).floor();
+        [cell.x as i64, cell.y as i64, cell.z as i64]
+    }
+
+    /// Indices of the voxel around `p`; `None` outside the grid.
+    fn index_of(&self, p: Vec3) -> Option<VoxelIndex> {
+        if !p.is_finite() {
+            return None;
+        }
+        let cell = self.cell(p);
+        let along = |axis: usize| {
+            let index = u32::try_from(cell[axis].checked_sub(self.first[axis])?).ok()?;
+            (index < self.sides[axis]).then_some(index)
+        };
+        Some(VoxelIndex { r: along(0)?, c: along(1)?, l: along(2)? })
+    }
+
+    /// The corner of least x, y and z.
+    fn corner_of(&self, index: VoxelIndex) -> Vec3 {
+        let along = |axis: usize, index: u32| (self.first[axis] + i64::from(index)) as f64;
+        let cell = DVec3::new(along(0, index.r), along(1, index.c), along(2, index.l));
+        (cell * f64::from(self.size_m)).as_vec3()
+    }
+
+    /// Sorts the points into voxels. The sum of a voxel's points runs in the order of the points,
+    /// so the result does not depend on the number of threads.
+    fn occupied(&self, points: &[Vec3]) -> Occupied {
+        let mut places: Vec<(u64, u32)> = points
+            .par_iter()
+            .enumerate()
+            .filter_map(|(i, p)| Some((morton::encode(self.index_of(*p)?), i as u32)))
+            .collect();
+        places.par_sort_unstable();
+        let mut runs: Vec<&[(u64, u32)]> = places.chunk_by(|a, b| a.0 == b.0).collect();
+        runs.shrink_to_fit();
+        let centre = |run: &&[(u64, u32)]| {
+            let sum: DVec3 =
+                run.iter().filter_map(|(_, i)| points.get(*i as usize)).map(|p| p.as_dvec3()).sum();
+            (sum / run.len() as f64).as_vec3()
+        };
+        Occupied {
+            codes: runs.iter().filter_map(|run| Some(run.first()?.0)).collect(),
+            counts: runs.iter().map(|run| run.len() as u32).collect(),
+            centres_of_mass: runs.par_iter().map(centre).collect(),
+        }
+    }
+}
+
+impl VoxelOctree {
+    /// Puts points (local metres) into voxels of edge `size_m`.
+    ///
+    /// # Errors
+    /// No points, a point that is not finite, a size that is not positive, or one so small that
+    /// the extent has more than [`MAX_SIDE`] voxels along an axis; more than 2³² points.
+    pub fn build(points: &[Vec3], size_m: f32) -> Result<VoxelOctree> {
+        if !(size_m.is_finite() && size_m > 0.0) {
+            return Err(Error::new(format!("a voxel can't be {size_m} m wide"))
+                .remedy("give a voxel size above 0"));
+        }
+        if points.is_empty() {
+            return Err(Error::new("there are no points to put into voxels"));
+        }
+        if u32::try_from(points.len()).is_err() {
+            return Err(Error::new(format!("{} points are too many", points.len()))
+                .remedy("work on smaller tiles"));
+        }
+        if let Some(i) = points.par_iter().position_first(|p| !p.is_finite()) {
+            return Err(Error::new(format!("point {i} is not finite")));
+        }
+        let grid = Grid::over(points, size_m).ok_or_else(|| {
+            Error::new(format!("voxels of {size_m} m are too small for the extent of the points"))
+                .remedy(format!("at most {MAX_SIDE} voxels fit along an axis: give a larger size"))
+        })?;
+        Ok(VoxelOctree::from_occupied(grid, grid.occupied(points)))
+    }
+}

@@ -1,0 +1,243 @@
+//! Arguments as typed.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// From a laser scan of a forest to a forest scene an artist can open.
+#[derive(Debug, Parser)]
+#[command(name = "larix", version, max_term_width = 100, arg_required_else_help = true)]
+#[command(
+    after_help = "Examples:\n  larix demo\n  larix forest scan.laz --photo photo.tif -o out\n  \
+                        larix tree larix_sibirica --height 22 -o larch.glb"
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+    /// Worker threads; all cores where absent. The output does not depend on it.
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub threads: Option<u16>,
+    /// Print errors only.
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+    /// Print the report of the run as JSON to standard output.
+    #[arg(long, global = true)]
+    pub json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Simulate a stand with known truth, survey it, rebuild it and compare.
+    #[command(after_help = "Example:\n  larix demo -o output/demo")]
+    Demo(Demo),
+    /// Scan to forest scene: terrain, every tree in its place, glTF and USD.
+    #[command(
+        after_help = "Example:\n  larix forest north.laz south.laz --photo ortho.tif -o out \
+                            --format glb,usda --species larix_sibirica,betula_pendula"
+    )]
+    Forest(Forest),
+    /// Scan to a table of trees, one polygon each.
+    #[command(after_help = "Example:\n  larix inventory scan.laz -o trees.geojson")]
+    Inventory(Inventory),
+    /// Scan to a terrain raster.
+    #[command(after_help = "Example:\n  larix terrain scan.laz --cell 0.5 -o dtm.tif")]
+    Terrain(Terrain),
+    /// Grow one tree from a species rule file; no scan needed.
+    #[command(
+        after_help = "Example:\n  larix tree betula_pendula --height 18 --seed 3 -o birch.glb"
+    )]
+    Tree(Tree),
+    /// The species that are built in.
+    #[command(after_help = "Example:\n  larix species list")]
+    Species(Species),
+}
+
+/// Where the ground comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Ground {
+    /// Simple morphological filter (Pingel 2013).
+    Smrf,
+    /// The voxel rules of the source.
+    Voxel,
+    /// Class 2 of the file.
+    File,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// One binary glTF file.
+    Glb,
+    /// .gltf, .bin and textures.
+    Gltf,
+    /// USD text and textures.
+    Usda,
+}
+
+/// How many models the trees share.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unique {
+    /// Each tree is grown for itself.
+    All,
+    /// So many models a species.
+    Shared(usize),
+}
+
+fn unique(text: &str) -> Result<Unique, String> {
+    match text {
+        "all" => Ok(Unique::All),
+        n => match n.parse() {
+            Ok(n @ 1..=1000) => Ok(Unique::Shared(n)),
+            _ => Err("give `all` or a number of models a species from 1 to 1000".into()),
+        },
+    }
+}
+
+fn positive(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
+        _ => Err("give a number greater than 0, in metres".into()),
+    }
+}
+
+/// The scans, and how they are read as terrain.
+#[derive(Debug, Args)]
+pub struct ScanArgs {
+    /// LAS, LAZ or XYZ files of one area.
+    #[arg(required = true, value_name = "SCAN")]
+    pub scans: Vec<PathBuf>,
+    /// How ground points are found.
+    #[arg(long, value_enum, default_value = "smrf")]
+    pub ground: Ground,
+    /// Terrain cell in metres; from the density where absent.
+    #[arg(long, value_name = "M", value_parser = positive)]
+    pub cell: Option<f32>,
+}
+
+/// How trees are told apart and named.
+#[derive(Debug, Args)]
+pub struct TreeArgs {
+    /// Georeferenced aerial photo (GeoTIFF).
+    #[arg(long, value_name = "FILE")]
+    pub photo: Option<PathBuf>,
+    /// Species to choose among, comma separated; `larix species list` shows them.
+    #[arg(long, value_name = "A,B,…", value_delimiter = ',')]
+    pub species: Vec<String>,
+    /// Voxel in metres; from the density where absent.
+    #[arg(long, value_name = "M", value_parser = positive)]
+    pub voxel: Option<f32>,
+    /// Trees lower than this are left out.
+    #[arg(long, value_name = "M", default_value = "2", value_parser = positive)]
+    pub min_height: f32,
+    /// Same seed, same bytes.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// How the scene is built and written.
+#[derive(Debug, Args)]
+pub struct SceneArgs {
+    /// `all` grows each tree for itself; a number shares so many models a species.
+    #[arg(long, value_name = "N|all", value_parser = unique, default_value = "5")]
+    pub unique: Unique,
+    /// Most triangles of one tree model.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
+    pub triangles: Option<u32>,
+    /// Side of the tree textures in pixels.
+    #[arg(long, value_name = "PX", default_value_t = 512, value_parser = clap::value_parser!(u32).range(64..=4096))]
+    pub texture: u32,
+    /// Files to write, comma separated.
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "glb,usda")]
+    pub format: Vec<Format>,
+}
+
+#[derive(Debug, Args)]
+pub struct Demo {
+    /// Folder for everything written.
+    #[arg(short, long, value_name = "DIR", default_value = "output/demo")]
+    pub output: PathBuf,
+    /// Trees of the stand.
+    #[arg(long, default_value_t = 240, value_parser = clap::value_parser!(u32).range(1..=20_000))]
+    pub trees: u32,
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub scene: SceneArgs,
+}
+
+#[derive(Debug, Args)]
+pub struct Forest {
+    #[command(flatten)]
+    pub scan: ScanArgs,
+    #[command(flatten)]
+    pub tree: TreeArgs,
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Folder for everything written; `output/` and the scan's name where absent.
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct Inventory {
+    #[command(flatten)]
+    pub scan: ScanArgs,
+    #[command(flatten)]
+    pub tree: TreeArgs,
+    /// .geojson or .csv
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct Terrain {
+    #[command(flatten)]
+    pub scan: ScanArgs,
+    /// .tif
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct Tree {
+    /// A name from `larix species list`, or a rule file.
+    pub species: String,
+    /// Height in metres; the species' typical height where absent.
+    #[arg(long, value_name = "M", value_parser = positive)]
+    pub height: Option<f32>,
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Most triangles.
+    #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
+    pub triangles: u32,
+    /// Side of the textures in pixels.
+    #[arg(long, value_name = "PX", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(64..=4096))]
+    pub texture: u32,
+    /// Without leaves.
+    #[arg(long)]
+    pub bare: bool,
+    /// .glb, .gltf, .usda or .png (a picture)
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct Species {
+    #[command(subcommand)]
+    pub command: SpeciesCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum SpeciesCommand {
+    /// One name a line, with what each builds on unless quiet.
+    List,
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn arguments_are_consistent() {
+        super::Cli::command().debug_assert();
+    }
+}

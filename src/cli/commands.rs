@@ -1,0 +1,429 @@
+//! Resolved jobs, run and written.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::args::{self, Cli, Command, ScanArgs, SceneArgs, TreeArgs};
+use super::progress::Terminal;
+use crate::diagnostic::{Error, Result};
+use crate::export::{self, Format, OutputFile};
+use crate::ground::Method;
+use crate::pipeline::{self, ForestJob, Sharing, SurveyJob, TreeJob};
+use crate::raster::geotiff::{self, Raster, Samples};
+use crate::report::{self, Outcome, Recorder, Silent};
+use crate::scene::ValidScene;
+use crate::seed::Seed;
+use crate::species::{self, Species};
+
+/// Species to choose among where none are named.
+const DEFAULT_MIX: [&str; 5] =
+    ["larix_sibirica", "betula_pendula", "pinus_sylvestris", "picea_obovata", "salix_caprea"];
+
+/// Most triangles of a tree model in a forest.
+const FOREST_TRIANGLES: usize = 5_000;
+const PREVIEW_PX: [u32; 2] = [1280, 720];
+const PORTRAIT_PX: [u32; 2] = [900, 1200];
+
+pub fn run(cli: &Cli) -> Result<()> {
+    let terminal = Terminal::new();
+    let observer: &dyn report::Observer = if cli.quiet { &Silent } else { &terminal };
+    let mut run = Recorder::new(observer);
+    let report = match &cli.command {
+        Command::Demo(a) => demo(a, &mut run)?,
+        Command::Forest(a) => forest(a, &mut run)?,
+        Command::Inventory(a) => inventory(a, &mut run)?,
+        Command::Terrain(a) => terrain(a, &mut run)?,
+        Command::Tree(a) => tree(a, &mut run)?,
+        Command::Species(_) => return list_species(cli.quiet),
+    };
+    if !cli.quiet {
+        for warning in &run.warnings {
+            eprintln!("warning: {warning}");
+        }
+        for line in &report.lines {
+            eprintln!("{line}");
+        }
+    }
+    if cli.json {
+        println!("{}", report.json);
+    }
+    Ok(())
+}
+
+/// What a command tells at its end.
+struct Told {
+    lines: Vec<String>,
+    json: Value,
+}
+
+fn seed(value: u64) -> Seed {
+    Seed::new(value)
+}
+
+fn load_species(names: &[String]) -> Result<Vec<Species>> {
+    let names: Vec<&str> = if names.is_empty() {
+        DEFAULT_MIX.to_vec()
+    } else {
+        names.iter().map(|n| n.trim()).collect()
+    };
+    let mut errors = Vec::new();
+    let mut out = Vec::new();
+    for name in names {
+        match species::load(name) {
+            Ok(s) => out.push(s),
+            Err(e) => errors.push(e),
+        }
+    }
+    if errors.is_empty() { Ok(out) } else { Err(Error::several(errors)) }
+}
+
+fn survey_job(scan: &ScanArgs, tree: &TreeArgs) -> Result<SurveyJob> {
+    Ok(SurveyJob {
+        scans: scan.scans.clone(),
+        ground: method(scan.ground),
+        cell_m: scan.cell,
+        photo: tree.photo.clone(),
+        species: load_species(&tree.species)?,
+        species_are_requested: !tree.species.is_empty(),
+        voxel_m: tree.voxel,
+        min_height_m: tree.min_height,
+        seed: seed(tree.seed),
+    })
+}
+
+fn method(ground: args::Ground) -> Method {
+    match ground {
+        args::Ground::Smrf => Method::Smrf,
+        args::Ground::Voxel => Method::VoxelRules,
+        args::Ground::File => Method::FileClasses,
+    }
+}
+
+fn formats(typed: &[args::Format]) -> Vec<Format> {
+    typed
+        .iter()
+        .map(|f| match f {
+            args::Format::Glb => Format::Glb,
+            args::Format::Gltf => Format::Gltf,
+            args::Format::Usda => Format::Usda,
+        })
+        .collect()
+}
+
+fn forest_job(survey: SurveyJob, scene: &SceneArgs) -> ForestJob {
+    let sharing = match scene.unique {
+        args::Unique::All => Sharing::None,
+        args::Unique::Shared(n) => Sharing::PerSpecies(n),
+    };
+    ForestJob {
+        survey,
+        sharing,
+        triangles: scene.triangles.map_or(FOREST_TRIANGLES, |n| n as usize),
+        texture_px: scene.texture,
+        name: "forest".into(),
+    }
+}
+
+fn forest(a: &args::Forest, run: &mut Recorder) -> Result<Told> {
+    let dir = a.output.clone().unwrap_or_else(|| Path::new("output").join(stem(&a.scan.scans[0])));
+    let job = forest_job(survey_job(&a.scan, &a.tree)?, &a.scene);
+    export::check_writable(&dir)?;
+    let forest = pipeline::forest::forest(&job, run)?;
+    let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
+    let summary = summary("forest", Some(a.tree.seed), run, Some(&forest.scene));
+    files.push(report_file(&summary));
+    export::write_all(&dir, &files)?;
+    Ok(Told { lines: forest_lines(&forest, run, &dir), json: summary })
+}
+
+/// Everything a forest run writes but its report.
+fn forest_files(
+    forest: &pipeline::Forest,
+    formats: &[Format],
+    run: &mut Recorder,
+) -> Result<Vec<OutputFile>> {
+    let preview = run.stage("preview", |_| {
+        let picture = pipeline::forest::preview(&forest.scene, PREVIEW_PX);
+        let trees = forest.scene.instances().len();
+        Ok((picture.to_png()?, Outcome::items(trees, "trees", 1, "picture")))
+    })?;
+    let survey = &forest.survey;
+    let mut files = export_scene(&forest.scene, "forest", formats, run)?;
+    files.push(file("preview.png", preview));
+    files.push(file(
+        "inventory.geojson",
+        crate::inventory::to_geojson(&survey.trees, &survey.frame),
+    ));
+    files.push(file("terrain.tif", terrain_tiff(&survey.frame, &survey.terrain)?));
+    Ok(files)
+}
+
+fn export_scene(
+    scene: &ValidScene,
+    stem: &str,
+    formats: &[Format],
+    run: &mut Recorder,
+) -> Result<Vec<OutputFile>> {
+    run.stage("export", |_| {
+        let files = export::files(scene, stem, formats)?;
+        let bytes: usize = files.iter().map(|f| f.bytes.len()).sum();
+        let trees = scene.instances().len();
+        Ok((files, Outcome::items(trees, "trees", bytes, "bytes")))
+    })
+}
+
+fn file(path: &str, bytes: Vec<u8>) -> OutputFile {
+    OutputFile { path: path.into(), bytes }
+}
+
+/// Heights in the scan's own system and vertical unit; every cell has a value.
+fn terrain_tiff(frame: &crate::frame::Frame, terrain: &crate::terrain::Terrain) -> Result<Vec<u8>> {
+    let g = terrain.heights.geometry;
+    let unit = frame.unit_m();
+    let data: Vec<f32> = terrain
+        .heights
+        .data
+        .iter()
+        .map(|&z| (frame.origin.z + f64::from(z) / unit.z) as f32)
+        .collect();
+    geotiff::encode(&Raster {
+        width: g.cols,
+        height: g.rows,
+        bands: 1,
+        samples: Samples::F32(data),
+        geometry: Some(crate::raster::GridGeometry {
+            west: frame.origin.x + g.west / unit.x,
+            north: frame.origin.y + g.north / unit.y,
+            cell_x: g.cell_x / unit.x,
+            cell_y: g.cell_y / unit.y,
+            ..g
+        }),
+        epsg: frame.crs.as_ref().and_then(|c| c.epsg),
+        nodata: Some(-9999.0),
+    })
+}
+
+fn inventory(a: &args::Inventory, run: &mut Recorder) -> Result<Told> {
+    let extension = extension(&a.output, &["geojson", "json", "csv"])?;
+    let job = survey_job(&a.scan, &a.tree)?;
+    let (dir, name) = place(&a.output)?;
+    export::check_writable(&dir)?;
+    let survey = pipeline::survey::inventory(&job, run)?;
+    let bytes = match extension {
+        "csv" => crate::inventory::to_csv(&survey.trees, &survey.frame)?,
+        _ => crate::inventory::to_geojson(&survey.trees, &survey.frame),
+    };
+    export::write_all(&dir, &[file(&name, bytes)])?;
+    let line = format!("{} trees written to {}", survey.trees.len(), a.output.display());
+    Ok(Told { lines: vec![line], json: summary("inventory", Some(a.tree.seed), run, None) })
+}
+
+fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
+    extension(&a.output, &["tif", "tiff"])?;
+    let job = SurveyJob {
+        scans: a.scan.scans.clone(),
+        ground: method(a.scan.ground),
+        cell_m: a.scan.cell,
+        photo: None,
+        species: Vec::new(),
+        species_are_requested: false,
+        voxel_m: None,
+        min_height_m: 2.0,
+        seed: seed(1),
+    };
+    let (dir, name) = place(&a.output)?;
+    export::check_writable(&dir)?;
+    let (frame, terrain) = pipeline::survey::terrain(&job, run)?;
+    export::write_all(&dir, &[file(&name, terrain_tiff(&frame, &terrain)?)])?;
+    let g = &terrain.heights.geometry;
+    let line = format!(
+        "{} × {} cells of {} m written to {}",
+        g.cols,
+        g.rows,
+        g.cell_x,
+        a.output.display()
+    );
+    Ok(Told { lines: vec![line], json: summary("terrain", None, run, None) })
+}
+
+fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
+    let extension = extension(&a.output, &["glb", "gltf", "usda", "png"])?;
+    let job = TreeJob {
+        species: species::load(&a.species)?,
+        height_m: a.height,
+        seed: seed(a.seed),
+        triangles: a.triangles as usize,
+        texture_px: a.texture,
+        is_bare: a.bare,
+    };
+    let (dir, name) = place(&a.output)?;
+    export::check_writable(&dir)?;
+    let scene = pipeline::tree::tree(&job, run)?;
+    let stem = stem(&a.output);
+    let files = match extension {
+        "glb" => export_scene(&scene, &stem, &[Format::Glb], run)?,
+        "gltf" => export_scene(&scene, &stem, &[Format::Gltf], run)?,
+        "usda" => export_scene(&scene, &stem, &[Format::Usda], run)?,
+        _ => run.stage("preview", |_| {
+            let picture = pipeline::tree::preview(&scene, PORTRAIT_PX);
+            Ok((vec![file(&name, picture.to_png()?)], Outcome::items(1, "tree", 1, "picture")))
+        })?,
+    };
+    export::write_all(&dir, &files)?;
+    let stats = crate::scene::statistics(&scene);
+    let line = format!(
+        "{} of {:.1} m, {} triangles, written to {}",
+        job.species.name,
+        scene.instances()[0].facts.height_m,
+        stats.unique_triangles,
+        a.output.display()
+    );
+    Ok(Told { lines: vec![line], json: summary("tree", Some(a.seed), run, Some(&scene)) })
+}
+
+fn demo(a: &args::Demo, run: &mut Recorder) -> Result<Told> {
+    export::check_writable(&a.output)?;
+    let species = load_species(&[])?;
+    let survey = pipeline::demo::survey_of_stand(a.trees as usize, &species, seed(a.seed), run)?;
+    // The pipeline reads the very files a surveyor would hand over.
+    let held = tempfile::tempdir().map_err(|e| {
+        Error::new(format!("no temporary folder can be made: {e}"))
+            .remedy("set TMPDIR to one with room")
+    })?;
+    let inputs = [file("scan.laz", survey.scan), file("photo.tif", survey.photo)];
+    export::write_all(held.path(), &inputs)?;
+    let job = forest_job(
+        SurveyJob {
+            scans: vec![held.path().join("scan.laz")],
+            ground: Method::Smrf,
+            cell_m: None,
+            photo: Some(held.path().join("photo.tif")),
+            species,
+            species_are_requested: false,
+            voxel_m: None,
+            min_height_m: 2.0,
+            seed: seed(a.seed),
+        },
+        &a.scene,
+    );
+    let forest = pipeline::forest::forest(&job, run)?;
+    let truth = pipeline::demo::compare(&survey.stand, &forest.survey);
+    let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
+    let mut summary = summary("demo", Some(a.seed), run, Some(&forest.scene));
+    summary["truth"] = json!(truth);
+    files.push(report_file(&summary));
+    files.extend(inputs);
+    export::write_all(&a.output, &files)?;
+    let mut lines = forest_lines(&forest, run, &a.output);
+    lines.splice(0..0, pipeline::demo::lines(&truth));
+    Ok(Told { lines, json: summary })
+}
+
+fn list_species(quiet: bool) -> Result<()> {
+    for name in species::builtin_names() {
+        if quiet {
+            println!("{name}");
+            continue;
+        }
+        let s = species::load(name)?;
+        let base = s.builds_on.as_deref().map_or(String::new(), |b| format!("builds on {b}"));
+        println!("{name:<20} {:<24} {:<20} {base}", s.name, s.common);
+    }
+    Ok(())
+}
+
+fn forest_lines(forest: &pipeline::Forest, run: &Recorder, dir: &Path) -> Vec<String> {
+    let stats = crate::scene::statistics(&forest.scene);
+    let mut lines: Vec<String> = report::table(&run.stages).lines().map(str::to_owned).collect();
+    lines.push(format!(
+        "{} trees of {} models, {} triangles in place, {} unique; {:.1} s, {} MB at most",
+        stats.trees,
+        stats.prototypes,
+        stats.instanced_triangles,
+        stats.unique_triangles,
+        run.seconds(),
+        run.peak_bytes() / 1_000_000
+    ));
+    lines.push(format!("written to {}", dir.display()));
+    lines
+}
+
+/// The report of a run. `schema` counts changes of this layout.
+fn summary(command: &str, seed: Option<u64>, run: &Recorder, scene: Option<&ValidScene>) -> Value {
+    let mut v = json!({
+        "schema": 1,
+        "larix": env!("CARGO_PKG_VERSION"),
+        "command": command,
+        "seed": seed,
+        "threads": rayon::current_num_threads(),
+        "seconds": run.seconds(),
+        "peak_bytes": run.peak_bytes(),
+        "stages": run.stages,
+        "warnings": run.warnings,
+    });
+    if let Some(scene) = scene {
+        let s = crate::scene::statistics(scene);
+        let (low, high) = s.bounds;
+        let frame = scene.frame();
+        v["scene"] = json!({
+            "trees": s.trees,
+            "models": s.prototypes,
+            "unique_triangles": s.unique_triangles,
+            "instanced_triangles": s.instanced_triangles,
+            "geometry_bytes": s.geometry_bytes,
+            "texture_bytes": s.texture_bytes,
+            "bounds_m": [low.to_array(), high.to_array()],
+            "origin": frame.origin.to_array(),
+            "epsg": frame.crs.as_ref().and_then(|c| c.epsg),
+        });
+    }
+    v
+}
+
+fn report_file(summary: &Value) -> OutputFile {
+    file("report.json", format!("{summary:#}\n").into_bytes())
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().map_or_else(|| "output".into(), |s| s.to_string_lossy().into_owned())
+}
+
+/// The folder and the name of an output file.
+fn place(path: &Path) -> Result<(PathBuf, String)> {
+    let Some(name) = path.file_name() else {
+        return Err(Error::new("is not a file name").in_file(path).remedy("give -o a file"));
+    };
+    let dir = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    Ok((dir.to_path_buf(), name.to_string_lossy().into_owned()))
+}
+
+/// The extension of an output file in lower case, one of `known`.
+fn extension<'a>(path: &Path, known: &[&'a str]) -> Result<&'a str> {
+    let typed = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    known.iter().copied().find(|&k| typed.as_deref() == Some(k)).ok_or_else(|| {
+        let list: Vec<String> = known.iter().map(|k| format!(".{k}")).collect();
+        Error::new("the extension says no format that can be written here")
+            .in_file(path)
+            .remedy(format!("end the name with {}", list.join(", ")))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_extension_chooses_or_refuses() {
+        assert_eq!(extension(Path::new("a/B.GLB"), &["glb", "usda"]).unwrap(), "glb");
+        let e = extension(Path::new("tree.obj"), &["glb", "usda"]).unwrap_err();
+        assert_eq!(e.remedy_text(), Some("end the name with .glb, .usda"));
+        assert!(extension(Path::new("tree"), &["glb"]).is_err());
+    }
+
+    #[test]
+    fn a_bare_file_name_lies_in_the_current_folder() {
+        assert_eq!(place(Path::new("x.tif")).unwrap(), (PathBuf::from("."), "x.tif".into()));
+        assert!(place(Path::new("/")).is_err());
+    }
+}

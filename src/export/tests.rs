@@ -1,0 +1,278 @@
+//! Files read back by another reader, goldens of a small scene, and what happens on a bad disk.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use ::gltf::mesh::util::ReadIndices;
+use glam::{Mat4, Vec2, Vec3};
+
+use super::*;
+use crate::mesh::Surface;
+use crate::scene::sample::forest;
+use crate::scene::{Scene, ValidScene};
+
+const ALL: [Format; 3] = [Format::Glb, Format::Gltf, Format::Usda];
+
+fn sample() -> Scene {
+    forest(&["Larix sibirica", "Betula pendula", "Pinus sylvestris"], 50, 60.0)
+}
+
+/// Two trees, each part a triangle or two, textures of one colour.
+fn two_trees() -> ValidScene {
+    let mut scene = forest(&["Larix sibirica"], 2, 4.0);
+    for texture in &mut scene.textures {
+        texture.picture = crate::raster::Picture::filled(1, 1, [90, 80, 70, 255]);
+    }
+    // Round numbers, so that the goldens do not depend on a machine's sine.
+    let level = Surface {
+        position: vec![Vec3::ZERO, Vec3::X * 4.0, Vec3::new(4.0, 4.0, 0.5), Vec3::Y * 4.0],
+        normal: vec![Vec3::Z; 4],
+        uv: vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
+        index: vec![0, 1, 2, 0, 2, 3],
+    };
+    let upright = Surface {
+        position: vec![Vec3::ZERO, Vec3::X * 0.5, Vec3::Z * 12.5],
+        normal: vec![Vec3::NEG_Y; 3],
+        uv: vec![Vec2::ZERO, Vec2::X, Vec2::Y * 12.5],
+        index: vec![0, 1, 2],
+    };
+    for part in scene.prototypes.iter_mut().flat_map(|p| &mut p.parts).chain(&mut scene.terrain) {
+        part.surface = match part.name.as_str() {
+            "wood" => upright.clone(),
+            _ => level.clone(),
+        };
+    }
+    for (at, tree) in scene.instances.iter_mut().enumerate() {
+        tree.position = Vec3::new(0.5 + at as f32, 0.25, 0.0);
+        tree.yaw_rad = 0.0;
+        tree.scale = Vec3::new(1.0, 1.0, 1.0 + at as f32 * 0.5);
+        tree.facts.height_m = 12.5;
+        tree.facts.crown_diameter_m = 3.0;
+        tree.facts.stem_diameter_m = 0.25;
+        tree.facts.confidence = 0.75;
+    }
+    scene.validate().unwrap()
+}
+
+/// Writes the sample for `tools/validate.py` and for Blender:
+/// `LARIX_SAMPLE=DIR cargo test --lib export::tests::sample_on_disk -- --ignored`.
+#[test]
+#[ignore = "for checks outside of Rust"]
+fn sample_on_disk() {
+    let dir = std::env::var("LARIX_SAMPLE").expect("LARIX_SAMPLE names a folder");
+    let scene = sample().validate().unwrap();
+    write_all(Path::new(&dir), &files(&scene, "forest", &ALL).unwrap()).unwrap();
+}
+
+#[test]
+fn the_gltf_of_two_trees() {
+    let all = files(&two_trees(), "two trees", &[Format::Gltf]).unwrap();
+    insta::assert_snapshot!(text_of(&all[0]));
+}
+
+#[test]
+fn the_usda_of_two_trees() {
+    let all = files(&two_trees(), "two trees", &[Format::Usda]).unwrap();
+    insta::assert_snapshot!(text_of(&all[0]));
+}
+
+fn text_of(file: &OutputFile) -> String {
+    String::from_utf8(file.bytes.clone()).unwrap().replace(env!("CARGO_PKG_VERSION"), "VERSION")
+}
+
+#[test]
+fn names_of_files_and_textures_shared_by_formats() {
+    let all = files(&two_trees(), "two trees", &[ALL[1], ALL[2], ALL[0], ALL[1]]).unwrap();
+    let names: Vec<&str> = all.iter().map(|f| f.path.to_str().unwrap()).collect();
+    assert_eq!(
+        names,
+        [
+            "two trees.glb",
+            "two trees.gltf",
+            "two trees.bin",
+            "two trees.usda",
+            "textures/two_trees_photo.png",
+            "textures/two_trees_Larix_sibirica_bark.png",
+            "textures/two_trees_Larix_sibirica_bark_normal.png",
+            "textures/two_trees_Larix_sibirica_leaf.png",
+        ]
+    );
+    let glb_alone = files(&two_trees(), "two trees", &[Format::Glb]).unwrap();
+    assert_eq!(glb_alone.len(), 1);
+}
+
+/// The vertices of every tree, where the gltf crate puts them, are where the scene does.
+#[test]
+fn glb_reads_back_as_the_scene() {
+    let scene = sample().validate().unwrap();
+    let glb = &files(&scene, "forest", &[Format::Glb]).unwrap()[0];
+    let (document, buffers, images) = ::gltf::import_slice(&glb.bytes).unwrap();
+    assert_eq!(images.len(), scene.textures().len());
+    assert_eq!(document.meshes().len(), 1 + scene.prototypes().len());
+    let by_name: BTreeMap<&str, _> =
+        scene.instances().iter().map(|i| (i.name.as_str(), i)).collect();
+
+    let root = document.default_scene().unwrap().nodes().next().unwrap();
+    assert_eq!(root.name(), Some("forest"));
+    let groups: Vec<_> = root.children().map(|n| n.name().unwrap().to_owned()).collect();
+    assert_eq!(groups, ["terrain", "Larix_sibirica", "Betula_pendula", "Pinus_sylvestris"]);
+
+    let mut seen = 0;
+    for node in root.children().skip(1).flat_map(|group| group.children()) {
+        let tree = by_name[node.name().unwrap()];
+        let matrix = Mat4::from_cols_array_2d(&node.transform().matrix());
+        let prototype = &scene.prototypes()[tree.prototype as usize];
+        let mesh = node.mesh().unwrap();
+        assert_eq!(mesh.name(), Some(prototype.name.as_str()));
+        for (primitive, part) in mesh.primitives().zip(&prototype.parts) {
+            let reader = primitive.reader(|b| Some(&buffers[b.index()]));
+            let positions: Vec<[f32; 3]> = reader.read_positions().unwrap().collect();
+            for (&p, &ours) in positions.iter().zip(&part.surface.position) {
+                let theirs = matrix.transform_point3(Vec3::from(p));
+                let ours = tree.place(ours);
+                let off = theirs - Vec3::new(ours.x, ours.z, -ours.y);
+                assert!(off.length() < 1e-4, "{theirs} {ours}");
+            }
+            assert_eq!(positions.len(), part.surface.position.len());
+            let uv: Vec<[f32; 2]> = reader.read_tex_coords(0).unwrap().into_f32().collect();
+            let ours: Vec<[f32; 2]> = part.surface.uv.iter().map(|c| [c.x, 1.0 - c.y]).collect();
+            assert_eq!(uv, ours);
+            let index: Vec<u32> = reader.read_indices().unwrap().into_u32().collect();
+            assert_eq!(index, part.surface.index);
+            let normals = reader.read_normals().unwrap();
+            for (n, ours) in normals.zip(&part.surface.normal) {
+                assert_eq!(Vec3::from(n), Vec3::new(ours.x, ours.z, -ours.y));
+            }
+            assert_eq!(reader.read_tangents().is_some(), part.name == "wood");
+        }
+        let extras: serde_json::Value =
+            serde_json::from_str(node.extras().as_ref().unwrap().get()).unwrap();
+        assert_eq!(extras["id"], tree.facts.id.as_str());
+        assert_eq!(extras["height_m"].as_f64().unwrap() as f32, tree.facts.height_m);
+        seen += 1;
+    }
+    assert_eq!(seen, 150);
+}
+
+#[test]
+fn surfaces_of_more_vertices_than_16_bits_reach_get_long_indices() {
+    let mut scene = forest(&["Larix"], 1, 600.0);
+    scene.prune();
+    let scene = scene.validate().unwrap();
+    let vertices = scene.terrain().unwrap().surface.position.len();
+    assert!(vertices > 65_535, "{vertices}");
+    let glb = &files(&scene, "forest", &[Format::Glb]).unwrap()[0];
+    let (document, buffers, _) = ::gltf::import_slice(&glb.bytes).unwrap();
+    let kinds: Vec<bool> = document
+        .meshes()
+        .flat_map(|mesh| mesh.primitives().collect::<Vec<_>>())
+        .map(|primitive| {
+            let reader = primitive.reader(|b| Some(&buffers[b.index()]));
+            matches!(reader.read_indices().unwrap(), ReadIndices::U32(_))
+        })
+        .collect();
+    assert_eq!(kinds, [true, false, false]);
+}
+
+#[test]
+fn the_same_scene_gives_the_same_bytes_on_any_number_of_threads() {
+    let scene = forest(&["Larix", "Betula"], 20, 400.0).validate().unwrap();
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| files(&scene, "forest", &ALL).unwrap())
+    };
+    assert!(on(1) == on(3));
+}
+
+fn file(path: &str, text: &str) -> OutputFile {
+    OutputFile { path: path.into(), bytes: text.into() }
+}
+
+/// Every file below `dir` with its text.
+fn tree(dir: &Path) -> Vec<(PathBuf, String)> {
+    let mut found = Vec::new();
+    let mut waiting = vec![dir.to_path_buf()];
+    while let Some(folder) = waiting.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                found.push((path.clone(), "a folder".into()));
+                waiting.push(path);
+            } else {
+                let text = fs::read_to_string(&path).unwrap();
+                found.push((path, text));
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+#[test]
+fn writing_makes_folders_and_replaces_old_files() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("a/b");
+    write_all(&out, &[file("x.glb", "old"), file("textures/y.png", "old")]).unwrap();
+    write_all(&out, &[file("x.glb", "new")]).unwrap();
+    let expected = [
+        (out.join("textures"), "a folder".to_owned()),
+        (out.join("textures/y.png"), "old".to_owned()),
+        (out.join("x.glb"), "new".to_owned()),
+    ];
+    assert_eq!(tree(&out), expected);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        let usual = fs::File::create(dir.path().join("usual")).unwrap().metadata().unwrap();
+        let ours = fs::metadata(out.join("x.glb")).unwrap();
+        assert_eq!(ours.permissions().mode(), usual.permissions().mode());
+    }
+}
+
+/// Failures that even the superuser meets: a file where a folder should be, and the reverse.
+#[test]
+fn a_failure_leaves_everything_as_it_was() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("out");
+    write_all(&out, &[file("a.glb", "old"), file("taken", "old"), file("c/d", "old")]).unwrap();
+    let before = tree(dir.path());
+    let cases = [
+        ("out", vec![file("a.glb", "new"), file("new/e", "new"), file("taken/b", "new")]),
+        ("out", vec![file("a.glb", "new"), file("new/e", "new"), file("c", "new")]),
+        ("out/a.glb", vec![file("x", "new")]),
+        ("out/a.glb/sub", vec![file("x", "new")]),
+        ("out", vec![file("a.glb", "new"), file("../x", "new")]),
+        ("out", vec![file("a.glb", "new"), file("a.glb", "newer")]),
+    ];
+    let mut told = Vec::new();
+    for (folder, files) in cases {
+        let error = write_all(&dir.path().join(folder), &files).unwrap_err();
+        told.push(format!("{error:?}").replace(dir.path().to_str().unwrap(), "DIR"));
+        assert_eq!(tree(dir.path()), before, "{}", told.last().unwrap());
+    }
+    insta::assert_snapshot!(told.join("\n"));
+}
+
+/// `/proc` takes no new folders or files, whoever asks.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_folder_that_takes_no_files_is_named_with_a_remedy() {
+    for folder in ["/proc/larix", "/proc"] {
+        let error = write_all(Path::new(folder), &[file("a.glb", "new")]).unwrap_err();
+        assert!(error.to_string().starts_with(folder), "{error:?}");
+        assert_eq!(
+            error.remedy_text(),
+            Some("choose an output folder that you may write to"),
+            "{error:?}"
+        );
+    }
+}
+
+/// No disk is filled for this: the message is tested alone.
+#[test]
+fn a_full_disk_says_how_much_to_free() {
+    let full = std::io::Error::from(std::io::ErrorKind::StorageFull);
+    let error = disk::unwritable(Path::new("out/forest.glb"), &full, 4_200_000);
+    assert_eq!(error.remedy_text(), Some("free at least 5 MB, or choose another output folder"));
+}

@@ -1,0 +1,150 @@
+//! The invariants of a surface, and the proof that wood is closed.
+
+use glam::Vec3;
+
+use super::Surface;
+use crate::diagnostic::{Error, Result};
+
+/// Heights of a triangle below this are no area, metres.
+const LEAST_HEIGHT_M: f32 = 1e-8;
+
+impl Surface {
+    /// Columns of equal length, all finite, normals of unit length, indices in range, every
+    /// triangle with an area.
+    pub fn check(&self) -> Result<()> {
+        let n = self.position.len();
+        if self.normal.len() != n || self.uv.len() != n {
+            return Err(Error::new(format!(
+                "a surface has {n} positions, {} normals and {} texture coordinates",
+                self.normal.len(),
+                self.uv.len()
+            )));
+        }
+        if !self.index.len().is_multiple_of(3) {
+            return Err(Error::new(format!("a surface has {} indices", self.index.len())));
+        }
+        for i in 0..n {
+            if !self.position[i].is_finite() || !self.uv[i].is_finite() {
+                return Err(Error::new(format!("vertex {i} is not finite")));
+            }
+            let length = self.normal[i].length();
+            if !((length - 1.0).abs() < 1e-4) {
+                return Err(Error::new(format!("the normal of vertex {i} is {length} long")));
+            }
+        }
+        for (t, corners) in self.index.chunks_exact(3).enumerate() {
+            let at = |k: usize| self.position.get(corners[k] as usize).copied();
+            let (Some(a), Some(b), Some(c)) = (at(0), at(1), at(2)) else {
+                return Err(Error::new(format!("triangle {t} refers past the {n} vertices")));
+            };
+            let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
+            let twice_area = (b - a).as_dvec3().cross((c - a).as_dvec3()).length() as f32;
+            if !(twice_area > longest * LEAST_HEIGHT_M) {
+                return Err(Error::new(format!("triangle {t} has no area: {a} {b} {c}")));
+            }
+        }
+        Ok(())
+    }
+
+    /// Enclosed volume by the divergence theorem, cubic metres; positive when wound outward.
+    pub fn volume_m3(&self) -> f64 {
+        let centre = self.position.first().copied().unwrap_or(Vec3::ZERO).as_dvec3();
+        self.index
+            .chunks_exact(3)
+            .map(|t| {
+                let [a, b, c] = [0, 1, 2].map(|k| self.position[t[k] as usize].as_dvec3() - centre);
+                a.dot(b.cross(c)) / 6.0
+            })
+            .sum()
+    }
+
+    pub fn area_sq_m(&self) -> f64 {
+        self.index
+            .chunks_exact(3)
+            .map(|t| {
+                let [a, b, c] = [0, 1, 2].map(|k| self.position[t[k] as usize].as_dvec3());
+                (b - a).cross(c - a).length() / 2.0
+            })
+            .sum()
+    }
+}
+
+/// Directed edges without exactly one partner in the other direction, after corners in one place
+/// are welded within each connected part; 0 where every part is closed and wound one way.
+pub fn open_edges(surfaces: &[&Surface]) -> usize {
+    let (index, welded) = weld(surfaces);
+    let mut edges: Vec<(u32, u32)> = index
+        .chunks_exact(3)
+        .flat_map(|t| {
+            let [a, b, c] = [0, 1, 2].map(|k| welded[t[k] as usize]);
+            [(a, b), (b, c), (c, a)]
+        })
+        .collect();
+    edges.sort_unstable();
+    let mut open = 0;
+    let mut i = 0;
+    while i < edges.len() {
+        let same = edges[i..].iter().take_while(|e| **e == edges[i]).count();
+        let back = (edges[i].1, edges[i].0);
+        let start = edges.partition_point(|e| *e < back);
+        let backs = edges[start..].iter().take_while(|e| **e == back).count();
+        if same != 1 || backs != 1 {
+            open += same;
+        }
+        i += same;
+    }
+    open
+}
+
+/// The surfaces' indices as one list, and for every vertex one that stands for all in its place
+/// and connected part. Parts of two surfaces are connected where corners agree in place and normal.
+fn weld(surfaces: &[&Surface]) -> (Vec<u32>, Vec<u32>) {
+    let (mut index, mut position, mut normal, mut owner) = (vec![], vec![], vec![], vec![]);
+    for (k, s) in surfaces.iter().enumerate() {
+        let base = position.len() as u32;
+        index.extend(s.index.iter().map(|i| i + base));
+        position.extend_from_slice(&s.position);
+        normal.extend_from_slice(&s.normal);
+        owner.resize(position.len(), k);
+    }
+    let n = position.len();
+    let mut part: Vec<u32> = (0..n as u32).collect();
+    fn root(part: &mut [u32], mut i: u32) -> u32 {
+        while part[i as usize] != i {
+            part[i as usize] = part[part[i as usize] as usize];
+            i = part[i as usize];
+        }
+        i
+    }
+    for t in index.chunks_exact(3) {
+        for &k in &t[1..] {
+            let (a, b) = (root(&mut part, t[0]), root(&mut part, k));
+            part[b as usize] = a;
+        }
+    }
+    // Adding zero makes −0 the same place as 0.
+    let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
+    let mut order: Vec<u32> = (0..n as u32).collect();
+    let place = |i: u32| (key(position[i as usize]), key(normal[i as usize]));
+    if surfaces.len() > 1 {
+        order.sort_unstable_by_key(|&i| (place(i), i));
+        for w in order.windows(2) {
+            if place(w[0]) == place(w[1]) && owner[w[0] as usize] != owner[w[1] as usize] {
+                let (a, b) = (root(&mut part, w[0]), root(&mut part, w[1]));
+                part[b as usize] = a;
+            }
+        }
+    }
+    let parts: Vec<u32> = (0..n as u32).map(|i| root(&mut part, i)).collect();
+    let place = |i: u32| (parts[i as usize], key(position[i as usize]));
+    order.sort_unstable_by_key(|&i| (place(i), i));
+    let mut welded = vec![0; n];
+    let mut head = 0;
+    for (k, &i) in order.iter().enumerate() {
+        if k == 0 || place(order[k - 1]) != place(i) {
+            head = i;
+        }
+        welded[i as usize] = head;
+    }
+    (index, welded)
+}

@@ -1,0 +1,383 @@
+//! An axis of a skeleton as a path of rings: the radii of [P18], needless nodes left out within a
+//! tolerance, a collar where a branch leaves its parent, a flare at the ground.
+//!
+//! Departures from [P18]: cones share their rings, so that an axis is one smooth tube; the radius
+//! at a shared base is the mean of the two nodes, as there. Limits: at a bend sharper than the
+//! radius, rings may pass through each other (the tube stays closed).
+
+use glam::{Quat, Vec3};
+
+/// Least radius of a ring, and least distance between rings, metres; both grow with the distance
+/// from the origin so that f32 still tells the corners apart.
+const LEAST_RADIUS_M: f32 = 5e-4;
+const LEAST_STEP_M: f32 = 2e-3;
+/// Sides of the roundest and the plainest ring.
+pub const MAX_SIDES: u32 = 32;
+pub const MIN_SIDES: u32 = 3;
+/// How far a stem goes on below ground, so that no slope shows its end.
+pub const BELOW_GROUND_M: f32 = 0.3;
+/// Nodes that one straight piece may replace.
+const SPAN: usize = 24;
+
+/// A cross-section of a tube.
+#[derive(Debug, Clone, Copy)]
+pub struct Ring {
+    pub centre: Vec3,
+    /// Unit; the tube's direction here.
+    pub tangent: Vec3,
+    /// Unit, at right angles to `tangent`; carried along without twist.
+    pub normal: Vec3,
+    pub radius_m: f32,
+    /// Arc length from the axis' base.
+    pub arc_m: f32,
+    /// Change of radius over arc length.
+    pub slope: f32,
+    pub sides: u32,
+    /// Amplitude of buttress lobes, share of the radius.
+    pub lobe: f32,
+}
+
+/// How an axis begins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Foot {
+    /// In the ground.
+    Ground,
+    /// On the axis of a parent of this radius and direction.
+    Branch { parent_radius_m: f32, parent_direction: Vec3 },
+}
+
+/// A point of the path before it is a ring.
+#[derive(Debug, Clone, Copy)]
+pub struct Knot {
+    pub at: Vec3,
+    pub radius_m: f32,
+}
+
+/// Fewest sides whose sagitta r(1 − cos(π/N)) stays within the tolerance, 3…32.
+pub fn sides(radius_m: f32, tolerance_m: f32) -> u32 {
+    let cosine = 1.0 - (tolerance_m / radius_m.max(1e-9)).clamp(0.0, 1.0);
+    let half = cosine.acos();
+    if half < std::f32::consts::PI / MAX_SIDES as f32 {
+        return MAX_SIDES;
+    }
+    ((std::f32::consts::PI / half - 1e-4).ceil() as u32).clamp(MIN_SIDES, MAX_SIDES)
+}
+
+/// Reused between axes.
+#[derive(Default)]
+pub struct Scratch {
+    kept: Vec<Knot>,
+    lobes: Vec<f32>,
+}
+
+/// Turns the knots of one axis into rings, appended to `out`; the last ring is the apex, a point.
+/// Appends nothing where the axis has no length.
+pub fn rings(
+    knots: &[Knot],
+    foot: Foot,
+    tolerance_m: f32,
+    detail: bool,
+    scratch: &mut Scratch,
+    out: &mut Vec<Ring>,
+) {
+    let reach = knots.iter().map(|k| k.at.abs().max_element()).fold(0.0, f32::max);
+    let least_radius = LEAST_RADIUS_M.max(reach * 1e-5);
+    let least_step = LEAST_STEP_M.max(reach * 2e-5);
+    let kept = &mut scratch.kept;
+    simplify(knots, tolerance_m, least_step, kept);
+    if kept.len() < 2 {
+        return;
+    }
+    let lobes = &mut scratch.lobes;
+    lobes.clear();
+    match foot {
+        Foot::Ground => flare(kept, lobes, tolerance_m, least_step, detail),
+        Foot::Branch { parent_radius_m, parent_direction } => {
+            collar(kept, parent_radius_m, parent_direction, tolerance_m, least_step);
+        }
+    }
+    for k in kept.iter_mut() {
+        k.radius_m = k.radius_m.max(least_radius);
+    }
+    blunt(kept, tolerance_m, least_step);
+    frames(kept, lobes, tolerance_m, out);
+}
+
+/// Leaves out knots that lie within the tolerance of a straight cone, and knots too close to tell
+/// apart. First and last stay.
+fn simplify(knots: &[Knot], tolerance_m: f32, least_step: f32, kept: &mut Vec<Knot>) {
+    kept.clear();
+    let Some(&first) = knots.first() else { return };
+    kept.push(first);
+    let mut from = 0;
+    while from + 1 < knots.len() {
+        let mut to = from + 1;
+        while to + 1 < knots.len() && to - from < SPAN && straight(knots, from, to + 1, tolerance_m)
+        {
+            to += 1;
+        }
+        let last = to + 1 == knots.len();
+        let near = kept.last().is_some_and(|k| k.at.distance(knots[to].at) < least_step);
+        if !near {
+            kept.push(knots[to]);
+        } else if last && kept.len() > 1 {
+            // The tip wins over the knot before it, where that leaves room.
+            let before = kept[kept.len() - 2];
+            if before.at.distance(knots[to].at) >= least_step {
+                kept.pop();
+                kept.push(knots[to]);
+            }
+        }
+        from = to;
+    }
+}
+
+fn straight(knots: &[Knot], from: usize, to: usize, tolerance_m: f32) -> bool {
+    let (a, b) = (knots[from], knots[to]);
+    let chord = b.at - a.at;
+    let length_sq = chord.length_squared();
+    knots[from + 1..to].iter().all(|k| {
+        let t = if length_sq > 0.0 { (k.at - a.at).dot(chord) / length_sq } else { 0.0 };
+        let inside = (0.0..=1.0).contains(&t);
+        let cone = a.radius_m + (b.radius_m - a.radius_m) * t;
+        inside
+            && (k.at - a.at - chord * t).length_squared() <= tolerance_m * tolerance_m
+            && (k.radius_m - cone).abs() <= tolerance_m
+    })
+}
+
+/// The place `arc_m` along the path: the knot to insert before, and what lies there.
+fn locate(kept: &[Knot], arc_m: f32) -> Option<(usize, Knot)> {
+    let mut walked = 0.0;
+    for i in 1..kept.len() {
+        let (a, b) = (kept[i - 1], kept[i]);
+        let step = a.at.distance(b.at);
+        if arc_m <= walked + step {
+            let t = (arc_m - walked) / step.max(1e-12);
+            let radius_m = a.radius_m + (b.radius_m - a.radius_m) * t;
+            return Some((i, Knot { at: a.at.lerp(b.at, t), radius_m }));
+        }
+        walked += step;
+    }
+    None
+}
+
+/// Inserts a knot of its own radius (from the radius found there), unless another is too close.
+fn insert(
+    kept: &mut Vec<Knot>,
+    arc_m: f32,
+    least_step: f32,
+    radius: impl Fn(f32) -> f32,
+) -> Option<usize> {
+    let (i, found) = locate(kept, arc_m)?;
+    if found.at.distance(kept[i - 1].at) < 2.0 * least_step
+        || found.at.distance(kept[i].at) < 2.0 * least_step
+    {
+        return None;
+    }
+    kept.insert(i, Knot { at: found.at, radius_m: radius(found.radius_m) });
+    Some(i)
+}
+
+/// A branch starts on its parent's axis and is wider where it leaves the bark.
+fn collar(
+    kept: &mut Vec<Knot>,
+    parent_radius_m: f32,
+    parent_direction: Vec3,
+    tolerance_m: f32,
+    least_step: f32,
+) {
+    let radius = kept[0].radius_m.min(parent_radius_m);
+    kept[0].radius_m = radius;
+    let length: f32 = kept.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
+    let direction = (kept[1].at - kept[0].at).normalize_or_zero();
+    let across = direction.cross(parent_direction).length().max(0.5);
+    let bark = parent_radius_m / across;
+    let wide = (radius * 1.4).min(parent_radius_m * 0.95).max(radius);
+    let end = bark + 2.2 * radius;
+    if wide - radius < 0.5 * tolerance_m || end > 0.7 * length {
+        return;
+    }
+    insert(kept, end, least_step, |r| r);
+    insert(kept, bark + 0.7 * radius, least_step, |r| (0.4 * wide + 0.6 * r).max(r));
+    insert(kept, 0.92 * bark, least_step, |r| wide.max(r));
+    kept[0].radius_m = wide;
+}
+
+/// A stem widens towards the ground, in lobes, and goes on below it.
+fn flare(
+    kept: &mut Vec<Knot>,
+    lobes: &mut Vec<f32>,
+    tolerance_m: f32,
+    least_step: f32,
+    detail: bool,
+) {
+    let radius = kept[0].radius_m;
+    let length: f32 = kept.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
+    let height = (3.2 * radius).min(0.25 * length);
+    let wide = 0.5f32;
+    if radius * wide > tolerance_m {
+        let shares: &[f32] = if detail { &[1.0, 0.6, 0.32, 0.14] } else { &[1.0, 0.3] };
+        for &s in shares {
+            insert(kept, s * height, least_step, |r| r);
+        }
+        let foot = kept[0].at;
+        let mut walked = 0.0;
+        let mut last = foot;
+        for k in kept.iter_mut() {
+            walked += k.at.distance(last);
+            last = k.at;
+            let up = 1.0 - (walked / height.max(1e-6)).min(1.0);
+            k.radius_m *= 1.0 + wide * up * up * up;
+            lobes.push(if detail { 0.11 * up * up } else { 0.0 });
+        }
+    }
+    let depth = BELOW_GROUND_M.min(0.1 * length).max(2.0 * least_step);
+    let base = kept[0];
+    kept.insert(0, Knot { at: base.at - Vec3::Z * depth, radius_m: base.radius_m * 1.12 });
+    if let Some(&first) = lobes.first() {
+        lobes.insert(0, first);
+    }
+}
+
+/// A tip that is too thick for a point gets a short cone on top.
+fn blunt(kept: &mut Vec<Knot>, tolerance_m: f32, least_step: f32) {
+    let n = kept.len();
+    let (before, tip) = (kept[n - 2], kept[n - 1]);
+    if tip.radius_m > (2.0 * tolerance_m).max(0.012) {
+        let direction = (tip.at - before.at).normalize_or(Vec3::Z);
+        let rise = (0.6 * tip.radius_m).max(least_step);
+        kept.push(Knot { at: tip.at + direction * rise, radius_m: 0.0 });
+    }
+}
+
+/// Tangents as bisectors, normals by the least turn from ring to ring (parallel transport). A
+/// reversal turns in two steps of a right angle, so that no ring is mirrored.
+fn frames(kept: &[Knot], lobes: &[f32], tolerance_m: f32, out: &mut Vec<Ring>) {
+    let n = kept.len();
+    let start = out.len();
+    let step = |i: usize| (kept[i + 1].at - kept[i].at).normalize_or(Vec3::Z);
+    let mut tangent = step(0);
+    let mut normal = tangent.any_orthonormal_vector();
+    let mut arc = 0.0;
+    for i in 0..n {
+        let next = if i == 0 {
+            tangent
+        } else if i + 1 == n {
+            step(n - 2)
+        } else {
+            let (from, to) = (step(i - 1), step(i));
+            let sum = from + to;
+            if sum.length_squared() > 1e-4 {
+                sum.normalize()
+            } else {
+                let across = tangent - from * tangent.dot(from);
+                if across.length_squared() > 0.01 { across.normalize() } else { normal }
+            }
+        };
+        if i > 0 {
+            arc += kept[i].at.distance(kept[i - 1].at);
+            let carried = if next.dot(tangent) > 0.9999 {
+                normal
+            } else {
+                Quat::from_rotation_arc(tangent, next) * normal
+            };
+            let flat = carried - next * carried.dot(next);
+            normal = flat.try_normalize().unwrap_or_else(|| next.any_orthonormal_vector());
+        }
+        tangent = next;
+        out.push(Ring {
+            centre: kept[i].at,
+            tangent,
+            normal,
+            radius_m: kept[i].radius_m,
+            arc_m: arc,
+            slope: 0.0,
+            sides: sides(kept[i].radius_m, tolerance_m),
+            lobe: lobes.get(i).copied().unwrap_or(0.0),
+        });
+    }
+    let rings = &mut out[start..];
+    let last = n - 1;
+    rings[last].radius_m = 0.0;
+    // From the tip down: never fewer sides below, and a change only where it saves a quarter.
+    rings[last].sides = rings[last - 1].sides;
+    for i in (0..last).rev() {
+        rings[i].sides = rings[i].sides.max(rings[i + 1].sides);
+    }
+    for i in 1..n {
+        let below = rings[i - 1].sides;
+        if rings[i].sides * 4 > below * 3 || i == last {
+            rings[i].sides = below;
+        }
+    }
+    for i in 0..n {
+        let (a, b) = (i.saturating_sub(1), (i + 1).min(last));
+        let run = rings[b].arc_m - rings[a].arc_m;
+        let slope = (rings[b].radius_m - rings[a].radius_m) / run.max(1e-6);
+        rings[i].slope = slope.clamp(-2.0, 2.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sides_are_the_fewest_within_the_sagitta() {
+        for tolerance in [1e-4f32, 1e-3, 5e-3] {
+            for k in 1..200 {
+                let r = k as f32 * 0.002;
+                let n = sides(r, tolerance);
+                let sagitta = |n: u32| r * (1.0 - (std::f32::consts::PI / n as f32).cos());
+                assert!(n == MAX_SIDES || sagitta(n) <= tolerance * 1.001, "{r} {n}");
+                assert!(n == MIN_SIDES || sagitta(n - 1) > tolerance * 0.999, "{r} {n}");
+            }
+        }
+        assert_eq!(sides(1e3, 1e-3), MAX_SIDES);
+        assert_eq!(sides(1e-6, 1e-3), MIN_SIDES);
+    }
+
+    fn path(points: &[Vec3], tolerance: f32) -> Vec<Ring> {
+        let knots: Vec<Knot> = points.iter().map(|&at| Knot { at, radius_m: 0.02 }).collect();
+        let mut out = Vec::new();
+        let foot = Foot::Branch { parent_radius_m: 0.02, parent_direction: Vec3::X };
+        rings(&knots, foot, tolerance, true, &mut Scratch::default(), &mut out);
+        out
+    }
+
+    #[test]
+    fn frames_are_orthonormal_and_do_not_twist() {
+        // A flat arc: the normal keeps its angle to the plane.
+        let arc: Vec<Vec3> = (0..40)
+            .map(|k| {
+                let (s, c) = (k as f32 * 0.1).sin_cos();
+                Vec3::new(s, 0.0, 1.0 - c)
+            })
+            .collect();
+        let rings = path(&arc, 1e-5);
+        let tilt = rings[0].normal.y;
+        for r in &rings {
+            assert!((r.normal.length() - 1.0).abs() < 1e-5);
+            assert!(r.normal.dot(r.tangent).abs() < 1e-5);
+            assert!((r.normal.y - tilt).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn a_straight_run_keeps_its_ends_alone() {
+        let line: Vec<Vec3> = (0..20).map(|k| Vec3::new(0.0, 0.0, k as f32)).collect();
+        assert_eq!(path(&line, 1e-3).len(), 3, "base, tip and the cone on the tip");
+    }
+
+    #[test]
+    fn a_reversal_and_standing_still_give_sound_frames() {
+        let back = [0.0, 1.0, 0.0, 1.0, 1.0, 1.0].map(|z| Vec3::new(0.0, 0.0, z));
+        let rings = path(&back, 1e-3);
+        for w in rings.windows(2) {
+            assert!(w[0].centre.distance(w[1].centre) >= LEAST_STEP_M);
+            assert!(w[0].tangent.dot(w[1].tangent) > -0.5, "a ring is never mirrored");
+        }
+        assert!(path(&[Vec3::ONE; 5], 1e-3).is_empty());
+    }
+}

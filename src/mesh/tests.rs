@@ -1,0 +1,287 @@
+use proptest::prelude::*;
+
+use super::*;
+use crate::skeleton::{Detail, NO_PARENT, Target, grow};
+use crate::species;
+use crate::texture;
+
+pub(crate) const SPECIES: [&str; 6] = [
+    "larix_sibirica",
+    "picea_obovata",
+    "pinus_sylvestris",
+    "betula_pendula",
+    "quercus_robur",
+    "salix_caprea",
+];
+
+fn bare(tolerance_m: f32) -> MeshOptions {
+    MeshOptions { tolerance_m, triangle_budget: None, foliage: false, detail: true }
+}
+
+fn oak() -> Species {
+    species::load("quercus_robur").unwrap()
+}
+
+/// A chain of nodes with branches, from raw draws: reversals and standing still included.
+fn skeleton(steps: &[(usize, [i8; 3], f32, bool)], radius: f32) -> Skeleton {
+    let mut s = Skeleton {
+        position: vec![Vec3::ZERO],
+        parent: vec![NO_PARENT],
+        radius_m: vec![radius],
+        axis: vec![0],
+        order: vec![0],
+    };
+    let mut tips = vec![0usize];
+    for &(pick, step, shrink, branch) in steps {
+        let axis = pick % tips.len();
+        let parent = tips[axis];
+        let step = Vec3::from_array(step.map(f32::from)) * 0.125;
+        if step == Vec3::ZERO {
+            continue;
+        }
+        let node = s.position.len();
+        s.position.push(s.position[parent] + step);
+        s.parent.push(parent as u32);
+        s.radius_m.push(s.radius_m[parent] * shrink);
+        if branch {
+            s.axis.push(tips.len() as u32);
+            s.order.push(s.order[parent].saturating_add(1));
+            tips.push(node);
+        } else {
+            s.axis.push(axis as u32);
+            s.order.push(s.order[parent]);
+            tips[axis] = node;
+        }
+    }
+    s
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+    #[test]
+    fn every_edge_of_every_tube_has_two_triangles(
+        steps in prop::collection::vec(
+            (0usize..8, [-3i8..4, -3i8..4, -3i8..4], 0.5f32..1.0, any::<bool>()), 1..60),
+        radius in prop::sample::select(vec![1e-6f32, 1e-3, 0.05, 0.3, 2.0]),
+        tolerance in prop::sample::select(vec![1e-4f32, 2e-3, 0.05]),
+        has_young in any::<bool>(),
+    ) {
+        let s = skeleton(&steps, radius);
+        let mut species = oak();
+        species.bark.upper = has_young.then_some([200, 120, 70]);
+        prop_assume!(s.len() > 1);
+        s.check().unwrap();
+        let options = MeshOptions { foliage: true, ..bare(tolerance) };
+        let tree = build(&s, &species, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
+        tree.wood.check().unwrap();
+        tree.upper_wood.check().unwrap();
+        tree.foliage.check().unwrap();
+        prop_assert_eq!(check::open_edges(&[&tree.wood, &tree.upper_wood]), 0);
+    }
+}
+
+/// A cone of the given base radius, closed forms known, with no collar and no flare.
+fn cone(radius: f32, height: f32, tolerance: f32) -> Surface {
+    let knots = [
+        path::Knot { at: Vec3::ZERO, radius_m: radius },
+        path::Knot { at: Vec3::Z * height, radius_m: 0.0 },
+    ];
+    let foot = path::Foot::Branch { parent_radius_m: radius, parent_direction: Vec3::X };
+    let mut rings = Vec::new();
+    path::rings(&knots, foot, tolerance, false, &mut path::Scratch::default(), &mut rings);
+    let mut out = Surface::default();
+    let mut none = Surface::default();
+    let mut barks = tube::Barks {
+        surface: [&mut out, &mut none],
+        young: &|_| 0.0,
+        draws: Seed::new(1).draws(),
+        repeat_m: 1.0,
+    };
+    tube::tube(&rings, &tube::Circles::new(), &mut barks);
+    out
+}
+
+#[test]
+fn a_cone_has_the_volume_and_area_of_its_prism() {
+    let (r, h) = (0.5f32, 3.0f32);
+    let mut last = f64::INFINITY;
+    for tolerance in [0.1, 0.02, 0.004] {
+        let c = cone(r, h, tolerance);
+        c.check().unwrap();
+        let n = f64::from(path::sides(r, tolerance));
+        let base = 0.5 * n * f64::from(r * r) * (std::f64::consts::TAU / n).sin();
+        assert!((c.volume_m3() - base * f64::from(h) / 3.0).abs() < 1e-4);
+        let truth = std::f64::consts::PI * f64::from(r * r * h) / 3.0;
+        let error = truth - c.volume_m3();
+        assert!(error > 0.0 && error < last);
+        // Within the sagitta all round.
+        assert!(error < std::f64::consts::PI * f64::from(r * h) * f64::from(tolerance));
+        last = error;
+        assert!(c.area_sq_m() > base);
+    }
+}
+
+#[test]
+fn seams_repeat_whole_tiles_and_v_is_arc_length() {
+    let c = cone(0.5, 3.0, 0.01);
+    let n = path::sides(0.5, 0.01) as usize;
+    assert_eq!(c.position[0], c.position[n], "the seam closes to the bit");
+    let u = c.uv[n].x - c.uv[0].x;
+    assert_eq!(u, u.round());
+    assert!(u >= 1.0);
+    assert_eq!(c.uv[0].y, 0.0);
+    assert!((c.uv.last().unwrap().y - 3.0).abs() < 1e-6);
+}
+
+#[test]
+fn grown_trees_are_sound_closed_and_within_budget() {
+    for name in SPECIES {
+        let s = species::load(name).unwrap();
+        let atlas = texture::for_species(&s, 64, Seed::new(1)).atlas;
+        for (detail, options) in
+            [(Detail::FOREST, MeshOptions::FOREST), (Detail::HERO, MeshOptions::HERO)]
+        {
+            let target = Target::FromSpecies { height_m: None };
+            let skeleton = grow(&s, target, detail, Seed::new(3)).unwrap();
+            let tree = build(&skeleton, &s, &atlas, &options, Seed::new(3)).unwrap();
+            tree.check().unwrap_or_else(|e| panic!("{name}: {e}"));
+            let budget = options.triangle_budget.unwrap();
+            assert!(tree.triangles() <= budget, "{name}: {}", tree.triangles());
+            assert!(tree.triangles() > budget / 3, "{name}: {}", tree.triangles());
+            assert_eq!(tree.upper_wood.is_empty(), s.bark.upper.is_none(), "{name}");
+            let low = tree.wood.bounds().0.z;
+            assert!(low < 0.0 && low >= -0.5, "{name}: goes on below ground, {low}");
+            assert_eq!(tree, build(&skeleton, &s, &atlas, &options, Seed::new(3)).unwrap());
+        }
+    }
+}
+
+#[test]
+fn budgets_are_kept_down_to_a_stem() {
+    let s = oak();
+    let target = Target::FromSpecies { height_m: None };
+    let skeleton = grow(&s, target, Detail::HERO, Seed::new(1)).unwrap();
+    for foliage in [true, false] {
+        for budget in [0usize, 100, 500, 2_000, 50_000] {
+            let options =
+                MeshOptions { triangle_budget: Some(budget), foliage, ..MeshOptions::HERO };
+            let tree = build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
+            tree.check().unwrap();
+            assert!(tree.triangles() <= budget.max(400), "{budget}: {}", tree.triangles());
+        }
+    }
+}
+
+#[test]
+fn normals_point_out_of_the_wood() {
+    let s = oak();
+    let target = Target::FromSpecies { height_m: Some(8.0) };
+    let skeleton = grow(&s, target, Detail::FOREST, Seed::new(2)).unwrap();
+    let tree = build(&skeleton, &s, &Atlas::whole(0.4), &bare(0.002), Seed::new(2)).unwrap();
+    let w = &tree.wood;
+    assert!(w.volume_m3() > 0.0);
+    let against = w
+        .index
+        .chunks_exact(3)
+        // A base's cap shares the normals of its ring.
+        .filter(|t| t.iter().any(|&k| w.uv[k as usize].y != w.uv[t[0] as usize].y))
+        .filter(|t| {
+            let [a, b, c] = [0, 1, 2].map(|k| w.position[t[k] as usize]);
+            let face = (b - a).cross(c - a);
+            t.iter().map(|&k| w.normal[k as usize]).sum::<Vec3>().dot(face) < 0.0
+        })
+        .count();
+    // Sharp bends may turn a few.
+    assert!(against * 200 < w.triangles(), "{against} of {}", w.triangles());
+}
+
+#[test]
+fn extreme_radii_give_sound_wood() {
+    for radius in [1e-6f32, 1e3] {
+        let steps: Vec<_> = (0..12).map(|k| (0, [0, 1, 3], 0.9, k % 4 == 3)).collect();
+        let s = skeleton(&steps, radius);
+        let tree = build(&s, &oak(), &Atlas::whole(0.4), &bare(0.001), Seed::new(1)).unwrap();
+        tree.check().unwrap();
+    }
+}
+
+#[test]
+fn a_single_node_has_no_wood_and_says_so() {
+    let s = skeleton(&[], 0.1);
+    let error = build(&s, &oak(), &Atlas::whole(0.4), &bare(0.001), Seed::new(1)).unwrap_err();
+    assert_eq!(error.message(), "a skeleton of 1 nodes has no wood");
+}
+
+#[test]
+fn a_surface_with_a_defect_is_refused() {
+    let good = cone(0.5, 3.0, 0.01);
+    let refused = |breakage: fn(&mut Surface), what: &str| {
+        let mut s = good.clone();
+        breakage(&mut s);
+        let message = s.check().unwrap_err().to_string();
+        assert!(message.contains(what), "{message}");
+    };
+    refused(|s| s.position[1].x = f32::NAN, "not finite");
+    refused(|s| s.normal[2] *= 1.01, "long");
+    refused(|s| s.index[0] = 1_000_000, "past");
+    refused(|s| s.index[1] = s.index[0], "no area");
+    refused(|s| s.uv.truncate(3), "texture coordinates");
+    let mut open = good.clone();
+    open.index.truncate(open.index.len() - 3);
+    assert_eq!(check::open_edges(&[&open]), 3);
+    let mut flipped = good.clone();
+    flipped.index.swap(0, 1);
+    assert!(check::open_edges(&[&flipped]) > 0);
+}
+
+/// Writes trees to look at: `cargo test --lib mesh -- --ignored`.
+#[test]
+#[ignore = "writes models to look at"]
+fn contact_sheet() {
+    use std::fmt::Write;
+    let dir = std::env::temp_dir().join("larix-trees");
+    std::fs::create_dir_all(&dir).unwrap();
+    for name in SPECIES {
+        let s = species::load(name).unwrap();
+        let t = texture::for_species(&s, 512, Seed::new(1));
+        std::fs::write(dir.join(format!("{name}_bark.png")), t.bark.to_png().unwrap()).unwrap();
+        std::fs::write(dir.join(format!("{name}_leaf.png")), t.leaf.to_png().unwrap()).unwrap();
+        let normal = t.bark_normal.to_png().unwrap();
+        std::fs::write(dir.join(format!("{name}_normal.png")), normal).unwrap();
+        if let Some(p) = t.bark_upper {
+            std::fs::write(dir.join(format!("{name}_upper.png")), p.to_png().unwrap()).unwrap();
+        }
+        for (level, detail, options) in [
+            ("forest", Detail::FOREST, MeshOptions::FOREST),
+            ("hero", Detail::HERO, MeshOptions::HERO),
+        ] {
+            let target = Target::FromSpecies { height_m: None };
+            let skeleton = grow(&s, target, detail, Seed::new(3)).unwrap();
+            let tree = build(&skeleton, &s, &t.atlas, &options, Seed::new(3)).unwrap();
+            println!(
+                "{name} {level}: {} nodes, wood {} foliage {}",
+                skeleton.len(),
+                tree.wood_triangles(),
+                tree.foliage.triangles()
+            );
+            let mut text = String::new();
+            let mut base = 1;
+            for (part, surface) in
+                [("wood", &tree.wood), ("upper", &tree.upper_wood), ("foliage", &tree.foliage)]
+            {
+                writeln!(text, "o {part}").unwrap();
+                for ((p, n), uv) in surface.position.iter().zip(&surface.normal).zip(&surface.uv) {
+                    writeln!(text, "v {} {} {}", p.x, p.y, p.z).unwrap();
+                    writeln!(text, "vn {} {} {}", n.x, n.y, n.z).unwrap();
+                    writeln!(text, "vt {} {}", uv.x, uv.y).unwrap();
+                }
+                for t in surface.index.chunks_exact(3) {
+                    let [a, b, c] = [0, 1, 2].map(|k| t[k] as usize + base);
+                    writeln!(text, "f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}").unwrap();
+                }
+                base += surface.position.len();
+            }
+            std::fs::write(dir.join(format!("{name}_{level}.obj")), text).unwrap();
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! A stand with known truth, surveyed, and the rebuilt forest beside it.
+
+use glam::{DVec3, Vec2};
+
+use super::survey::Survey;
+use crate::diagnostic::Result;
+use crate::raster::geotiff;
+use crate::report::{Outcome, Recorder, significant};
+use crate::scan;
+use crate::seed::Seed;
+use crate::simulate::{
+    self, Comparison, FoundTree, PhotoOptions, ScannerOptions, Stand, StandOptions,
+};
+use crate::species::Species;
+
+/// A stand and the files of its survey.
+pub struct Simulated {
+    pub stand: Stand,
+    /// LAZ.
+    pub scan: Vec<u8>,
+    /// GeoTIFF.
+    pub photo: Vec<u8>,
+}
+
+/// Plants a stand of these species and flies a scanner and a camera over it.
+///
+/// # Errors
+/// A stand that has no room for so many trees.
+pub fn survey_of_stand(
+    trees: usize,
+    species: &[Species],
+    seed: Seed,
+    run: &mut Recorder,
+) -> Result<Simulated> {
+    run.stage("simulate", |_| {
+        let options = StandOptions { trees, ..StandOptions::default() };
+        let stand = simulate::stand(species, &options, seed)?;
+        let cloud = simulate::scan(&stand, &ScannerOptions::default(), seed);
+        let photo = simulate::photo(&stand, &PhotoOptions::default(), seed);
+        let points = cloud.len();
+        let scan = scan::encode_laz(&cloud)?;
+        let photo = geotiff::encode(&photo)?;
+        let planted = stand.trees.len();
+        Ok((Simulated { stand, scan, photo }, Outcome::items(planted, "trees", points, "points")))
+    })
+}
+
+/// The survey beside the stand it was made of.
+pub fn compare(stand: &Stand, survey: &Survey) -> Comparison {
+    let found: Vec<FoundTree> = survey
+        .trees
+        .iter()
+        .map(|t| {
+            let p = stand.frame.local_from_world(survey.frame.world_from_local(t.crown.root));
+            FoundTree {
+                x: p.x.into(),
+                y: p.y.into(),
+                height_m: t.crown.height_m,
+                crown_diameter_m: t.crown.diameter_m,
+                species: t.species.clone(),
+            }
+        })
+        .collect();
+    let shift = survey.frame.origin - stand.frame.origin;
+    simulate::compare(stand, &found, |x, y| {
+        let p = DVec3::new(x, y, 0.0) - shift;
+        f64::from(survey.terrain.height_at(Vec2::new(p.x as f32, p.y as f32))) + shift.z
+    })
+}
+
+/// The comparison for a person.
+pub fn lines(c: &Comparison) -> Vec<String> {
+    let m = |v: f64| significant(v);
+    vec![
+        format!(
+            "found {} of {} trees: {} matched, {} missed, {} invented (F1 {:.2})",
+            c.found, c.trees, c.matched, c.missed, c.invented, c.f1
+        ),
+        format!(
+            "RMSE: position {} m, height {} m (bias {:+.2}), crown diameter {} m (bias {:+.2}), \
+             terrain {} m (bias {:+.2})",
+            m(c.position_rmse_m),
+            m(c.height.rmse_m),
+            c.height.bias_m,
+            m(c.crown_diameter.rmse_m),
+            c.crown_diameter.bias_m,
+            m(c.terrain.rmse_m),
+            c.terrain.bias_m
+        ),
+        format!("species right for {:.0} % of the matched trees", 100.0 * c.species_accuracy),
+    ]
+}

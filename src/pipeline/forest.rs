@@ -1,0 +1,432 @@
+//! From trees to a scene: which trees share a model, one skeleton and mesh a model, textures,
+//! terrain with its photo, and everything in its place.
+
+use std::f32::consts::TAU;
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::survey;
+use super::survey::{Survey, SurveyJob};
+use crate::diagnostic::Result;
+use crate::mesh::{self, MeshOptions, TreeMesh};
+use crate::raster::Picture;
+use crate::render::{self, Camera, RenderOptions};
+use crate::report::{ErrorMeasure, Outcome, Recorder};
+use crate::scene::sharing::{Build, Model, share};
+use crate::scene::{
+    Alpha, Colorspace, Instance, Material, Part, Prototype, Scene, Texture, TreeFacts, ValidScene,
+    identifier,
+};
+use crate::seed::Seed;
+use crate::skeleton::{self, Detail, Skeleton, Target};
+use crate::species::Species;
+use crate::species::photo::Photo;
+use crate::terrain::{Lattice, Terrain};
+use crate::texture::{self, TreeTextures};
+
+/// How many models the trees share.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sharing {
+    /// Each tree is grown for itself.
+    None,
+    /// At most so many models a species.
+    PerSpecies(usize),
+}
+
+/// How the scene is built from the survey.
+#[derive(Debug, Clone)]
+pub struct ForestJob {
+    pub survey: SurveyJob,
+    pub sharing: Sharing,
+    /// Most triangles of one tree model.
+    pub triangles: usize,
+    pub texture_px: u32,
+    /// Identifier of the scene.
+    pub name: String,
+}
+
+/// A forest, ready to write.
+pub struct Forest {
+    pub scene: ValidScene,
+    pub survey: Survey,
+}
+
+/// Side of the square that one repeat of the forest floor covers, metres.
+const FLOOR_TILE_M: f32 = 4.0;
+/// Most pixels along a side of the photo on the terrain.
+const PHOTO_PX: u32 = 2048;
+/// Most triangles of the terrain.
+const TERRAIN_TRIANGLES: usize = 120_000;
+/// A shared model is widened or narrowed against its height by no more than this factor.
+const MOST_STRETCH: f32 = 1.5;
+
+/// Scans to a validated scene.
+///
+/// # Errors
+/// Those of the survey; a species that cannot grow.
+pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
+    let survey = survey::inventory(&job.survey, run)?;
+    let models = models(job, &survey);
+    let skeletons = grow(job, &survey, &models, run)?;
+    let textures = paint(job, &models, run)?;
+    let meshes = build_meshes(job, &survey, &models, &skeletons, &textures, run)?;
+    let scene = run.stage("scene", |warnings| {
+        let mut scene = assemble(job, &survey, &models, meshes, textures)?;
+        let left_out = scene.prune();
+        let scene = scene.validate()?;
+        let fit = fit_rms_m(&scene);
+        if survey.trees.is_empty() {
+            warnings.push("no trees were found: the scene holds the terrain alone".into());
+        }
+        let stats = crate::scene::statistics(&scene);
+        let mut outcome = Outcome::items(
+            survey.trees.len(),
+            "trees",
+            stats.instanced_triangles as usize,
+            "triangles",
+        )
+        .note(format!("{} models, {} unique triangles", stats.prototypes, stats.unique_triangles))
+        .note(format!("left out: {left_out}"));
+        if let Some(fit) = fit {
+            outcome = outcome.error(ErrorMeasure::new("model height RMSE", fit, "m"));
+        }
+        Ok((scene, outcome))
+    })?;
+    Ok(Forest { scene, survey })
+}
+
+fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {
+    match job.sharing {
+        Sharing::None => (0..survey.trees.len())
+            .map(|i| Model { species: survey.species[i], exemplar: i, members: vec![i] })
+            .collect(),
+        Sharing::PerSpecies(n) => {
+            let builds: Vec<Build> = survey
+                .trees
+                .iter()
+                .zip(&survey.species)
+                .map(|(t, &species)| Build {
+                    species,
+                    height_m: t.crown.height_m,
+                    crown_diameter_m: t.crown.diameter_m,
+                })
+                .collect();
+            share(&builds, n)
+        }
+    }
+}
+
+fn grow(
+    job: &ForestJob,
+    survey: &Survey,
+    models: &[Model],
+    run: &mut Recorder,
+) -> Result<Vec<Skeleton>> {
+    run.stage("skeleton", |_| {
+        let skeletons: Vec<Skeleton> = models
+            .par_iter()
+            .map(|m| {
+                let crown = &survey.trees[m.exemplar].crown;
+                let seed = job.survey.seed.derive("tree", crown.key);
+                let detail = detail(job.triangles);
+                let species = &job.survey.species[m.species];
+                skeleton::grow(species, Target::FromCrown(crown), detail, seed)
+            })
+            .collect::<Result<_>>()?;
+        let nodes = skeletons.iter().map(Skeleton::len).sum();
+        let attractors: usize =
+            models.iter().map(|m| survey.trees[m.exemplar].crown.attractors.len()).sum();
+        let mut outcome = Outcome::items(attractors, "attractors", nodes, "nodes");
+        let distances: Vec<(f64, usize)> = models
+            .par_iter()
+            .zip(&skeletons)
+            .map(|(m, s)| fill_distance(s, &survey.trees[m.exemplar].crown))
+            .collect();
+        let (sum, count) = distances.iter().fold((0.0, 0), |(s, n), d| (s + d.0, n + d.1));
+        if count > 0 {
+            let mean = sum / count as f64;
+            outcome = outcome.error(ErrorMeasure::new("crown point to wood, mean", mean, "m"));
+        }
+        Ok((skeletons, outcome))
+    })
+}
+
+/// Buttresses and finer rings are for trees that are seen from near.
+pub(super) fn mesh_options(triangles: usize) -> MeshOptions {
+    let preset = if triangles < 10_000 { MeshOptions::FOREST } else { MeshOptions::HERO };
+    MeshOptions { triangle_budget: Some(triangles), ..preset }
+}
+
+/// Nodes enough to use so many triangles well: about six a node, wood and leaves.
+pub(super) fn detail(triangles: usize) -> Detail {
+    Detail { max_nodes: (triangles / 6).clamp(100, 100_000) as u32, attractor_spacing_m: None }
+}
+
+/// Sum of the distances from a crown's points to the nearest node, and their count.
+fn fill_distance(skeleton: &Skeleton, crown: &crate::crown::Crown) -> (f64, usize) {
+    let nodes: Vec<[f32; 3]> =
+        skeleton.position.iter().map(|p| (*p + crown.root).to_array()).collect();
+    let tree = rstar::RTree::bulk_load(nodes);
+    let sum = crown
+        .attractors
+        .iter()
+        .filter_map(|a| {
+            tree.nearest_neighbor(a.to_array()).map(|n| f64::from(a.distance(Vec3::from(*n))))
+        })
+        .sum();
+    (sum, crown.attractors.len())
+}
+
+fn build_meshes(
+    job: &ForestJob,
+    survey: &Survey,
+    models: &[Model],
+    skeletons: &[Skeleton],
+    textures: &[Option<TreeTextures>],
+    run: &mut Recorder,
+) -> Result<Vec<TreeMesh>> {
+    run.stage("mesh", |_| {
+        let options = mesh_options(job.triangles);
+        let meshes: Vec<TreeMesh> = models
+            .par_iter()
+            .zip(skeletons)
+            .filter_map(|(m, s)| textures[m.species].as_ref().map(|t| (m, s, t)))
+            .map(|(m, s, t)| {
+                let key = survey.trees[m.exemplar].crown.key;
+                let seed = job.survey.seed.derive("mesh", key);
+                mesh::build(s, &job.survey.species[m.species], &t.atlas, &options, seed)
+            })
+            .collect::<Result<_>>()?;
+        let nodes = skeletons.iter().map(Skeleton::len).sum();
+        let triangles = meshes.iter().map(TreeMesh::triangles).sum();
+        let outcome = Outcome::items(nodes, "nodes", triangles, "triangles")
+            .error(ErrorMeasure::new("sagitta bound", options.tolerance_m.into(), "m"));
+        Ok((meshes, outcome))
+    })
+}
+
+/// Textures of the species that any model uses, by species index.
+fn paint(
+    job: &ForestJob,
+    models: &[Model],
+    run: &mut Recorder,
+) -> Result<Vec<Option<TreeTextures>>> {
+    let (species, size_px, seed) = (&job.survey.species, job.texture_px, job.survey.seed);
+    run.stage("texture", |_| {
+        let is_used: Vec<bool> =
+            (0..species.len()).map(|s| models.iter().any(|m| m.species == s)).collect();
+        let textures: Vec<Option<TreeTextures>> = species
+            .par_iter()
+            .zip(&is_used)
+            .map(|(s, &used)| used.then(|| texture::for_species(s, size_px, seed)))
+            .collect();
+        let used = is_used.iter().filter(|&&u| u).count();
+        Ok((textures, Outcome::items(used, "species", used * 3, "pictures")))
+    })
+}
+
+fn assemble(
+    job: &ForestJob,
+    survey: &Survey,
+    models: &[Model],
+    meshes: Vec<TreeMesh>,
+    textures: Vec<Option<TreeTextures>>,
+) -> Result<Scene> {
+    let mut scene = Scene {
+        name: job.name.clone(),
+        frame: survey.frame.clone(),
+        textures: Vec::new(),
+        materials: Vec::new(),
+        terrain: None,
+        prototypes: Vec::new(),
+        instances: Vec::new(),
+    };
+    let lattice = survey.terrain.lattice(TERRAIN_TRIANGLES);
+    add_terrain(&mut scene, &survey.terrain, &lattice, survey.photo.as_ref(), job.survey.seed);
+    let mut looks = Vec::new();
+    for (s, t) in species.iter().zip(textures) {
+        looks.push(t.map(|t| add_materials(&mut scene, s, t)));
+    }
+    let mut numbers = vec![0; species.len()];
+    for (m, (model, mesh)) in models.iter().zip(meshes).enumerate() {
+        let Some(Some(look)) = looks.get(model.species) else { continue };
+        numbers[model.species] += 1;
+        let s = &species[model.species];
+        let name = format!("{}_{:02}", identifier(&s.name), numbers[model.species]);
+        scene.prototypes.push(prototype(name, s, mesh, *look));
+        let exemplar = &survey.trees[model.exemplar].crown;
+        for &i in &model.members {
+            let tree = &survey.trees[i];
+            let crown = &tree.crown;
+            let up = crown.height_m / exemplar.height_m;
+            let out = (crown.diameter_m / exemplar.diameter_m)
+                .clamp(up / MOST_STRETCH, up * MOST_STRETCH);
+            // A model grown from this very crown keeps its azimuth.
+            let yaw_rad = if i == model.exemplar {
+                0.0
+            } else {
+                job.survey.seed.derive("yaw", crown.key).draws().between(0.0, TAU)
+            };
+            scene.instances.push(Instance {
+                name: format!("{}_{}", identifier(&s.name), tree.id),
+                prototype: m as u32,
+                // On the triangles that are seen, which on rough ground are not the grid.
+                position: crown.root.truncate().extend(lattice.height_at(crown.root.truncate())),
+                yaw_rad,
+                scale: Vec3::new(out, out, up),
+                facts: TreeFacts {
+                    id: tree.id.clone(),
+                    species: tree.species.clone(),
+                    height_m: crown.height_m,
+                    crown_diameter_m: crown.diameter_m,
+                    crown_base_height_m: crown.base_height_m,
+                    stem_diameter_m: tree.stem_diameter_m,
+                    confidence: crown.confidence,
+                },
+            });
+        }
+    }
+    Ok(scene)
+}
+
+/// Indices of a species' materials.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Look {
+    bark: u32,
+    upper_bark: u32,
+    leaf: u32,
+}
+
+pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: TreeTextures) -> Look {
+    let stem = identifier(&species.name);
+    let mut texture = |kind: &str, picture: Picture, colorspace| {
+        scene.textures.push(Texture { name: format!("{stem}_{kind}"), picture, colorspace });
+        Some(scene.textures.len() as u32 - 1)
+    };
+    let bark = texture("bark", textures.bark, Colorspace::Srgb);
+    let bark_normal = texture("bark_normal", textures.bark_normal, Colorspace::Raw);
+    let upper = textures.bark_upper.map(|p| texture("bark_upper", p, Colorspace::Srgb));
+    let leaf = texture("leaf", textures.leaf, Colorspace::Srgb);
+    let mut material = |kind: &str, base_color_texture, is_leaf: bool| {
+        scene.materials.push(Material {
+            name: format!("{stem}_{kind}"),
+            base_color: [1.0; 3],
+            base_color_texture,
+            normal_texture: if is_leaf { None } else { bark_normal },
+            roughness: if is_leaf { 0.65 } else { 0.9 },
+            alpha: if is_leaf { Alpha::Mask { cutoff: 0.5 } } else { Alpha::Opaque },
+            double_sided: is_leaf,
+        });
+        scene.materials.len() as u32 - 1
+    };
+    let lower_bark = material("bark", bark, false);
+    Look {
+        bark: lower_bark,
+        upper_bark: upper.map_or(lower_bark, |t| material("bark_upper", t, false)),
+        leaf: material("leaf", leaf, true),
+    }
+}
+
+/// The parts of a tree; those without triangles are left out when the scene is pruned.
+pub(super) fn prototype(name: String, species: &Species, mesh: TreeMesh, look: Look) -> Prototype {
+    let part = |name: &str, surface, material| Part { name: name.into(), surface, material };
+    Prototype {
+        name,
+        species: species.name.clone(),
+        parts: vec![
+            part("wood", mesh.wood, look.bark),
+            part("upper_wood", mesh.upper_wood, look.upper_bark),
+            part("foliage", mesh.foliage, look.leaf),
+        ],
+    }
+}
+
+fn add_terrain(scene: &mut Scene, terrain: &Terrain, lattice: &Lattice, photo: Option<&Photo>, seed: Seed) {
+    let mut surface = lattice.surface();
+    let draped = photo.and_then(|p| drape(p, terrain));
+    let picture = match draped {
+        Some(picture) => picture,
+        None => {
+            let g = &terrain.heights.geometry;
+            let size = Vec2::new((g.east() - g.west) as f32, (g.north - g.south()) as f32);
+            for uv in &mut surface.uv {
+                *uv *= size / FLOOR_TILE_M;
+            }
+            texture::ground(512, seed)
+        }
+    };
+    scene.textures.push(Texture { name: "terrain".into(), picture, colorspace: Colorspace::Srgb });
+    scene.materials.push(Material {
+        name: "terrain".into(),
+        base_color: [1.0; 3],
+        base_color_texture: Some(scene.textures.len() as u32 - 1),
+        normal_texture: None,
+        roughness: 1.0,
+        alpha: Alpha::Opaque,
+        double_sided: false,
+    });
+    let material = scene.materials.len() as u32 - 1;
+    scene.terrain = Some(Part { name: "terrain".into(), surface, material });
+}
+
+/// The photo over the terrain's extent, its mean colour where it does not reach; `None` where the
+/// two do not meet.
+fn drape(photo: &Photo, terrain: &Terrain) -> Option<Picture> {
+    let g = &terrain.heights.geometry;
+    let (width_m, height_m) = (g.east() - g.west, g.north - g.south());
+    let pixel_m = f64::from(photo.pixel_m()).max(width_m.max(height_m) / f64::from(PHOTO_PX));
+    let width = ((width_m / pixel_m).round() as u32).clamp(1, PHOTO_PX);
+    let height = ((height_m / pixel_m).round() as u32).clamp(1, PHOTO_PX);
+    let rows: Vec<Vec<Option<[f32; 3]>>> = (0..height)
+        .into_par_iter()
+        .map(|y| {
+            (0..width)
+                .map(|x| {
+                    photo.sample(Vec2::new(
+                        (g.west + (f64::from(x) + 0.5) / f64::from(width) * width_m) as f32,
+                        (g.north - (f64::from(y) + 0.5) / f64::from(height) * height_m) as f32,
+                    ))
+                })
+                .collect()
+        })
+        .collect();
+    let seen: Vec<[f32; 3]> = rows.iter().flatten().copied().flatten().collect();
+    if seen.is_empty() {
+        return None;
+    }
+    let mean =
+        [0, 1, 2].map(|k| seen.iter().map(|c| f64::from(c[k])).sum::<f64>() / seen.len() as f64);
+    let fallback = mean.map(|v| v as f32);
+    let data = rows
+        .into_iter()
+        .flatten()
+        .map(|c| {
+            let [r, g, b] = c.unwrap_or(fallback).map(|v| v.round().clamp(0.0, 255.0) as u8);
+            [r, g, b, 255]
+        })
+        .collect();
+    Some(Picture { width, height, data })
+}
+
+/// RMS difference between the height of each tree's model in its place and the tree's own.
+fn fit_rms_m(scene: &ValidScene) -> Option<f64> {
+    let tops: Vec<f32> = scene
+        .prototypes()
+        .iter()
+        .map(|p| p.parts.iter().map(|p| p.surface.bounds().1.z).fold(0.0, f32::max))
+        .collect();
+    let instances = scene.instances();
+    let sum: f64 = instances
+        .iter()
+        .map(|i| f64::from(tops[i.prototype as usize] * i.scale.z - i.facts.height_m).powi(2))
+        .sum();
+    (!instances.is_empty()).then(|| (sum / instances.len() as f64).sqrt())
+}
+
+/// A bird's-eye picture of the whole scene.
+pub fn preview(scene: &ValidScene, [width, height]: [u32; 2]) -> Picture {
+    let view = render::View::from(scene.as_scene());
+    let camera = Camera::overview(&view, width as f32 / height as f32);
+    render::picture(&view, &camera, &RenderOptions { width, height, ..RenderOptions::default() })
+}

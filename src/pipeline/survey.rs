@@ -1,0 +1,199 @@
+//! From scan to trees: reading, ground, terrain, crowns, species. Each function goes one stage
+//! further than the one before, so that a command runs what it needs and no more.
+
+use std::path::{Path, PathBuf};
+
+use glam::Vec2;
+
+use crate::crown::{self, CrownOptions};
+use crate::diagnostic::{Error, Result};
+use crate::frame::Frame;
+use crate::ground::{self, Classified, GroundOptions, Kind};
+use crate::inventory::{self, Tree};
+use crate::raster::geotiff::{self, Raster};
+use crate::report::{ErrorMeasure, Outcome, Recorder};
+use crate::scan::{self, ReadOptions};
+use crate::seed::Seed;
+use crate::species::Species;
+use crate::species::photo::{self, How, Photo};
+use crate::terrain::{self, Terrain, TerrainOptions};
+
+/// What to read and how.
+#[derive(Debug, Clone)]
+pub struct SurveyJob {
+    pub scans: Vec<PathBuf>,
+    pub ground: ground::Method,
+    /// Terrain cell; from the density where `None`.
+    pub cell_m: Option<f32>,
+    pub photo: Option<PathBuf>,
+    /// To choose among, never empty.
+    pub species: Vec<Species>,
+    /// The user named the species; without a photo that is then their source.
+    pub species_are_requested: bool,
+    /// From the density where `None`.
+    pub voxel_m: Option<f32>,
+    pub min_height_m: f32,
+    pub seed: Seed,
+}
+
+/// Everything known of the place once its trees have been found.
+pub struct Survey {
+    pub frame: Frame,
+    pub terrain: Terrain,
+    pub photo: Option<Photo>,
+    /// As long as `species`.
+    pub trees: Vec<Tree>,
+    /// Index into the job's species, one a tree.
+    pub species: Vec<usize>,
+}
+
+/// Reads the scans and finds the ground.
+fn classify(job: &SurveyJob, run: &mut Recorder) -> Result<Classified> {
+    let files = job.scans.len();
+    let scan = run.stage("scan", |warnings| {
+        let scan = scan::read(&job.scans, &ReadOptions::default())?.into_value(warnings);
+        let census = &scan.census;
+        let removed = &census.removed;
+        let share = 100.0 * removed.total() as f64 / census.in_files.max(1) as f64;
+        let outcome = Outcome::items(files, "files", scan.cloud.len(), "points")
+            .error(ErrorMeasure::new("removed as noise", share, "%"))
+            .note(format!(
+                "{} points in the files; removed: {} isolated, {} low and {} high noise, {} withheld, \
+                 {} not finite",
+                census.in_files,
+                removed.isolated,
+                removed.low_noise,
+                removed.high_noise,
+                removed.withheld,
+                removed.not_finite
+            ))
+            .note(format!("{:.1} points/m²", scan.density_per_m2));
+        Ok((scan, outcome))
+    })?;
+    run.stage("ground", |warnings| {
+        let points = scan.cloud.len();
+        let options = GroundOptions { method: job.ground };
+        let classified = ground::classify(scan.cloud, &options)?.into_value(warnings);
+        let ground = classified.kind.iter().filter(|&&k| k == Kind::Ground).count();
+        let mut outcome = Outcome::items(points, "points", ground, "ground points");
+        if classified.is_normalised {
+            outcome = outcome.note("heights were already above ground");
+        }
+        Ok((classified, outcome))
+    })
+}
+
+/// # Errors
+/// A file that can't be read, or has no place on the ground.
+fn photo_raster(path: &Path) -> Result<Raster> {
+    let raster = geotiff::read(path)?;
+    if raster.geometry.is_none() {
+        return Err(Error::new("the photo has no georeference")
+            .in_file(path)
+            .remedy("give a GeoTIFF that says where it lies, e.g. made by `gdal_translate -a_ullr`"));
+    }
+    Ok(raster)
+}
+
+fn place_photo(path: &Path, raster: Raster, classified: &Classified) -> Result<Photo> {
+    let points = classified.cloud.position.iter().map(|p| (p.truncate(), p.truncate()));
+    let (low, high) =
+        points.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((Vec2::ZERO, Vec2::ZERO));
+    Photo::new(&path.display().to_string(), raster, &classified.cloud.frame, low, high)
+}
+
+/// Scan to terrain.
+///
+/// # Errors
+/// Unreadable scans; no ground; a grid too large.
+pub fn terrain(job: &SurveyJob, run: &mut Recorder) -> Result<(Frame, Terrain)> {
+    let classified = classify(job, run)?;
+    let terrain = build_terrain(job, &classified, run)?;
+    Ok((classified.cloud.frame, terrain))
+}
+
+fn build_terrain(job: &SurveyJob, classified: &Classified, run: &mut Recorder) -> Result<Terrain> {
+    run.stage("terrain", |warnings| {
+        let options = TerrainOptions { cell_m: job.cell_m };
+        let terrain = terrain::build(classified, &options)?.into_value(warnings);
+        let ground = classified.kind.iter().filter(|&&k| k == Kind::Ground).count();
+        let cells = terrain.heights.data.len();
+        let mut outcome = Outcome::items(ground, "ground points", cells, "cells")
+            .note(format!("cell {} m", terrain.heights.geometry.cell_x));
+        if let Some(held_out) = terrain::held_out_error(classified, &options)? {
+            outcome = outcome
+                .error(ErrorMeasure::new("held-out RMSE", held_out.rmse_m.into(), "m"))
+                .note(format!("worst held-out error {:.2} m", held_out.max_m));
+        }
+        Ok((terrain, outcome))
+    })
+}
+
+/// Scan to trees with species.
+///
+/// # Errors
+/// Those of [`terrain`]; an unreadable photo, or one that lies elsewhere.
+pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
+    // Read first: a photo that can't be used is told before the scan is read.
+    let raster = job.photo.as_deref().map(photo_raster).transpose()?;
+    let classified = classify(job, run)?;
+    let photo = match (&job.photo, raster) {
+        (Some(path), Some(raster)) => Some(place_photo(path, raster, &classified)?),
+        _ => None,
+    };
+    let terrain = build_terrain(job, &classified, run)?;
+    let crowns = run.stage("crown", |warnings| {
+        let options = CrownOptions {
+            voxel_m: job.voxel_m,
+            min_height_m: job.min_height_m,
+            ..CrownOptions::default()
+        };
+        let crowns = crown::detect(&classified, &terrain, &options)?.into_value(warnings);
+        let vegetation = classified.kind.iter().filter(|&&k| k == Kind::Vegetation).count();
+        let outcome = Outcome::items(vegetation, "points", crowns.len(), "trees");
+        Ok((crowns, outcome))
+    })?;
+    let frame = classified.cloud.frame.clone();
+    drop(classified.kind);
+    run.stage("species", |warnings| {
+        let is_requested = job.species_are_requested;
+        let assigned =
+            photo::assign(&crowns, photo.as_ref(), &job.species, is_requested, job.seed)?
+                .into_value(warnings);
+        let species: Vec<usize> = assigned.iter().map(|a| a.species).collect();
+        let trees: Vec<Tree> = crowns
+            .into_iter()
+            .zip(&assigned)
+            .map(|(crown, a)| {
+                let s = &job.species[a.species];
+                Tree {
+                    id: inventory::id(&crown),
+                    species: s.name.clone(),
+                    species_from: how(a.how).into(),
+                    luminance: a.luminance,
+                    luminance_distance: a.distance,
+                    stem_diameter_m: s.size.stem_diameter_at(crown.height_m),
+                    crown,
+                }
+            })
+            .collect();
+        let kinds = (0..job.species.len()).filter(|i| species.contains(i)).count();
+        let mut outcome = Outcome::items(trees.len(), "trees", kinds, "species");
+        let off: Vec<f32> =
+            assigned.iter().filter(|a| a.luminance.is_some()).map(|a| a.distance).collect();
+        if !off.is_empty() {
+            let mean = off.iter().map(|&d| f64::from(d)).sum::<f64>() / off.len() as f64;
+            outcome =
+                outcome.error(ErrorMeasure::new("luminance outside range, mean", mean, "of 255"));
+        }
+        Ok((Survey { frame, terrain, photo, trees, species }, outcome))
+    })
+}
+
+fn how(how: How) -> &'static str {
+    match how {
+        How::Photo => "photo",
+        How::Requested => "requested",
+        How::DefaultMix => "default mix",
+    }
+}

@@ -1,0 +1,110 @@
+//! One tree from its rule file, with no scan.
+
+use glam::Vec3;
+
+use super::forest::{add_materials, detail, mesh_options, prototype};
+use crate::diagnostic::Result;
+use crate::frame::Frame;
+use crate::raster::Picture;
+use crate::render::{self, Camera, RenderOptions};
+use crate::mesh::{self, MeshOptions};
+use crate::report::{ErrorMeasure, Outcome, Recorder};
+use crate::scene::{Instance, Scene, TreeFacts, ValidScene, identifier};
+use crate::seed::Seed;
+use crate::skeleton::{self, Skeleton, Target};
+use crate::species::Species;
+use crate::texture;
+
+/// What to grow.
+#[derive(Debug, Clone)]
+pub struct TreeJob {
+    pub species: Species,
+    /// The species' typical height where `None`.
+    pub height_m: Option<f32>,
+    pub seed: Seed,
+    pub triangles: usize,
+    pub texture_px: u32,
+    pub is_bare: bool,
+}
+
+/// Rule file to a validated scene of one tree at the origin.
+///
+/// # Errors
+/// A rule that grows beyond its limits.
+pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<ValidScene> {
+    let species = &job.species;
+    let skeleton = run.stage("skeleton", |_| {
+        let target = Target::FromSpecies { height_m: job.height_m };
+        let skeleton = skeleton::grow(species, target, detail(job.triangles), job.seed)?;
+        let wanted = job.height_m.unwrap_or(species.size.height_m);
+        let off = f64::from((skeleton.height_m() - wanted).abs());
+        let outcome = Outcome::items(1, "rule file", skeleton.len(), "nodes")
+            .error(ErrorMeasure::new("height error", off, "m"));
+        Ok((skeleton, outcome))
+    })?;
+    let textures = run.stage("texture", |_| {
+        let textures = texture::for_species(species, job.texture_px, job.seed);
+        Ok((textures, Outcome::items(1, "species", 3, "pictures")))
+    })?;
+    let mesh = run.stage("mesh", |_| {
+        let options = MeshOptions { foliage: !job.is_bare, ..mesh_options(job.triangles) };
+        let seed = job.seed.derive("mesh", 0);
+        let mesh = mesh::build(&skeleton, species, &textures.atlas, &options, seed)?;
+        let triangles = mesh.triangles();
+        let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles")
+            .error(ErrorMeasure::new("sagitta bound", options.tolerance_m.into(), "m"));
+        Ok((mesh, outcome))
+    })?;
+    run.stage("scene", |_| {
+        let name = identifier(&species.name);
+        let mut scene = Scene {
+            name: name.clone(),
+            frame: Frame::local(glam::DVec3::ZERO),
+            textures: Vec::new(),
+            materials: Vec::new(),
+            terrain: None,
+            prototypes: Vec::new(),
+            instances: Vec::new(),
+        };
+        let look = add_materials(&mut scene, species, textures);
+        let facts = facts(species, &skeleton);
+        scene.prototypes.push(prototype(format!("{name}_01"), species, mesh, look));
+        scene.instances.push(Instance {
+            name: format!("{name}_tree"),
+            prototype: 0,
+            position: Vec3::ZERO,
+            yaw_rad: 0.0,
+            scale: Vec3::ONE,
+            facts,
+        });
+        let left_out = scene.prune();
+        let scene = scene.validate()?;
+        let triangles = crate::scene::statistics(&scene).unique_triangles as usize;
+        Ok((
+            scene,
+            Outcome::items(1, "model", triangles, "triangles")
+                .note(format!("left out: {left_out}")),
+        ))
+    })
+}
+
+fn facts(species: &Species, skeleton: &Skeleton) -> TreeFacts {
+    let height_m = skeleton.height_m();
+    TreeFacts {
+        id: "1".into(),
+        species: species.name.clone(),
+        height_m,
+        crown_diameter_m: skeleton.width_m(),
+        crown_base_height_m: species.size.crown_base * height_m,
+        stem_diameter_m: species.size.stem_diameter_at(height_m),
+        confidence: 1.0,
+    }
+}
+
+/// A nearly level picture of the tree on a disc of ground.
+pub fn preview(scene: &ValidScene, [width, height]: [u32; 2]) -> Picture {
+    let model = &scene.prototypes()[0];
+    let view = render::View::of_model(&model.parts, scene.materials(), scene.textures());
+    let camera = Camera::portrait(&view, width as f32 / height as f32);
+    render::picture(&view, &camera, &RenderOptions { width, height, ..RenderOptions::default() })
+}

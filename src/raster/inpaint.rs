@@ -1,0 +1,150 @@
+//! Filling the unknown cells of a grid with the smoothest surface through the known ones: the
+//! membrane (Laplace's equation) with free borders, which is the springs of Pingel et al. 2013
+//! at rest. Solved coarse to fine: each level starts from the one above it, so the relaxation
+//! has only short waves left to remove and the cost is linear in cells.
+//!
+//! Known limits: a membrane is level where nothing holds it, so a tilted surface runs flat beyond
+//! its border. Callers remove the trend first.
+
+use super::Grid;
+
+/// Sweeps of relaxation at one level, at most.
+const MAX_SWEEPS: usize = 48;
+/// Over-relaxation; below 2, fast for the short waves that are left at each level.
+const OMEGA: f32 = 1.6;
+/// A level is at rest when no cell moves further than this between sweeps, in the grid's unit.
+const AT_REST: f32 = 1e-4;
+
+struct Level {
+    cols: usize,
+    rows: usize,
+    value: Vec<f32>,
+    is_known: Vec<bool>,
+}
+
+/// Replaces every cell whose `is_known` is false. With nothing known the grid becomes zero.
+/// `is_known` is as long as the grid.
+pub fn fill(grid: &mut Grid<f32>, is_known: &[bool]) {
+    let geometry = grid.geometry;
+    if is_known.iter().all(|&k| k) {
+        return;
+    }
+    if !is_known.iter().any(|&k| k) {
+        grid.data.fill(0.0);
+        return;
+    }
+    let mut levels = vec![Level {
+        cols: geometry.cols,
+        rows: geometry.rows,
+        value: std::mem::take(&mut grid.data),
+        is_known: is_known.to_vec(),
+    }];
+    while let Some(fine) = levels.last()
+        && fine.is_known.iter().any(|&k| !k)
+    {
+        let coarse = coarser(fine);
+        levels.push(coarse);
+    }
+    while levels.len() > 1 {
+        let (Some(coarse), Some(fine)) = (levels.pop(), levels.last_mut()) else { break };
+        refine(&coarse, fine);
+        relax(fine);
+    }
+    if let Some(finest) = levels.pop() {
+        grid.data = finest.value;
+    }
+}
+
+/// Half as many cells each way; a cell is the mean of the known ones among its four.
+fn coarser(fine: &Level) -> Level {
+    let (cols, rows) = (fine.cols.div_ceil(2), fine.rows.div_ceil(2));
+    let mut value = vec![0.0; cols * rows];
+    let mut is_known = vec![false; cols * rows];
+    for row in 0..rows {
+        for col in 0..cols {
+            let (mut sum, mut count) = (0.0, 0);
+            for r in row * 2..(row * 2 + 2).min(fine.rows) {
+                for c in col * 2..(col * 2 + 2).min(fine.cols) {
+                    if fine.is_known[r * fine.cols + c] {
+                        sum += fine.value[r * fine.cols + c];
+                        count += 1;
+                    }
+                }
+            }
+            if count > 0 {
+                value[row * cols + col] = sum / count as f32;
+                is_known[row * cols + col] = true;
+            }
+        }
+    }
+    Level { cols, rows, value, is_known }
+}
+
+/// First guess of the unknown cells: bilinear from the coarser level.
+fn refine(coarse: &Level, fine: &mut Level) {
+    for row in 0..fine.rows {
+        let v = ((row as f32 - 0.5) * 0.5).clamp(0.0, (coarse.rows - 1) as f32);
+        let (r0, fv) = (v as usize, v.fract());
+        let r1 = (r0 + 1).min(coarse.rows - 1);
+        for col in 0..fine.cols {
+            let i = row * fine.cols + col;
+            if fine.is_known[i] {
+                continue;
+            }
+            let u = ((col as f32 - 0.5) * 0.5).clamp(0.0, (coarse.cols - 1) as f32);
+            let (c0, fu) = (u as usize, u.fract());
+            let c1 = (c0 + 1).min(coarse.cols - 1);
+            let at = |r: usize, c: usize| coarse.value[r * coarse.cols + c];
+            let top = at(r0, c0) * (1.0 - fu) + at(r0, c1) * fu;
+            let bottom = at(r1, c0) * (1.0 - fu) + at(r1, c1) * fu;
+            fine.value[i] = top * (1.0 - fv) + bottom * fv;
+        }
+    }
+}
+
+/// Gauss–Seidel with over-relaxation, alternating the colours of a chessboard.
+fn relax(level: &mut Level) {
+    let (cols, rows) = (level.cols, level.rows);
+    let unknown = |colour: usize| -> Vec<u32> {
+        (0..cols * rows)
+            .filter(|&i| !level.is_known[i] && (i / cols + i % cols) % 2 == colour)
+            .map(|i| i as u32)
+            .collect()
+    };
+    let colours = [unknown(0), unknown(1)];
+    let value = &mut level.value;
+    for _ in 0..MAX_SWEEPS {
+        let mut greatest_change = 0.0f32;
+        for cells in &colours {
+            for &i in cells {
+                let i = i as usize;
+                let (row, col) = (i / cols, i % cols);
+                let (mut sum, mut count) = (0.0, 0.0);
+                if col > 0 {
+                    sum += value[i - 1];
+                    count += 1.0;
+                }
+                if col + 1 < cols {
+                    sum += value[i + 1];
+                    count += 1.0;
+                }
+                if row > 0 {
+                    sum += value[i - cols];
+                    count += 1.0;
+                }
+                if row + 1 < rows {
+                    sum += value[i + cols];
+                    count += 1.0;
+                }
+                if count > 0.0 {
+                    let change = sum / count - value[i];
+                    value[i] += OMEGA * change;
+                    greatest_change = greatest_change.max(change.abs());
+                }
+            }
+        }
+        if greatest_change < AT_REST {
+            break;
+        }
+    }
+}

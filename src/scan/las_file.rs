@@ -1,0 +1,380 @@
+//! LAS 1.0–1.4 and LAZ (ASPRS LAS 1.4 R15; Isenburg 2013 for LASzip).
+//!
+//! Header fields are checked against the length of the file before anything is allocated or
+//! skipped by them, and the header's own bounds are never used: they are often wrong.
+//! Not supported: LAZ without a chunk table (its writing was cut short), waveform packets (their
+//! points are read, the packets are not).
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::crs::{self, Records};
+use super::laz_chunks::{self, LazChunks};
+use super::part::{Columns, Coordinates, Part};
+use super::{ReadOptions, Removed};
+use crate::diagnostic::{Error, Result};
+
+/// Bytes of point records in memory at a time.
+const BATCH_BYTES: u64 = 32 << 20;
+/// A system's description is never longer.
+const LONGEST_RECORD: u64 = 1 << 20;
+const DAMAGED: &str = "copy or download the file again; it is damaged or was cut short";
+
+/// What is needed of the header, checked.
+pub(super) struct Layout {
+    pub file_bytes: u64,
+    pub data_offset: u64,
+    pub point_count: u64,
+    pub record_bytes: usize,
+    /// Point format 6 or higher.
+    pub is_extended: bool,
+    /// Offset of the colour in a record.
+    rgb_at: Option<usize>,
+    scale: DVec3,
+    offset: DVec3,
+}
+
+/// Reads one file.
+pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Part> {
+    read_inner(path, options).map_err(|error| error.in_file(path))
+}
+
+pub(super) fn io_error(error: std::io::Error) -> Error {
+    if error.kind() == std::io::ErrorKind::UnexpectedEof {
+        Error::new("the file ends early").remedy(DAMAGED)
+    } else {
+        Error::new(format!("can't be read: {error}")).remedy("check the file and its permissions")
+    }
+}
+
+pub(super) fn damaged(what: impl Into<String>) -> Error {
+    Error::new(what).remedy(DAMAGED)
+}
+
+fn read_inner(path: &Path, options: &ReadOptions) -> Result<Part> {
+    let file = File::open(path).map_err(io_error)?;
+    let file_bytes = file.metadata().map_err(io_error)?.len();
+    let mut source = BufReader::with_capacity(1 << 16, file);
+    let header = las::raw::Header::read_from(&mut source).map_err(header_error)?;
+    let is_laz = header.point_data_record_format & 0x80 != 0;
+    let layout = layout(&header, file_bytes)?;
+
+    let (records, laz_record) = records(&header, &layout, &mut source)?;
+    let mut stated = crs::parse(&records, header.global_encoding & 16 != 0)?;
+
+    let mut decoded = Decoded::with_room(&layout);
+    match laz_record {
+        Some(record) if is_laz => {
+            decode_laz(&mut source, &record, &layout, options, &mut decoded)?;
+        }
+        None if is_laz => {
+            return Err(damaged("the header says LAZ but no record tells how it is packed"));
+        }
+        _ => decode_plain(&mut source, &layout, options, &mut decoded)?,
+    }
+
+    if decoded.repaired > 0 {
+        stated
+            .warnings
+            .push(format!("{} return numbers outside 1..=count were repaired", decoded.repaired));
+    }
+    let mut columns = decoded.columns;
+    columns.rgb = columns.rgb.and_then(sixteen_bit);
+    Ok(Part {
+        path: path.to_path_buf(),
+        crs: stated.crs,
+        in_degrees: stated.in_degrees,
+        coordinates: Coordinates::Scaled {
+            steps: decoded.steps,
+            scale: layout.scale,
+            offset: layout.offset,
+        },
+        columns,
+        in_file: layout.point_count,
+        removed: decoded.removed,
+        warnings: stated.warnings,
+    })
+}
+
+/// Unpacks a batch of chunks at a time, each chunk on its own.
+fn decode_laz(
+    source: &mut (impl Read + Seek),
+    laz_record: &[u8],
+    layout: &Layout,
+    options: &ReadOptions,
+    decoded: &mut Decoded,
+) -> Result<()> {
+    let chunks = LazChunks::read(source, laz_record, layout)?;
+    for batch in chunks.batches(BATCH_BYTES) {
+        let bytes = chunks.load(source, batch)?;
+        let parts = laz_chunks::packed(batch, &bytes)
+            .into_par_iter()
+            .map(|chunk| {
+                let mut part = Decoded::default();
+                chunks.decode(chunk, |slab| part.push(slab, layout, options))?;
+                Ok(part)
+            })
+            .collect::<Result<Vec<_>>>()?;
+        parts.into_iter().for_each(|part| decoded.append(part));
+    }
+    Ok(())
+}
+
+fn decode_plain(
+    source: &mut (impl Read + Seek),
+    layout: &Layout,
+    options: &ReadOptions,
+    decoded: &mut Decoded,
+) -> Result<()> {
+    let record_bytes = layout.record_bytes as u64;
+    let room = (layout.file_bytes - layout.data_offset) / record_bytes;
+    if layout.point_count > room {
+        return Err(damaged(format!(
+            "the header promises {} points but the file holds at most {room}",
+            layout.point_count
+        )));
+    }
+    source.seek(SeekFrom::Start(layout.data_offset)).map_err(io_error)?;
+    let batch = (BATCH_BYTES / record_bytes).max(1);
+    let mut slab = Vec::new();
+    let mut left = layout.point_count;
+    while left > 0 {
+        let n = left.min(batch);
+        slab.resize((n * record_bytes) as usize, 0);
+        source.read_exact(&mut slab).map_err(io_error)?;
+        let parts: Vec<Decoded> = slab
+            .par_chunks(layout.record_bytes * 65_536)
+            .map(|slab| {
+                let mut part = Decoded::default();
+                part.push(slab, layout, options);
+                part
+            })
+            .collect();
+        parts.into_iter().for_each(|part| decoded.append(part));
+        left -= n;
+    }
+    Ok(())
+}
+
+fn header_error(error: las::Error) -> Error {
+    match error {
+        las::Error::InvalidFileSignature(_) => {
+            Error::new("is no LAS or LAZ file: it does not begin with LASF")
+                .remedy("give a scan in LAS, LAZ or plain x y z text (.xyz, .txt, .asc, .pts)")
+        }
+        las::Error::Io(error) => io_error(error),
+        other => damaged(format!("the header can't be read: {other}")),
+    }
+}
+
+fn layout(header: &las::raw::Header, file_bytes: u64) -> Result<Layout> {
+    let format = header.point_data_record_format & 0x3f;
+    let shortest = match format {
+        0 => 20,
+        1 => 28,
+        2 => 26,
+        3 => 34,
+        4 => 57,
+        5 => 63,
+        6 => 30,
+        7 => 36,
+        8 => 38,
+        9 => 59,
+        10 => 67,
+        _ => {
+            return Err(Error::new(format!("point format {format} does not exist"))
+                .remedy("point formats 0 to 10 are read; check that this is a LAS 1.0–1.4 file"));
+        }
+    };
+    let record_bytes = usize::from(header.point_data_record_length);
+    if record_bytes < shortest {
+        return Err(damaged(format!(
+            "its points have {record_bytes} bytes where point format {format} needs {shortest}"
+        )));
+    }
+    // The old 32-bit count is the fallback: many writers of 1.4 fill in both, some only that.
+    let point_count = match header.large_file.map(|large| large.number_of_point_records) {
+        Some(count) if count > 0 => count,
+        _ => u64::from(header.number_of_point_records),
+    };
+    if point_count == 0 {
+        return Err(Error::new("holds no points").remedy("give a scan with points"));
+    }
+    let data_offset = u64::from(header.offset_to_point_data);
+    if data_offset < u64::from(header.header_size) || data_offset >= file_bytes {
+        return Err(damaged(format!(
+            "its points should begin at byte {data_offset} of {file_bytes}"
+        )));
+    }
+    let scale = DVec3::new(header.x_scale_factor, header.y_scale_factor, header.z_scale_factor);
+    let offset = DVec3::new(header.x_offset, header.y_offset, header.z_offset);
+    let reach = scale.abs() * f64::from(i32::MAX) + offset.abs();
+    if !reach.is_finite() || scale.to_array().contains(&0.0) {
+        return Err(damaged(format!("its scale {scale} or offset {offset} gives no coordinates")));
+    }
+    Ok(Layout {
+        file_bytes,
+        data_offset,
+        point_count,
+        record_bytes,
+        is_extended: format >= 6,
+        rgb_at: match format {
+            2 => Some(20),
+            3 | 5 => Some(28),
+            7 | 8 | 10 => Some(30),
+            _ => None,
+        },
+        scale,
+        offset,
+    })
+}
+
+/// The records about the coordinate system, and the one about LAZ packing.
+fn records(
+    header: &las::raw::Header,
+    layout: &Layout,
+    source: &mut (impl Read + Seek),
+) -> Result<(Records, Option<Vec<u8>>)> {
+    let mut records = Records::default();
+    let mut laz_record = None;
+    let mut take = |user: &[u8], id: u16, data: Vec<u8>| match (user, id) {
+        (b"LASF_Projection", 2112) => records.wkt = Some(data),
+        (b"LASF_Projection", 34735) => records.geo_keys = Some(data),
+        (b"LASF_Projection", 34736) => records.geo_doubles = Some(data),
+        (b"LASF_Projection", 34737) => records.geo_ascii = Some(data),
+        (b"laszip encoded", 22204) => laz_record = Some(data),
+        _ => {}
+    };
+    let mut walk = |start: u64, end: u64, count: u32, is_extended: bool| -> Result<()> {
+        let mut at = start;
+        for _ in 0..count {
+            let mut head = [0u8; 60];
+            let head_bytes: u64 = if is_extended { 60 } else { 54 };
+            if at.checked_add(head_bytes).is_none_or(|body| body > end) {
+                break;
+            }
+            source.seek(SeekFrom::Start(at)).map_err(io_error)?;
+            source.read_exact(&mut head[..head_bytes as usize]).map_err(io_error)?;
+            let length = if is_extended {
+                let mut bytes = [0; 8];
+                bytes.copy_from_slice(&head[20..28]);
+                u64::from_le_bytes(bytes)
+            } else {
+                u64::from(u16::from_le_bytes([head[20], head[21]]))
+            };
+            let body = at + head_bytes;
+            let Some(next) = body.checked_add(length).filter(|next| *next <= end) else { break };
+            let user = head[2..18].split(|b| *b == 0).next().unwrap_or_default();
+            let wanted = user == b"LASF_Projection" || user == b"laszip encoded";
+            if wanted && length <= LONGEST_RECORD {
+                let mut data = vec![0; length as usize];
+                source.read_exact(&mut data).map_err(io_error)?;
+                take(user, u16::from_le_bytes([head[18], head[19]]), data);
+            }
+            at = next;
+        }
+        Ok(())
+    };
+    let vlrs = header.number_of_variable_length_records;
+    walk(u64::from(header.header_size), layout.data_offset, vlrs, false)?;
+    if let Some(evlr) = header.evlr {
+        walk(evlr.start_of_first_evlr, layout.file_bytes, evlr.number_of_evlrs, true)?;
+    }
+    Ok((records, laz_record))
+}
+
+/// Points decoded so far.
+#[derive(Default)]
+struct Decoded {
+    steps: Vec<[i32; 3]>,
+    columns: Columns,
+    removed: Removed,
+    repaired: u64,
+}
+
+impl Decoded {
+    /// Room for all points, but for no more than one a byte of the file: the count may be wrong.
+    fn with_room(layout: &Layout) -> Decoded {
+        let room = layout.point_count.min(layout.file_bytes) as usize;
+        let mut decoded = Decoded::default();
+        decoded.steps.reserve_exact(room);
+        decoded.columns.intensity.reserve_exact(room);
+        decoded.columns.return_number.reserve_exact(room);
+        decoded.columns.return_count.reserve_exact(room);
+        decoded.columns.class.reserve_exact(room);
+        if layout.rgb_at.is_some() {
+            let mut rgb = Vec::new();
+            rgb.reserve_exact(room);
+            decoded.columns.rgb = Some(rgb);
+        }
+        decoded
+    }
+
+    fn append(&mut self, mut other: Decoded) {
+        self.steps.append(&mut other.steps);
+        self.columns.append(&mut other.columns);
+        self.removed.add(&other.removed);
+        self.repaired += other.repaired;
+    }
+
+    /// Takes the records of `slab` that are kept.
+    fn push(&mut self, slab: &[u8], layout: &Layout, options: &ReadOptions) {
+        let columns = &mut self.columns;
+        if layout.rgb_at.is_some() && columns.rgb.is_none() {
+            columns.rgb = Some(Vec::new());
+        }
+        // Every format has at least 20 bytes; those with 16-byte flags at least 30.
+        for record in slab.chunks_exact(layout.record_bytes) {
+            let (number, count, class, withheld) = if layout.is_extended {
+                (record[14] & 15, record[14] >> 4, record[16], record[15] & 4 != 0)
+            } else {
+                let flags = record[15];
+                (record[14] & 7, (record[14] >> 3) & 7, flags & 31, flags & 128 != 0)
+            };
+            if withheld {
+                self.removed.withheld += 1;
+                continue;
+            }
+            if options.drop_noise_classes && class == 7 {
+                self.removed.low_noise += 1;
+                continue;
+            }
+            // Reserved before format 6, but writers use it there too.
+            if options.drop_noise_classes && class == 18 {
+                self.removed.high_noise += 1;
+                continue;
+            }
+            let step = |at: usize| {
+                i32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]])
+            };
+            let short = |at: usize| u16::from_le_bytes([record[at], record[at + 1]]);
+            self.steps.push([step(0), step(4), step(8)]);
+            columns.intensity.push(short(12));
+            let sound = number >= 1 && number <= count;
+            self.repaired += u64::from(!sound);
+            columns.return_number.push(number.max(1));
+            columns.return_count.push(count.max(number).max(1));
+            columns.class.push(class);
+            if let (Some(at), Some(rgb)) = (layout.rgb_at, &mut columns.rgb) {
+                rgb.push([short(at), short(at + 2), short(at + 4)]);
+            }
+        }
+    }
+}
+
+/// Colours over the whole 16-bit range: many writers store 8 bits in the 16-bit fields. `None`
+/// where all are black, which is how files without colours fill the fields.
+fn sixteen_bit(mut rgb: Vec<[u16; 3]>) -> Option<Vec<[u16; 3]>> {
+    let greatest = rgb.iter().flatten().copied().max().unwrap_or(0);
+    if greatest == 0 {
+        return None;
+    }
+    if greatest <= 255 {
+        rgb.iter_mut().flatten().for_each(|v| *v *= 257);
+    }
+    Some(rgb)
+}

@@ -1,0 +1,292 @@
+//! Files to one cloud: which reader reads each, one coordinate system, one origin.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use glam::{DVec3, Vec3};
+
+use super::las_file::io_error;
+use super::part::{Columns, Coordinates, Part};
+use super::{
+    Bounds, Census, PointCloud, ReadOptions, Removed, Scan, crs, isolated, las_file, text,
+};
+use crate::diagnostic::{Error, Result, Warned};
+use crate::frame::{Crs, Frame};
+
+/// Local f32 metres keep 1.6 cm up to here.
+pub const MAX_EXTENT_M: f64 = 200_000.0;
+/// The origin is a multiple of this.
+const ORIGIN_STEP: f64 = 10.0;
+
+pub(super) fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Scan>> {
+    if paths.is_empty() {
+        return Err(Error::new("no scan is given").remedy("name at least one LAS, LAZ or XYZ file"));
+    }
+    let formats = paths.iter().map(|path| Format::of(path)).collect::<Result<Vec<_>>>()?;
+    refuse_twins(paths)?;
+    let mut parts: Vec<Part> = Vec::with_capacity(paths.len());
+    for (path, format) in paths.iter().zip(formats) {
+        let part = match format {
+            Format::Las => las_file::read(path, options)?,
+            Format::Text => text::read(path)?,
+        };
+        refuse_degrees(&part)?;
+        if let Some(first) = parts.first() {
+            refuse_other_system(first, &part)?;
+        }
+        parts.push(part);
+    }
+
+    let mut warnings = Vec::new();
+    let mut census = Census { files: parts.len() as u32, ..Census::default() };
+    for part in &parts {
+        census.in_files += part.in_file;
+        census.removed.add(&part.removed);
+        let name = part.path.display();
+        warnings.extend(part.warnings.iter().map(|text| format!("{name}: {text}")));
+        if part.removed.not_finite > 0 {
+            let n = part.removed.not_finite;
+            warnings.push(format!("{name}: {n} points that are not finite were dropped"));
+        }
+    }
+
+    let crs = parts.first().and_then(|part| part.crs.clone());
+    if crs.is_none() {
+        warnings.push("no coordinate system is stated: world units are taken as metres".into());
+    }
+    let unit_m = Frame { origin: DVec3::ZERO, crs: crs.clone() }.unit_m();
+    let mut density_per_m2 = isolated::density_per_m2(&parts, unit_m);
+    if options.drop_isolated {
+        // A point very far away makes the voxels coarse: look again once it is gone.
+        for _ in 0..3 {
+            let Some(keep) = isolated::keep(&parts, unit_m, density_per_m2) else { break };
+            census.removed.isolated += drop_points(&mut parts, &keep.flags);
+            density_per_m2 = isolated::density_per_m2(&parts, unit_m);
+            if !keep.is_coarse {
+                break;
+            }
+        }
+    }
+
+    let named = |error: Error| match paths.first() {
+        Some(first) => error.in_file(first),
+        None => error,
+    };
+    let Some((min_m, max_m)) = isolated::bounds_m(&parts, unit_m) else {
+        return Err(named(
+            Error::new(format!(
+                "no point is left of {}: {}",
+                census.in_files,
+                reasons(&census.removed)
+            ))
+            .remedy("give a scan whose points are not all marked as noise"),
+        ));
+    };
+    let extent_m = (max_m - min_m).max_element();
+    if extent_m > MAX_EXTENT_M {
+        return Err(named(
+            Error::new(format!("the points span {:.0} km", extent_m / 1000.0)).remedy(format!(
+                "give scans within {:.0} km of each other; a single far point or a wrong scale in \
+                 a header does this too",
+                MAX_EXTENT_M / 1000.0
+            )),
+        ));
+    }
+    let origin = (min_m / unit_m / ORIGIN_STEP).floor() * ORIGIN_STEP + DVec3::ZERO;
+    let cloud = assemble(parts, Frame { origin, crs }, &mut warnings);
+    census.kept = cloud.len() as u64;
+    let bounds = Bounds {
+        min: cloud.frame.local_from_world(min_m / unit_m),
+        max: cloud.frame.local_from_world(max_m / unit_m),
+    };
+    let scan = Scan { cloud, census, density_per_m2: density_per_m2 as f32, bounds };
+    Ok(Warned::with(scan, warnings))
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Format {
+    Las,
+    Text,
+}
+
+impl Format {
+    /// By content where it is LAS, else by extension.
+    fn of(path: &Path) -> Result<Format> {
+        Self::of_inner(path).map_err(|error| error.in_file(path))
+    }
+
+    fn of_inner(path: &Path) -> Result<Format> {
+        let metadata = std::fs::metadata(path).map_err(|error| {
+            if error.kind() == std::io::ErrorKind::NotFound {
+                Error::new("there is no such file").remedy("check the path of the scan")
+            } else {
+                io_error(error)
+            }
+        })?;
+        if metadata.is_dir() {
+            return Err(Error::new("is a folder, not a scan").remedy("name the files inside it"));
+        }
+        if metadata.len() == 0 {
+            return Err(las_file::damaged("is empty"));
+        }
+        let mut start = Vec::new();
+        File::open(path).and_then(|f| f.take(4).read_to_end(&mut start)).map_err(io_error)?;
+        let extension =
+            path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        match extension.as_str() {
+            _ if start == b"LASF" => Ok(Format::Las),
+            "las" | "laz" => Ok(Format::Las),
+            "xyz" | "txt" | "asc" | "pts" => Ok(Format::Text),
+            other => Err(Error::new(format!("files of type \"{other}\" are not read"))
+                .remedy("give a scan in LAS, LAZ or plain x y z text (.xyz, .txt, .asc, .pts)")),
+        }
+    }
+}
+
+/// The same file twice would double its points.
+fn refuse_twins(paths: &[PathBuf]) -> Result<()> {
+    let mut known: Vec<PathBuf> =
+        paths.iter().filter_map(|path| std::fs::canonicalize(path).ok()).collect();
+    known.sort();
+    match known.windows(2).find(|pair| pair[0] == pair[1]) {
+        Some(pair) => Err(Error::new("is given twice").in_file(&pair[0]).remedy("name it once")),
+        None => Ok(()),
+    }
+}
+
+fn refuse_degrees(part: &Part) -> Result<()> {
+    let Some((min, max)) = isolated::bounds_m(std::slice::from_ref(part), DVec3::ONE) else {
+        return Ok(());
+    };
+    let extent = max - min;
+    let breadth = extent.truncate().max_element();
+    // Without a stated system: a place on the globe, far higher than it is wide.
+    let seems_degrees = part.crs.is_none()
+        && min.x >= -180.0
+        && max.x <= 180.0
+        && min.y >= -90.0
+        && max.y <= 90.0
+        && breadth > 0.0
+        && breadth < 0.1
+        && extent.z > 100.0 * breadth;
+    if part.in_degrees || seems_degrees {
+        return Err(crs::degrees_error((min + max) / 2.0).in_file(&part.path));
+    }
+    Ok(())
+}
+
+fn refuse_other_system(first: &Part, other: &Part) -> Result<()> {
+    let is_same = match (&first.crs, &other.crs) {
+        (None, None) => true,
+        (Some(a), Some(b)) => {
+            let same_system = match (a.epsg, b.epsg) {
+                (Some(a), Some(b)) => a == b,
+                _ => a.wkt == b.wkt,
+            };
+            same_system
+                && (a.horizontal_unit_m - b.horizontal_unit_m).abs() < 1e-9
+                && (a.vertical_unit_m - b.vertical_unit_m).abs() < 1e-9
+        }
+        _ => false,
+    };
+    if is_same {
+        return Ok(());
+    }
+    Err(Error::new(format!(
+        "is in {}, but {} is in {}",
+        name(&other.crs),
+        first.path.display(),
+        name(&first.crs)
+    ))
+    .in_file(&other.path)
+    .remedy("reproject one of them, e.g. with PDAL's filters.reprojection, or read them apart"))
+}
+
+fn name(crs: &Option<Crs>) -> String {
+    let Some(crs) = crs else { return "no stated coordinate system".into() };
+    let system = match (crs.epsg, &crs.wkt) {
+        (Some(code), _) => format!("EPSG:{code}"),
+        (None, Some(wkt)) => wkt.split('"').nth(1).unwrap_or("a system without a code").to_owned(),
+        (None, None) => "a system without a code".to_owned(),
+    };
+    if crs.horizontal_unit_m == 1.0 && crs.vertical_unit_m == 1.0 {
+        system
+    } else {
+        format!("{system} (units of {} and {} m)", crs.horizontal_unit_m, crs.vertical_unit_m)
+    }
+}
+
+fn reasons(removed: &Removed) -> String {
+    let all = [
+        (removed.not_finite, "not finite"),
+        (removed.withheld, "withheld"),
+        (removed.low_noise, "low noise"),
+        (removed.high_noise, "high noise"),
+        (removed.isolated, "isolated"),
+    ];
+    let some: Vec<String> =
+        all.iter().filter(|(n, _)| *n > 0).map(|(n, why)| format!("{n} {why}")).collect();
+    some.join(", ")
+}
+
+fn drop_points(parts: &mut [Part], keep: &[Vec<bool>]) -> u64 {
+    let mut dropped = 0;
+    for (part, keep) in parts.iter_mut().zip(keep) {
+        let n = keep.iter().filter(|keep| !**keep).count();
+        if n > 0 {
+            part.coordinates.retain(keep);
+            part.columns.retain(keep);
+            dropped += n as u64;
+        }
+    }
+    dropped
+}
+
+fn assemble(parts: Vec<Part>, frame: Frame, warnings: &mut Vec<String>) -> PointCloud {
+    let coloured = parts.iter().filter(|part| part.columns.rgb.is_some()).count();
+    let keeps_colour = coloured == parts.len();
+    if coloured > 0 && !keeps_colour {
+        warnings.push("colours are left out: not every file has them".into());
+    }
+    let total = parts.iter().map(|part| part.coordinates.len()).sum::<usize>();
+    let mut position: Vec<Vec3> = Vec::new();
+    let mut columns = Columns::default();
+    for mut part in parts {
+        let local = local_positions(part.coordinates, &frame);
+        if !keeps_colour {
+            part.columns.rgb = None;
+        }
+        if position.is_empty() {
+            // The first file's columns become the cloud's: nothing is copied for a single file.
+            position = local;
+            columns = part.columns;
+            position.reserve_exact(total - position.len());
+        } else {
+            position.extend(local);
+            columns.append(&mut part.columns);
+        }
+    }
+    position.shrink_to_fit();
+    columns.shrink_to_fit();
+    PointCloud {
+        frame,
+        position,
+        intensity: columns.intensity,
+        return_number: columns.return_number,
+        return_count: columns.return_count,
+        class: columns.class,
+        rgb: columns.rgb,
+    }
+}
+
+/// Three i32 and three f32 have one size, so LAS steps turn into positions in place.
+fn local_positions(coordinates: Coordinates, frame: &Frame) -> Vec<Vec3> {
+    match coordinates {
+        Coordinates::Scaled { steps, scale, offset } => steps
+            .into_iter()
+            .map(|s| frame.local_from_world(super::part::world_from_steps(s, scale, offset)))
+            .collect(),
+        Coordinates::Real(world) => world.iter().map(|p| frame.local_from_world(*p)).collect(),
+    }
+}

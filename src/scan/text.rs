@@ -1,0 +1,192 @@
+//! Plain text points: x y z at the start of each line, the rest of the line ignored; separators
+//! are spaces, tabs, commas or semicolons; `#` and `//` begin comments.
+//!
+//! The first line may be a header of names or, as in PTS files, the number of points.
+//! Decimal commas are not understood.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::Removed;
+use super::las_file::io_error;
+use super::part::{Columns, Coordinates, Part};
+use crate::diagnostic::{Error, Result};
+
+/// Text in memory at a time; no line may be longer.
+const BLOCK_BYTES: usize = 16 << 20;
+const PIECE_BYTES: usize = 256 << 10;
+
+/// Points and dropped lines of a piece of text.
+#[derive(Default)]
+struct Lines {
+    world: Vec<DVec3>,
+    not_finite: u64,
+}
+
+/// Reads one file.
+pub(super) fn read(path: &Path) -> Result<Part> {
+    read_inner(path).map_err(|error| error.in_file(path))
+}
+
+fn read_inner(path: &Path) -> Result<Part> {
+    let mut file = File::open(path).map_err(io_error)?;
+    let mut all = Lines::default();
+    let mut block: Vec<u8> = Vec::new();
+    let mut lines_before = 0;
+    let mut is_first = true;
+    loop {
+        let kept = block.len();
+        let read = file
+            .by_ref()
+            .take((BLOCK_BYTES - kept.min(BLOCK_BYTES)) as u64)
+            .read_to_end(&mut block)
+            .map_err(io_error)?;
+        if block.is_empty() {
+            break;
+        }
+        // Whole lines only, unless the file ends here.
+        let is_last = read == 0;
+        let whole = match block.iter().rposition(|b| *b == b'\n') {
+            Some(_) if is_last => block.len(),
+            Some(end) => end + 1,
+            None if is_last => block.len(),
+            None if block.len() >= BLOCK_BYTES => {
+                return Err(Error::new(format!("line {} has no end", lines_before + 1))
+                    .remedy("give text with one point a line: x y z"));
+            }
+            None => continue,
+        };
+        let text = &block[..whole];
+        let mut start = 0;
+        if is_first {
+            start = heading_bytes(text)?;
+            is_first = false;
+        }
+        let pieces = pieces(&text[start..]);
+        let parsed: Vec<std::result::Result<Lines, usize>> =
+            pieces.par_iter().map(|piece| parse(piece)).collect();
+        let mut piece_start = start;
+        for (piece, parsed) in pieces.iter().zip(parsed) {
+            match parsed {
+                Ok(mut lines) => {
+                    all.world.append(&mut lines.world);
+                    all.not_finite += lines.not_finite;
+                }
+                Err(at) => return Err(bad_line(text, piece_start + at, lines_before)),
+            }
+            piece_start += piece.len();
+        }
+        lines_before += count_lines(text);
+        block.drain(..whole);
+    }
+    let n = all.world.len();
+    let in_file = n as u64 + all.not_finite;
+    if in_file == 0 {
+        return Err(Error::new("holds no points").remedy("give text with one point a line: x y z"));
+    }
+    Ok(Part {
+        path: path.to_path_buf(),
+        crs: None,
+        in_degrees: false,
+        coordinates: Coordinates::Real(all.world),
+        columns: Columns {
+            intensity: vec![0; n],
+            return_number: vec![1; n],
+            return_count: vec![1; n],
+            class: vec![0; n],
+            rgb: None,
+        },
+        in_file,
+        removed: Removed { not_finite: all.not_finite, ..Removed::default() },
+        warnings: Vec::new(),
+    })
+}
+
+fn count_lines(text: &[u8]) -> usize {
+    text.iter().filter(|b| **b == b'\n').count()
+}
+
+fn fields(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+    line.split(|b| b.is_ascii_whitespace() || *b == b',' || *b == b';').filter(|f| !f.is_empty())
+}
+
+fn is_comment(line: &[u8]) -> bool {
+    let line = line.trim_ascii_start();
+    line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//")
+}
+
+fn number(field: &[u8]) -> Option<f64> {
+    std::str::from_utf8(field).ok()?.parse().ok()
+}
+
+/// Bytes of the heading: a byte order mark, comments, and one line of names or one count.
+fn heading_bytes(text: &[u8]) -> Result<usize> {
+    let mut at = if text.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
+    while let Some(rest) = text.get(at..).filter(|rest| !rest.is_empty()) {
+        let length = rest.iter().position(|b| *b == b'\n').map_or(rest.len(), |end| end + 1);
+        let line = &rest[..length];
+        if is_comment(line) {
+            at += length;
+            continue;
+        }
+        let first = fields(line).next().unwrap_or_default();
+        if first.eq_ignore_ascii_case(b"ncols") {
+            return Err(Error::new("is a raster (ESRI ASCII grid), not a point cloud")
+                .remedy("give the scan itself, not a height model made from it"));
+        }
+        let is_count = fields(line).count() == 1 && first.iter().all(u8::is_ascii_digit);
+        let is_names = number(first).is_none()
+            && fields(line).count() >= 3
+            && fields(line).all(|f| number(f).is_none() && f.iter().all(|b| b.is_ascii_graphic()));
+        return Ok(if is_count || is_names { at + length } else { at });
+    }
+    Ok(at)
+}
+
+/// Cuts text after line ends into pieces of about [`PIECE_BYTES`].
+fn pieces(text: &[u8]) -> Vec<&[u8]> {
+    let mut pieces = Vec::with_capacity(text.len() / PIECE_BYTES + 1);
+    let mut rest = text;
+    while !rest.is_empty() {
+        let from = PIECE_BYTES.min(rest.len());
+        let end =
+            rest[from..].iter().position(|b| *b == b'\n').map_or(rest.len(), |e| from + e + 1);
+        let (piece, others) = rest.split_at(end);
+        pieces.push(piece);
+        rest = others;
+    }
+    pieces
+}
+
+/// The points of `text`, or the offset of the first line that is none.
+fn parse(text: &[u8]) -> std::result::Result<Lines, usize> {
+    let mut lines = Lines::default();
+    let mut at = 0;
+    for line in text.split_inclusive(|b| *b == b'\n') {
+        if !is_comment(line) {
+            let mut coordinates = fields(line).map(number);
+            let mut next = || coordinates.next().flatten().ok_or(at);
+            let p = DVec3::new(next()?, next()?, next()?);
+            if p.is_finite() {
+                lines.world.push(p);
+            } else {
+                lines.not_finite += 1;
+            }
+        }
+        at += line.len();
+    }
+    Ok(lines)
+}
+
+fn bad_line(text: &[u8], at: usize, lines_before: usize) -> Error {
+    let line_number = lines_before + count_lines(&text[..at.min(text.len())]) + 1;
+    let line = text.get(at..).unwrap_or_default().split(|b| *b == b'\n').next().unwrap_or_default();
+    let shown: String =
+        String::from_utf8_lossy(line).chars().filter(|c| !c.is_control()).take(40).collect();
+    Error::new(format!("line {line_number} is no point: \"{shown}\""))
+        .remedy("give text with one point a line: x y z, decimal points, `#` before comments")
+}

@@ -1,0 +1,220 @@
+use super::*;
+use crate::species;
+use proptest::prelude::*;
+
+const NAMES: [&str; 9] = [
+    "larix_sibirica",
+    "picea_obovata",
+    "abies_sibirica",
+    "pinus_sylvestris",
+    "pinus_sibirica",
+    "betula_pendula",
+    "populus_tremula",
+    "quercus_robur",
+    "salix_caprea",
+];
+
+fn tree(name: &str, height_m: f32, max_nodes: u32, seed: u64) -> Skeleton {
+    let species = species::load(name).unwrap();
+    let detail = Detail { max_nodes, attractor_spacing_m: None };
+    let target = Target::FromSpecies { height_m: Some(height_m) };
+    grow(&species, target, detail, Seed::new(seed)).unwrap()
+}
+
+/// What every tree must be, whatever its species and size.
+fn judge(s: &Skeleton, name: &str, height_m: f32, max_nodes: u32) {
+    s.check().unwrap();
+    assert!(s.len() <= max_nodes as usize, "{name}: {} nodes", s.len());
+    assert!((s.height_m() / height_m - 1.0).abs() < 0.02, "{name}: {} m", s.height_m());
+    let lowest = s.position.iter().skip(1).map(|p| p.z).fold(f32::INFINITY, f32::min);
+    assert!(lowest > 0.0, "{name} of {height_m} m: a node at {lowest} m");
+}
+
+#[test]
+fn every_species_reaches_its_height_and_width() {
+    for name in NAMES {
+        let size = species::load(name).unwrap().size;
+        for seed in 0..4 {
+            for nodes in [500, 2500] {
+                let s = tree(name, size.height_m, nodes, seed);
+                judge(&s, name, size.height_m, nodes);
+                let width = s.width_m() / size.crown_diameter_m;
+                assert!((width - 1.0).abs() < 0.12, "{name}: width {width}");
+                assert!(s.len() as u32 > nodes / 2, "{name}: {} of {nodes} nodes", s.len());
+            }
+        }
+    }
+}
+
+#[test]
+fn the_stem_has_its_diameter_at_breast_height() {
+    for name in ["larix_sibirica", "picea_obovata", "pinus_sylvestris", "quercus_robur"] {
+        let size = species::load(name).unwrap().size;
+        let s = tree(name, size.height_m, 900, 5);
+        let stem: Vec<bool> = s.axis.iter().map(|&a| a == 0).collect();
+        let value: Vec<f64> = s.radius_m.iter().map(|&r| f64::from(r)).collect();
+        let at = crate::skeleton::radii::radius_at(&s.position, &s.parent, &stem, 1.3, &value);
+        let wrong = 2.0 * at / size.stem_diameter_m - 1.0;
+        assert!(wrong.abs() < 0.01, "{name}: {wrong}");
+    }
+}
+
+#[test]
+fn all_nodes_keep_to_the_crown() {
+    for name in NAMES {
+        let species = species::load(name).unwrap();
+        let height_m = species.size.height_m;
+        let seed = Seed::new(11);
+        let e = Envelope::of_species(&species.size, species.growth.uneven, height_m, seed);
+        let s = tree(name, height_m, 1500, 11);
+        let margin_m = 0.3 * e.radius_m;
+        for (p, &axis) in s.position.iter().zip(&s.axis) {
+            let out = p.truncate() - e.centre(p.z);
+            // Twigs may hang from where the crown is wider, or rise from there.
+            let r = (-5..8)
+                .map(|k| p.z + 0.03 * k as f32 * e.crown_length_m())
+                .map(|z| e.radius_at(z.clamp(e.base_m, e.height_m), out.y.atan2(out.x)))
+                .fold(0.0, f32::max);
+            assert!(out.length() < r + margin_m, "{name}: {p} beyond {r}");
+            let floor = e.base_m - 0.12 * e.crown_length_m();
+            assert!(axis == 0 || p.z > floor || name == "salix_caprea", "{name}: {p}");
+        }
+    }
+}
+
+#[test]
+fn a_habit_is_what_its_species_says() {
+    // Insertion angles of first-order branches from the vertical, mean in a part of the crown.
+    let angle = |name: &str, from: f32, to: f32| {
+        let s = tree(name, species::load(name).unwrap().size.height_m, 2500, 3);
+        let e = s.height_m();
+        let first: Vec<f32> = s
+            .axes()
+            .iter()
+            .filter(|a| a.order == 1)
+            .filter_map(|a| {
+                let base = s.position[a.base? as usize];
+                let way = s.position[a.nodes[0] as usize] - base;
+                (base.z > from * e && base.z < to * e).then(|| way.angle_between(Vec3::Z))
+            })
+            .collect();
+        assert!(first.len() > 5, "{name}");
+        (first.iter().sum::<f32>() / first.len() as f32).to_degrees()
+    };
+    let (low, high) = (angle("picea_obovata", 0.1, 0.3), angle("picea_obovata", 0.8, 0.95));
+    assert!(low > 90.0 && high < 70.0, "spruce hangs low, rises high: {low} {high}");
+    let larch = angle("larix_sibirica", 0.35, 0.6);
+    assert!((75.0..110.0).contains(&larch), "larch stands level: {larch}");
+    let birch = angle("betula_pendula", 0.3, 0.7);
+    assert!(birch < 60.0, "birch rises: {birch}");
+    // A birch's twigs hang: most wood of order 2 and more points down.
+    let s = tree("betula_pendula", 20.0, 2500, 3);
+    let (mut down, mut all) = (0.0, 0.0);
+    for i in 1..s.len() {
+        let p = s.parent[i] as usize;
+        if s.order[i] >= 2 {
+            all += s.internode_m(i as u32);
+            down += (s.position[p].z - s.position[i].z).max(0.0);
+        }
+    }
+    assert!(down / all > 0.4, "{}", down / all);
+    // A shrub has several stems from the ground, a pine one and a clear bole.
+    let s = tree("salix_caprea", 5.0, 1500, 1);
+    assert!(s.children().of(0).len() >= 3);
+    let s = tree("pinus_sylvestris", 23.0, 1500, 1);
+    let low = (0..s.len()).filter(|&i| s.order[i] > 0).map(|i| s.position[i].z);
+    assert!(low.fold(f32::INFINITY, f32::min) > 10.0);
+}
+
+#[test]
+fn same_seed_same_tree_other_seed_another() {
+    let a = tree("betula_pendula", 18.0, 900, 9);
+    assert_eq!(a, tree("betula_pendula", 18.0, 900, 9));
+    assert_ne!(a.position, tree("betula_pendula", 18.0, 900, 10).position);
+}
+
+#[test]
+fn a_height_out_of_range_is_refused() {
+    let species = species::load("picea_obovata").unwrap();
+    for height_m in [0.0, -3.0, 500.0, f32::NAN, f32::INFINITY] {
+        let target = Target::FromSpecies { height_m: Some(height_m) };
+        let error = grow(&species, target, Detail::FOREST, Seed::new(1)).unwrap_err();
+        assert!(error.message().starts_with("a tree of "), "{error}");
+        assert_eq!(error.remedy_text(), Some("heights from 0.1 to 130 m are grown"));
+    }
+}
+
+/// A half crown to the east of its root, seen from above only: points at the surface.
+fn half_crown() -> Crown {
+    let root = Vec3::new(5000.0, -300.0, 120.0);
+    let mut draws = Seed::new(2).draws();
+    let mut attractors = Vec::new();
+    for _ in 0..600 {
+        let t = draws.unit();
+        let azimuth = draws.between(-1.6, 1.6);
+        let reach = 3.5 * (1.0 - t).sqrt();
+        let out = Vec3::new(azimuth.cos() * reach, azimuth.sin() * reach, 5.0 + 13.0 * t);
+        attractors.push(root + out);
+    }
+    Crown {
+        key: 7,
+        root,
+        apex: root + Vec3::new(0.4, 0.0, 18.0),
+        height_m: 18.0,
+        base_height_m: 5.0,
+        diameter_m: 5.0,
+        outline: Vec::new(),
+        attractors,
+        point_count: 600,
+        confidence: 0.9,
+    }
+}
+
+#[test]
+fn a_tree_follows_the_crown_it_is_given() {
+    let crown = half_crown();
+    for name in NAMES {
+        let species = species::load(name).unwrap();
+        let s = grow(&species, Target::FromCrown(&crown), Detail::FOREST, Seed::new(1)).unwrap();
+        judge(&s, name, 18.0, Detail::FOREST.max_nodes);
+        let wrong = s.width_m() / crown.diameter_m - 1.0;
+        assert!(wrong.abs() < 0.15, "{name}: width off by {wrong}");
+        let east = s.position.iter().map(|p| p.x).fold(0.0, f32::max);
+        let west = s.position.iter().map(|p| -p.x).fold(0.0, f32::max);
+        assert!(east > 1.4 * west, "{name}: {east} east, {west} west");
+    }
+}
+
+#[test]
+fn odd_crowns_give_sound_trees() {
+    let species = species::load("larix_sibirica").unwrap();
+    let plain = half_crown();
+    let root = plain.root;
+    let clouds: [(&str, Vec<Vec3>); 5] = [
+        ("none", Vec::new()),
+        ("one point", vec![root + Vec3::Z * 9.0; 300]),
+        ("a line", (0..300).map(|i| root + Vec3::Z * (i as f32 * 0.06)).collect()),
+        ("1 km away", vec![root + Vec3::new(1000.0, 0.0, 10.0); 9]),
+        ("not finite", vec![Vec3::NAN, Vec3::INFINITY, root + Vec3::Z * 9.0]),
+    ];
+    for (what, attractors) in clouds {
+        let crown = Crown { attractors, ..plain.clone() };
+        let s = grow(&species, Target::FromCrown(&crown), Detail::FOREST, Seed::new(1)).unwrap();
+        judge(&s, what, 18.0, Detail::FOREST.max_nodes);
+        assert!(s.width_m() < 8.0, "{what}: {}", s.width_m());
+    }
+    let broken = Crown { diameter_m: f32::NAN, ..plain };
+    let error = grow(&species, Target::FromCrown(&broken), Detail::FOREST, Seed::new(1));
+    assert!(error.unwrap_err().message().contains("is not finite"));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+    #[test]
+    fn any_species_height_and_seed_grows_a_sound_tree(
+        which in 0usize..9, height_m in 0.3f32..45.0, nodes in 0u32..1500, seed: u64,
+    ) {
+        let s = tree(NAMES[which], height_m, nodes, seed);
+        judge(&s, NAMES[which], height_m, nodes.max(*NODES.start()));
+    }
+}

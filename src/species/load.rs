@@ -1,0 +1,430 @@
+//! A rule file, with what it extends, to a checked [`Species`].
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+use super::model::{Bark, Branching, Foliage, Growth, Kind, Size, Species};
+use super::near::suggest;
+use super::node::{self, Node, Source, Sources, Value};
+use super::{builtin, check, rule};
+use crate::diagnostic::{Error, Result};
+
+/// Files that one species may build on, one upon another.
+const MAX_EXTENDS: usize = 16;
+/// Errors shown of one file; a broken file repeats itself.
+const MAX_ERRORS: usize = 40;
+
+/// The keys outside sections, and the sections by name.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)]
+struct Top {
+    #[serde(default)]
+    name: Option<String>,
+    #[serde(default)]
+    common: Option<String>,
+    #[serde(default)]
+    extends: Option<String>,
+    kind: Kind,
+    branching: Branching,
+    #[serde(default)]
+    luminance: Option<[f32; 2]>,
+    rule: IgnoredAny,
+    size: IgnoredAny,
+    growth: IgnoredAny,
+    foliage: IgnoredAny,
+    bark: IgnoredAny,
+}
+
+/// Names of the built-in species, in the order they are listed: species first, then Table 3.
+pub fn builtin_names() -> Vec<&'static str> {
+    builtin::FILES.iter().map(|(name, _)| *name).collect()
+}
+
+/// One line of the list of species.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct Listed {
+    pub id: &'static str,
+    pub name: String,
+    pub common: String,
+    pub builds_on: Option<String>,
+}
+
+/// The built-in species with what each builds on.
+///
+/// # Errors
+/// A built-in file that does not load.
+pub fn list() -> Result<Vec<Listed>> {
+    let listed = |id| {
+        let Species { name, common, builds_on, .. } = load(id)?;
+        Ok(Listed { id, name, common, builds_on })
+    };
+    builtin_names().into_iter().map(listed).collect()
+}
+
+/// Loads a built-in species by name, or a rule file by path.
+///
+/// # Errors
+/// An unknown name, an unreadable file, or anything wrong in the file or in what it extends.
+pub fn load(name_or_path: &str) -> Result<Species> {
+    if let Some(text) = builtin::text(name_or_path) {
+        return load_text(name_or_path, text);
+    }
+    let path = Path::new(name_or_path);
+    if path.extension().is_some_and(|e| e == "toml") || path.is_file() {
+        let text = read_file(path)?;
+        let id = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+        return build(&id, name_or_path, &text, path.parent());
+    }
+    Err(Error::new(format!("unknown species `{name_or_path}`")).remedy(format!(
+        "{} A rule file is named by its path, ending in .toml",
+        unknown(name_or_path)
+    )))
+}
+
+/// Loads a rule file from its text; `name` is its id and stands in messages.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_text(name: &str, text: &str) -> Result<Species> {
+    build(name, &format!("{name}.toml"), text, None)
+}
+
+/// Checks a rule file: what [`load`] would say of it.
+pub fn check_file(path: &Path) -> Result<()> {
+    load(&path.to_string_lossy()).map(|_| ())
+}
+
+fn unknown(name: &str) -> String {
+    let names = builtin_names();
+    match super::near::nearest(name, &names) {
+        Some(near) => format!("did you mean `{near}`?"),
+        None => format!("{}.", suggest(name, &names)),
+    }
+}
+
+fn read_file(path: &Path) -> Result<String> {
+    std::fs::read_to_string(path).map_err(|e| {
+        let remedy = match e.kind() {
+            std::io::ErrorKind::NotFound => "check the path",
+            std::io::ErrorKind::InvalidData => "save the file as UTF-8",
+            _ => "check that the file can be read",
+        };
+        Error::new(format!("can't read the rule file: {e}")).in_file(path).remedy(remedy)
+    })
+}
+
+/// One file of the chain and where names in its `extends` are looked up.
+struct Link {
+    identity: String,
+    folder: Option<PathBuf>,
+}
+
+fn build(id: &str, shown: &str, text: &str, folder: Option<&Path>) -> Result<Species> {
+    let mut errors = Vec::new();
+    let species = build_reporting(id, shown, text, folder, &mut errors);
+    match species {
+        Some(species) if errors.is_empty() => Ok(species),
+        _ => {
+            let more = errors.len().saturating_sub(MAX_ERRORS);
+            errors.truncate(MAX_ERRORS);
+            if more > 0 {
+                errors.push(Error::new(format!("… and {more} more errors")).in_file(shown));
+            }
+            Err(Error::several(errors))
+        }
+    }
+}
+
+fn build_reporting(
+    id: &str,
+    shown: &str,
+    text: &str,
+    folder: Option<&Path>,
+    errors: &mut Vec<Error>,
+) -> Option<Species> {
+    let mut sources = Sources(vec![Source { name: shown.to_owned(), text: text.to_owned() }]);
+    let chain = read_chain(id, folder, &mut sources, errors)?;
+    let defaults = read_defaults(errors)?;
+    let builds_on = chain.first().and_then(|n| n.get("extends")).and_then(Node::as_text);
+    let builds_on = builds_on.map(str::to_owned);
+    let own = |key: &str| {
+        chain.first().and_then(|n| n.get(key)).and_then(Node::as_text).map(str::to_owned)
+    };
+    let (name, common) = (own("name"), own("common"));
+    // The file over what it extends, nearest first, over the defaults.
+    let merged = chain.into_iter().rev().fold(defaults.clone(), |base, node| node.over(base));
+
+    check::finite(&merged, &sources, errors);
+    let top: Top = node::typed(&merged, &defaults, &sources, errors)?;
+    let mut section = Sections { merged: &merged, defaults: &defaults, sources: &sources, errors };
+    let size: Option<Size> = section.read("size");
+    let growth: Option<Growth> = section.read("growth");
+    let foliage: Option<Foliage> = section.read("foliage");
+    let bark: Option<Bark> = section.read("bark");
+    let rule = match (merged.get("rule"), defaults.get("rule")) {
+        (Some(rule), Some(defaults)) => rule::compile(rule, defaults, &sources, errors),
+        _ => None,
+    };
+    let name = name.unwrap_or_else(|| id.to_owned());
+    let species = Species {
+        id: id.to_owned(),
+        common: common.unwrap_or_else(|| name.clone()),
+        name,
+        builds_on,
+        kind: top.kind,
+        branching: top.branching,
+        luminance: top.luminance,
+        size: size?,
+        growth: growth?,
+        foliage: foliage?,
+        bark: bark?,
+        rule: rule?,
+    };
+    check::ranges(&species, &merged, &sources, errors);
+    Some(species)
+}
+
+struct Sections<'a> {
+    merged: &'a Node,
+    defaults: &'a Node,
+    sources: &'a Sources,
+    errors: &'a mut Vec<Error>,
+}
+
+impl Sections<'_> {
+    fn read<T: serde::de::DeserializeOwned>(&mut self, key: &str) -> Option<T> {
+        let (node, defaults) = (self.merged.get(key)?, self.defaults.get(key)?);
+        node::typed(node, defaults, self.sources, self.errors)
+    }
+}
+
+fn read_defaults(errors: &mut Vec<Error>) -> Option<Node> {
+    let sources = Sources(vec![Source {
+        name: "defaults.toml".into(),
+        text: include_str!("defaults.toml").into(),
+    }]);
+    match node::read(&sources, 0) {
+        Ok(mut node) => {
+            // No place in the species' own files.
+            node.detach();
+            Some(node)
+        }
+        Err(found) => {
+            errors.extend(found);
+            None
+        }
+    }
+}
+
+/// Reads the file and everything it extends, nearest first.
+fn read_chain(
+    id: &str,
+    folder: Option<&Path>,
+    sources: &mut Sources,
+    errors: &mut Vec<Error>,
+) -> Option<Vec<Node>> {
+    let identity = match folder {
+        Some(_) => sources.0.first().map(|s| identity(Path::new(&s.name))).unwrap_or_default(),
+        None => id.to_owned(),
+    };
+    let mut links = vec![Link { identity, folder: folder.map(Path::to_path_buf) }];
+    let mut chain = Vec::new();
+    loop {
+        let at = chain.len();
+        match node::read(sources, at) {
+            Ok(node) => chain.push(node),
+            Err(found) => {
+                errors.extend(found);
+                return None;
+            }
+        }
+        let node = chain.last_mut()?;
+        let extends = node.get("extends").cloned();
+        if at > 0 {
+            // A base's own names are not the species'.
+            if let Value::Table(entries) = &mut node.value {
+                entries.retain(|e| !["extends", "name", "common"].contains(&e.key.as_str()));
+            }
+        }
+        // A value of another type is reported with the rest of the keys.
+        let Some((extends, place)) =
+            extends.as_ref().and_then(|n| Some((n.as_text()?, n.place.clone())))
+        else {
+            return Some(chain);
+        };
+        let from = links.last()?;
+        let (link, source) = match find(extends, from) {
+            Ok(found) => found,
+            Err(remedy) => {
+                errors.push(
+                    sources
+                        .error(&place, format!("`extends`: no rule file `{extends}`"), "unknown")
+                        .remedy(remedy),
+                );
+                return None;
+            }
+        };
+        if links.iter().any(|l| l.identity == link.identity) || links.len() >= MAX_EXTENDS {
+            let mut names: Vec<&str> = links.iter().map(|l| l.identity.as_str()).collect();
+            names.push(&link.identity);
+            errors.push(
+                sources
+                    .error(&place, "`extends` goes in a circle", "closes the circle")
+                    .remedy(format!("break one of the steps {}", names.join(" → "))),
+            );
+            return None;
+        }
+        sources.0.push(source);
+        links.push(link);
+    }
+}
+
+fn identity(path: &Path) -> String {
+    path.canonicalize().unwrap_or_else(|_| path.to_path_buf()).to_string_lossy().into_owned()
+}
+
+/// The file that `extends` names: a built-in, or a path beside the file that says so.
+fn find(extends: &str, from: &Link) -> std::result::Result<(Link, Source), String> {
+    if let Some(text) = builtin::text(extends) {
+        let source = Source { name: format!("{extends}.toml"), text: text.to_owned() };
+        return Ok((Link { identity: extends.to_owned(), folder: None }, source));
+    }
+    if let (Some(folder), true) = (&from.folder, extends.ends_with(".toml")) {
+        let path = folder.join(extends);
+        return match read_file(&path) {
+            Ok(text) => Ok((
+                Link { identity: identity(&path), folder: path.parent().map(Path::to_path_buf) },
+                Source { name: path.to_string_lossy().into_owned(), text },
+            )),
+            Err(e) => Err(format!("{}; it is looked for beside this file", e.message())),
+        };
+    }
+    Err(format!("{} A file beside this one is named with its .toml", unknown(extends)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn every_built_in_file_loads_and_every_file_is_built_in() {
+        for name in builtin_names() {
+            load(name).unwrap_or_else(|e| panic!("{name}: {}", crate::diagnostic::render(&e)));
+        }
+        let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/species"));
+        for (sub, prefix) in [("", ""), ("table3", "table3/")] {
+            for entry in std::fs::read_dir(folder.join(sub)).unwrap() {
+                let path = entry.unwrap().path();
+                if path.extension().is_some_and(|e| e == "toml") {
+                    let name = format!("{prefix}{}", path.file_stem().unwrap().to_string_lossy());
+                    assert!(builtin_names().contains(&name.as_str()), "{name} is not built in");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn sections_merge_key_by_key() {
+        let text = "extends = 'table3/10'\nname = 'Mine'\n[rule]\nangles = { alpha = 45, '!' = 10 }\n[size]\nheight_m = 3";
+        let own = load_text("mine", text).unwrap();
+        let base = load("table3/10").unwrap();
+        assert_eq!((own.name.as_str(), own.common.as_str()), ("Mine", "Mine"));
+        assert_eq!(own.builds_on.as_deref(), Some("table3/10"));
+        assert_eq!(own.size.height_m, 3.0);
+        assert_eq!(own.size.profile, base.size.profile);
+        let angle = |rule: &rule::Rule, c: char| {
+            let symbol = rule.symbols.iter().find(|s| s.name == c).unwrap();
+            match symbol.action {
+                rule::Action::Turn { angle, .. } => angle.to_degrees().abs().round(),
+                _ => panic!("{c} does not turn"),
+            }
+        };
+        // The file's own Greek letter beats the base's symbols; its own symbol beats both.
+        let angles = |rule| ['^', '@', '!', '#'].map(|c| angle(rule, c));
+        assert_eq!(angles(&base.rule), [30.0, 30.0, 50.0, 50.0]);
+        assert_eq!(angles(&own.rule), [45.0, 30.0, 10.0, 50.0]);
+    }
+
+    #[test]
+    fn files_extend_files_and_circles_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, text).unwrap();
+            path.to_string_lossy().into_owned()
+        };
+        write("base.toml", "extends = 'table3/13'\n[size]\nheight_m = 7\ncrown_diameter_m = 2");
+        let top = write("top.toml", "extends = 'base.toml'\n[size]\nheight_m = 9");
+        let species = load(&top).unwrap();
+        assert_eq!((species.size.height_m, species.size.crown_diameter_m), (9.0, 2.0));
+        assert_eq!(species.id, "top");
+
+        write("a.toml", "extends = 'b.toml'");
+        let b = write("b.toml", "extends = 'a.toml'");
+        let error = load(&b).unwrap_err();
+        assert_eq!(error.message(), "`extends` goes in a circle");
+        assert!(error.remedy_text().unwrap().matches(" → ").count() == 2);
+        let own = write("own.toml", "extends = 'own.toml'");
+        assert_eq!(load(&own).unwrap_err().message(), "`extends` goes in a circle");
+    }
+
+    #[test]
+    fn a_mistake_in_the_base_is_shown_in_the_base() {
+        let folder = tempfile::tempdir().unwrap();
+        let base = folder.path().join("base.toml");
+        std::fs::write(&base, "extends = 'table3/13'\n[size]\nhieght_m = 7").unwrap();
+        let top = folder.path().join("top.toml");
+        std::fs::write(&top, "extends = 'base.toml'").unwrap();
+        let shown = crate::diagnostic::render(&load(&top.to_string_lossy()).unwrap_err());
+        assert!(shown.contains("base.toml:3:1"), "{shown}");
+    }
+
+    #[test]
+    fn strangers_are_named() {
+        let error = load("larix_sibrica").unwrap_err();
+        assert_eq!(error.message(), "unknown species `larix_sibrica`");
+        assert!(error.remedy_text().unwrap().contains("did you mean `larix_sibirica`?"));
+        let error = load("nowhere/at_all.toml").unwrap_err();
+        assert!(error.to_string().starts_with("nowhere/at_all.toml: can't read the rule file"));
+    }
+
+    /// Whatever an author types, the answer is a species or an error that can be shown.
+    fn survives(text: &str) {
+        if let Err(error) = load_text("any", text) {
+            assert!(error.count() > 0);
+            let _ = crate::diagnostic::render(&error);
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(400))]
+
+        #[test]
+        fn no_text_panics(text in "\\PC{0,200}") {
+            survives(&text);
+        }
+
+        #[test]
+        fn no_rule_panics(
+            axiom in "[FAXS\\[\\]()a0-9.,^&+*/ é→-]{0,40}",
+            production in "[FAXS\\[\\]()<>:a0-9.,^&|!=+*/ é→-]{0,60}",
+            heading in any::<bool>(),
+        ) {
+            let turtle = if heading { "heading" } else { "upright" };
+            survives(&format!("[rule]\nturtle = '{turtle}'\naxiom = '{axiom}'\nproductions = ['F(a) -> {production}', '{production}']"));
+        }
+
+        #[test]
+        fn no_edit_of_a_sound_file_panics(at in 0usize..400, put in "\\PC{0,3}", cut in 0usize..4) {
+            let mut text: Vec<char> = builtin::text("table3/09").unwrap_or("").chars().collect();
+            let at = at.min(text.len());
+            let end = (at + cut).min(text.len());
+            text.splice(at..end, put.chars());
+            survives(&text.into_iter().collect::<String>());
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! Every message of the rule language, pinned whole: file, line, column, caret and remedy.
+
+use super::load_text;
+use crate::diagnostic::render;
+
+/// A sound rule, to be spoiled in one place.
+const SOUND: &str = r"[rule]
+axiom = 'F(a)'
+productions = [
+    'F(a) -> F(a)[^F(0.5a)][&F(0.5a)]',
+]
+angles = { alpha = 30 }
+iterations = 3
+";
+
+/// Name of the case, what to replace in [`SOUND`], by what.
+const CASES: &[(&str, &str, &str)] = &[
+    ("not TOML", "axiom = ", "axiom "),
+    ("unknown key", "angles =", "angels ="),
+    ("unknown section", "[rule]", "[rules]"),
+    ("unknown top key", "[rule]", "branchng = 'sympodial'\n[rule]"),
+    ("unknown value", "[rule]", "kind = 'conifr'\n[rule]"),
+    ("wrong type", "iterations = 3", "iterations = 'three'"),
+    ("negative count", "iterations = 3", "iterations = -1"),
+    ("too many iterations", "iterations = 3", "iterations = 900"),
+    ("empty axiom", "'F(a)'", "''"),
+    ("bracket never opened", "[&F", "&F"),
+    ("bracket never closed", ")][&", ")[&"),
+    (
+        "bracket in an escaped string",
+        "'F(a) -> F(a)[^F(0.5a)][&F(0.5a)]'",
+        r#""F(a) -> F(a)[\\F(0.5a)]]""#,
+    ),
+    ("parenthesis never closed", "F(a)[^F(0.5a)]", "F(a)[^F(0.5a]"),
+    ("too many parameters", "[&F(0.5a)]", "[&F(0.5a, 2)]"),
+    ("decimal comma", "[&F(0.5a)]", "[&F(0,5a)]"),
+    ("no parameter", "[&F(0.5a)]", "[&F]"),
+    ("unknown letter", "[&F(0.5a)]", "[&K(0.5a)]"),
+    ("unknown command", "[&F", "[+F"),
+    ("no angle", "angles = { alpha = 30 }", ""),
+    ("angle of no use", "alpha = 30", "alpha = 30, beta = 20"),
+    ("misspelt angle", "alpha = 30", "alfa = 30"),
+    ("angle of another turtle", "alpha = 30", "alpha = 30, '+' = 20"),
+    ("angle out of range", "alpha = 30", "alpha = 3000"),
+    ("unknown name", "F(0.5a)][&", "F(0.5b)][&"),
+    ("division by zero", "F(0.5a)][&", "F(a/(2-2))][&"),
+    ("division by a constant of 0", "F(a)[^F(0.5a)]", "F(a)[^F(a/k)]"),
+    ("constant of no use", "iterations = 3", "iterations = 3\nconstants = { k = 2 }"),
+    ("constant with a taken name", "iterations = 3", "iterations = 3\nconstants = { a = 2 }"),
+    ("no arrow", "F(a) -> F(a)", "F(a) = F(a)"),
+    ("nothing but a symbol", "F(a) -> F(a)[^F(0.5a)][&F(0.5a)]", "F(a)"),
+    ("left context without a symbol", "F(a) -> ", "< F(a) -> "),
+    ("right context without a symbol", "F(a) -> ", "F(a) > -> "),
+    ("second arrow", "[&F", "-> [&F"),
+    ("no successor", "F(a) -> F(a)[^F(0.5a)][&F(0.5a)]", "F(a) ->"),
+    ("two predecessors", "F(a) -> ", "F(a)F(b) -> "),
+    ("command replaced", "F(a) -> ", "^ -> "),
+    ("number before the arrow", "F(a) -> ", "F(0.5) -> "),
+    ("one name twice", "F(a) -> ", "F(a, a) -> "),
+    ("never comes up", "(0.5a)]',", "(0.5a)]',\n    'G(a) -> F(a)',"),
+    ("always shadowed", "(0.5a)]',", "(0.5a)]',\n    'F(a) -> F(2a)',"),
+    ("condition always false", "F(a) -> ", "F(a) : 1 > 2 -> "),
+    ("weight below 0", "F(a) -> ", "F(a) -> (-1) "),
+    ("unknown base", "[rule]", "extends = 'table3/31'\n[rule]"),
+    (
+        "profile not rising",
+        "iterations = 3",
+        "iterations = 3\n[size]\nprofile = [[0.0, 0.5], [0.6, 1.0], [0.4, 0.2]]",
+    ),
+    (
+        "profile point of three",
+        "iterations = 3",
+        "iterations = 3\n[size]\nprofile = [[0.0, 0.5, 1.0]]",
+    ),
+    ("size out of range", "iterations = 3", "iterations = 3\n[size]\nheight_m = -4"),
+    ("colour out of range", "iterations = 3", "iterations = 3\n[bark]\ncolour = [300, 0, 0]"),
+    ("luminance upside down", "[rule]", "luminance = [190, 160]\n[rule]"),
+    ("not finite", "iterations = 3", "iterations = 3\n[size]\nheight_m = nan"),
+];
+
+fn message(text: &str) -> String {
+    match load_text("birch", text) {
+        Ok(_) => "no error\n".into(),
+        Err(error) => render(&error),
+    }
+}
+
+#[test]
+fn the_sound_rule_is_sound() {
+    load_text("birch", SOUND).unwrap();
+}
+
+#[test]
+fn every_mistake_has_a_place_and_a_remedy() {
+    let mut all = String::new();
+    for (name, from, to) in CASES {
+        assert!(SOUND.contains(from), "{name}: `{from}` is not in the sound rule");
+        let mut spoilt = SOUND.replacen(from, to, 1);
+        if *name == "division by a constant of 0" {
+            spoilt.push_str("constants = { k = 0 }\n");
+        }
+        let shown = message(&spoilt);
+        assert!(shown.contains("birch.toml"), "{name}: {shown}");
+        assert!(shown.contains("help: "), "{name}: {shown}");
+        all.push_str(&format!("── {name}\n{shown}\n"));
+    }
+    insta::assert_snapshot!("mistakes", all);
+}
+
+#[test]
+fn several_mistakes_come_in_one_run() {
+    let text = r"
+colour = 'red'
+kind = 'tree'
+[rule]
+axiom = 'F(a)['
+productions = ['F(a) -> F(0.5c)', 'F(a) -> ]', 'G -> ']
+iteration = 4
+[size]
+height_m = 'tall'
+crown_base = 2.0
+[bark]
+relief = 1
+";
+    let error = load_text("birch", text).unwrap_err();
+    assert!(error.count() >= 8, "{}", error.count());
+    insta::assert_snapshot!("several", render(&error));
+}

@@ -1,0 +1,554 @@
+//! The `[rule]` section of a rule file to a [`Rule`], with every mistake at its place.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+use super::dialect::{Action, Command, Dialect};
+use super::expr::{Cursor, Scope, Shape, Slip, is_name_part, is_name_start};
+use super::parse::{self, Module, Parsed, Pattern};
+use super::text::Text;
+use super::{FIRST_SHOOT, Production, Rule, Symbol, Template};
+use crate::diagnostic::Error;
+use crate::species::near::suggest;
+use crate::species::node::{self, Entry, Node, Place, Sources};
+
+/// Iterations beyond this can't end well: the least growing rule has doubled a million times.
+const MAX_ITERATIONS: u32 = 64;
+/// Symbols of one alphabet: they are kept as bytes.
+const MAX_SYMBOLS: usize = 250;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Section {
+    turtle: Dialect,
+    axiom: String,
+    productions: Vec<String>,
+    iterations: u32,
+    a: f64,
+    #[serde(default)]
+    #[allow(dead_code)]
+    angles: Option<IgnoredAny>,
+    #[serde(default)]
+    #[allow(dead_code)]
+    constants: Option<IgnoredAny>,
+    /// Letters that draw beside the dialect's own.
+    draws: String,
+    /// Letters that stand for nothing and are meant to.
+    markers: String,
+    /// Symbols that contexts look past.
+    ignore: String,
+}
+
+/// Compiles the section. `None` where there were errors.
+pub fn compile(
+    rule: &Node,
+    defaults: &Node,
+    sources: &Sources,
+    errors: &mut Vec<Error>,
+) -> Option<Rule> {
+    let before = errors.len();
+    let section: Section = node::typed(rule, defaults, sources, errors)?;
+    let mut compiler = Compiler {
+        rule,
+        sources,
+        dialect: section.turtle,
+        draws: section.draws,
+        markers: section.markers,
+        angles: BTreeMap::new(),
+        angle_entries: Vec::new(),
+        symbols: Vec::new(),
+        arity: BTreeMap::new(),
+        constants: Vec::new(),
+        errors,
+    };
+    if section.iterations > MAX_ITERATIONS {
+        compiler.error(
+            &compiler.key("iterations"),
+            format!("`iterations` is {}, more than {MAX_ITERATIONS}", section.iterations),
+            "a tree needs 2 to 8",
+        );
+    }
+    if !(section.a.is_finite() && section.a > 0.0) {
+        compiler.error(
+            &compiler.key("a"),
+            "`a` must be above 0".into(),
+            "give the first shoot's length in metres",
+        );
+    }
+    compiler.read_angles();
+    compiler.read_constants(section.a);
+    let productions = compiler.parse_productions(&section.productions);
+    let (axiom, axiom_text) = compiler.parse_axiom(&section.axiom);
+    if compiler.errors.len() > before {
+        return None;
+    }
+    let rule = compiler.link(&axiom, &axiom_text, productions, section.iterations, &section.ignore);
+    (errors.len() == before).then_some(rule)
+}
+
+/// A production as written and its text.
+struct Written<'a> {
+    text: Text<'a>,
+    parsed: Parsed,
+}
+
+struct Angle {
+    degrees: f64,
+    /// Which line of `angles` it comes from.
+    entry: usize,
+}
+
+struct Compiler<'a> {
+    rule: &'a Node,
+    sources: &'a Sources,
+    dialect: Dialect,
+    draws: String,
+    markers: String,
+    angles: BTreeMap<char, Angle>,
+    /// Place, name and whether it was used, of each line of `angles`.
+    angle_entries: Vec<(Place, String, bool)>,
+    symbols: Vec<Symbol>,
+    /// Parameters of each letter.
+    arity: BTreeMap<char, usize>,
+    constants: Vec<(String, Option<f64>)>,
+    errors: &'a mut Vec<Error>,
+}
+
+impl Compiler<'_> {
+    fn key(&self, key: &str) -> Place {
+        self.rule.get(key).map_or_else(|| self.rule.place.clone(), |n| n.place.clone())
+    }
+
+    fn error(&mut self, place: &Place, message: String, remedy: &str) {
+        self.errors.push(self.sources.error(place, message, "here").remedy(remedy));
+    }
+
+    fn slip(&mut self, text: &Text<'_>, slip: Slip) {
+        let place = text.place(slip.span);
+        self.errors.push(self.sources.error(&place, slip.message, &slip.label).remedy(slip.remedy));
+    }
+
+    /// The lines of a table such as `angles`, those of the base first.
+    fn lines(&mut self, key: &str) -> Vec<Entry> {
+        let Some(table) = self.rule.get(key) else { return Vec::new() };
+        if !matches!(table.value, node::Value::Table(_)) {
+            let place = table.place.clone();
+            self.error(
+                &place,
+                format!("`{key}` must be a table"),
+                &format!("write `{key} = {{ name = 30 }}` or a section `[rule.{key}]`"),
+            );
+            return Vec::new();
+        }
+        let mut lines = table.entries().to_vec();
+        lines.sort_by_key(|e| std::cmp::Reverse(e.key_place.source));
+        lines
+    }
+
+    /// The angles: in one file a symbol's own beats that of its Greek letter, and a file beats
+    /// what it extends.
+    fn read_angles(&mut self) {
+        let mut lines = self.lines("angles");
+        let dialect = self.dialect;
+        lines.sort_by_key(|e| {
+            let is_symbol = !e.key.starts_with(|c: char| c.is_alphabetic());
+            (std::cmp::Reverse(e.key_place.source), is_symbol)
+        });
+        for line in lines {
+            let degrees = match line.node.as_number() {
+                Some(x) if x.is_finite() && x.abs() <= 360.0 => x,
+                _ => {
+                    self.error(
+                        &line.node.place,
+                        format!("the angle of `{}` must be a number of degrees", line.key),
+                        "give a number from -360 to 360",
+                    );
+                    continue;
+                }
+            };
+            let entry = self.angle_entries.len();
+            let mut set = Vec::new();
+            if dialect.greek().contains(&line.key.as_str()) {
+                set.extend((0u8..128).map(char::from).filter(|c| {
+                    matches!(dialect.command(*c),
+                        Some(Command::Turn { greek, .. }) if greek == line.key)
+                }));
+            } else {
+                for c in line.key.chars().filter(|c| !c.is_whitespace()) {
+                    match dialect.command(c) {
+                        Some(Command::Turn { .. }) => set.push(c),
+                        _ => {
+                            set.clear();
+                            break;
+                        }
+                    }
+                }
+            }
+            if set.is_empty() {
+                let remedy = match suggest(&line.key, dialect.greek()) {
+                    near if near.starts_with("did") => near,
+                    _ => format!(
+                        "name {} or turning symbols in quotes, such as '&^'",
+                        dialect.greek().join(", ")
+                    ),
+                };
+                self.error(
+                    &line.key_place,
+                    format!("`{}` is not an angle of this turtle", line.key),
+                    &remedy,
+                );
+                continue;
+            }
+            // An inherited angle may be of no use here: that is no mistake of this file.
+            let is_used = line.key_place.source != 0;
+            self.angle_entries.push((line.key_place, line.key, is_used));
+            for c in set {
+                self.angles.insert(c, Angle { degrees, entry });
+            }
+        }
+    }
+
+    fn read_constants(&mut self, first_shoot: f64) {
+        self.constants.push((FIRST_SHOOT.into(), Some(first_shoot)));
+        for line in self.lines("constants") {
+            let name = line.key.as_str();
+            if name == FIRST_SHOOT
+                || !name.starts_with(is_name_start)
+                || !name.chars().all(is_name_part)
+                || super::expr::FUNCTIONS.iter().any(|(f, _)| *f == name)
+            {
+                let remedy = if name == FIRST_SHOOT {
+                    "`a` is the first shoot's length: set it as `a = …` under `[rule]`"
+                } else {
+                    "use letters, digits and `_`, and no function's name"
+                };
+                self.error(&line.key_place, format!("`{name}` can't name a constant"), remedy);
+                continue;
+            }
+            match line.node.as_number() {
+                Some(x) if x.is_finite() => self.constants.push((name.to_owned(), Some(x))),
+                _ => self.error(
+                    &line.node.place,
+                    format!("the constant `{name}` must be a number"),
+                    "give a finite number",
+                ),
+            }
+        }
+    }
+
+    fn texts(&self, key: &str) -> Vec<Place> {
+        match self.rule.get(key).map(|n| &n.value) {
+            Some(node::Value::Array(items)) => items.iter().map(|n| n.place.clone()).collect(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// Sets an arity on first sight, and refuses another later.
+    fn take_arity(&mut self, text: &Text<'_>, symbol: char, span: &Range<usize>, given: usize) {
+        let known = match self.dialect.command(symbol) {
+            Some(_) if given <= 1 => return,
+            Some(_) => 1,
+            None => *self.arity.entry(symbol).or_insert(given),
+        };
+        if known != given {
+            let s = if known == 1 { "" } else { "s" };
+            let slip = Slip::new(
+                span.clone(),
+                format!("`{symbol}` takes {known} parameter{s}, {given} given"),
+                match given {
+                    2 if known == 1 => "write decimals with a point: `F(0.5a)`".to_owned(),
+                    _ => format!("write `{symbol}` everywhere with the same number of parameters"),
+                },
+            );
+            self.slip(text, slip);
+        }
+    }
+
+    fn parse_productions<'t>(&mut self, texts: &'t [String]) -> Vec<Written<'t>> {
+        let places = self.texts("productions");
+        let mut written = Vec::new();
+        for (text, place) in texts.iter().zip(&places) {
+            let text = Text::new(text, place, self.sources);
+            let mut slips = Vec::new();
+            let parsed = parse::production(text.text, self.dialect, &self.constants, &mut slips);
+            for slip in slips {
+                self.slip(&text, slip);
+            }
+            if let Some(parsed) = parsed {
+                written.push(Written { text, parsed });
+            }
+        }
+        for Written { text, parsed } in &written {
+            let patterns = parsed.left.iter().chain([&parsed.predecessor]).chain(&parsed.right);
+            for p in patterns {
+                self.take_arity(text, p.symbol, &p.span, p.factors.len());
+            }
+        }
+        for Written { text, parsed } in &written {
+            for m in &parsed.successor {
+                self.take_arity(text, m.symbol, &m.span, m.args.len());
+            }
+        }
+        written
+    }
+
+    fn parse_axiom<'t>(&mut self, axiom: &'t str) -> (Vec<Module>, Text<'t>) {
+        let place = self.key("axiom");
+        let text = Text::new(axiom, &place, self.sources);
+        let scope_constants = self.constants.clone();
+        let scope = Scope { locals: &[], globals: &scope_constants };
+        let mut slips = Vec::new();
+        let before = self.errors.len();
+        let modules = parse::modules(&mut Cursor::new(axiom), self.dialect, scope, &mut slips);
+        for slip in slips {
+            self.slip(&text, slip);
+        }
+        if modules.is_empty() && self.errors.len() == before {
+            self.error(
+                &place,
+                "the axiom is empty".into(),
+                "write what growth begins with, for example `axiom = 'F(a)'`",
+            );
+        }
+        for m in &modules {
+            self.take_arity(&text, m.symbol, &m.span, m.args.len());
+        }
+        (modules, text)
+    }
+
+    /// The id of a symbol, made on first sight.
+    fn symbol(&mut self, text: &Text<'_>, name: char, span: &Range<usize>, given: usize) -> u8 {
+        let name = if name == '−' { '-' } else { name };
+        let found =
+            self.symbols.iter().position(|s| s.name == name && usize::from(s.parameters) == given);
+        if let Some(i) = found {
+            return i as u8;
+        }
+        if self.symbols.len() >= MAX_SYMBOLS {
+            let message = format!("more than {MAX_SYMBOLS} symbols");
+            self.slip(text, Slip::new(span.clone(), message, "use fewer letters"));
+            return 0;
+        }
+        let action = match self.dialect.command(name) {
+            Some(Command::Fixed(action)) => action,
+            Some(Command::Turn { axis, sign, greek }) => {
+                let degrees = match self.angles.get(&name) {
+                    Some(angle) => {
+                        if let Some(entry) = self.angle_entries.get_mut(angle.entry) {
+                            entry.2 |= given == 0;
+                        }
+                        angle.degrees
+                    }
+                    None if given == 0 => {
+                        let slip = Slip::new(
+                            span.clone(),
+                            format!("`{name}` has no angle"),
+                            format!(
+                                "set it: `angles = {{ {greek} = 30 }}` or `angles = {{ '{name}' = 30 }}`"
+                            ),
+                        );
+                        self.slip(text, slip);
+                        0.0
+                    }
+                    None => 0.0,
+                };
+                Action::Turn {
+                    axis,
+                    angle: if given == 0 { sign * degrees.to_radians() } else { sign },
+                }
+            }
+            None => self.dialect.letter(name, given, &self.draws),
+        };
+        self.symbols.push(Symbol { name, parameters: given as u8, action });
+        (self.symbols.len() - 1) as u8
+    }
+
+    fn template(&mut self, text: &Text<'_>, modules: &[Module]) -> Template {
+        let mut template = Template { symbols: Vec::new(), arguments: Vec::new() };
+        for m in modules {
+            let id = self.symbol(text, m.symbol, &m.span, m.args.len());
+            template.symbols.push(id);
+            template.arguments.extend(m.args.iter().cloned());
+        }
+        template
+    }
+
+    fn context(&mut self, text: &Text<'_>, patterns: &[Pattern]) -> Vec<u8> {
+        patterns.iter().map(|p| self.symbol(text, p.symbol, &p.span, p.factors.len())).collect()
+    }
+
+    /// Gives symbols their ids and checks what only the whole rule shows.
+    fn link(
+        &mut self,
+        axiom: &[Module],
+        axiom_text: &Text<'_>,
+        written: Vec<Written<'_>>,
+        iterations: u32,
+        ignore: &str,
+    ) -> Rule {
+        let axiom_template = self.template(axiom_text, axiom);
+        let mut productions = Vec::new();
+        for Written { text, parsed } in &written {
+            let p = &parsed.predecessor;
+            let factors =
+                parsed.left.iter().chain([p]).chain(&parsed.right).flat_map(|p| &p.factors);
+            let production = Production {
+                text: text.text.trim().to_owned(),
+                inverse_factors: factors.map(|f| 1.0 / f).collect(),
+                predecessor: self.symbol(text, p.symbol, &p.span, p.factors.len()),
+                left: self.context(text, &parsed.left),
+                right: self.context(text, &parsed.right),
+                condition: parsed.condition.as_ref().map(|(code, _)| code.clone()),
+                weight: parsed.weight.as_ref().map(|(code, _)| code.clone()),
+                successor: self.template(text, &parsed.successor),
+            };
+            productions.push(production);
+        }
+        self.check_meaning(axiom, axiom_text, &written);
+        self.check_reach(&axiom_template, &written, &productions);
+        self.check_use(&axiom_template, &productions);
+        let constants = self.constants.iter().map(|(n, v)| (n.clone(), v.unwrap_or(1.0))).collect();
+        Rule {
+            dialect: self.dialect,
+            iterations,
+            is_ignored: self.symbols.iter().map(|s| ignore.contains(s.name)).collect(),
+            symbols: std::mem::take(&mut self.symbols),
+            axiom: axiom_template,
+            productions,
+            constants,
+        }
+    }
+
+    /// Letters that neither draw nor are replaced are slips, unless listed as markers.
+    fn check_meaning(&mut self, axiom: &[Module], axiom_text: &Text<'_>, written: &[Written<'_>]) {
+        let mut known: Vec<char> = written.iter().map(|w| w.parsed.predecessor.symbol).collect();
+        known.extend(self.markers.chars());
+        for w in written {
+            known.extend(w.parsed.left.iter().chain(&w.parsed.right).map(|p| p.symbol));
+        }
+        let modules = axiom
+            .iter()
+            .map(|m| (axiom_text, m))
+            .chain(written.iter().flat_map(|w| w.parsed.successor.iter().map(|m| (&w.text, m))));
+        for (text, m) in modules {
+            let is_letter = self.dialect.command(m.symbol).is_none();
+            let action = self.dialect.letter(m.symbol, m.args.len(), &self.draws);
+            if is_letter && action == Action::Nothing && !known.contains(&m.symbol) {
+                known.push(m.symbol);
+                let slip = Slip::new(
+                    m.span.clone(),
+                    format!(
+                        "unknown symbol `{}`: it draws nothing and nothing replaces it",
+                        m.symbol
+                    ),
+                    format!(
+                        "add a production `{0} -> …`, or `draws = '{0}'`, or `markers = '{0}'` if it is meant to do nothing",
+                        m.symbol
+                    ),
+                );
+                self.slip(text, slip);
+            }
+        }
+    }
+
+    /// A production whose predecessor never comes up, or that another always precedes.
+    fn check_reach(
+        &mut self,
+        axiom: &Template,
+        written: &[Written<'_>],
+        productions: &[Production],
+    ) {
+        let mut reached = vec![false; self.symbols.len()];
+        let mut fresh: Vec<u8> = axiom.symbols.clone();
+        while let Some(id) = fresh.pop() {
+            match reached.get_mut(usize::from(id)) {
+                Some(r) if !*r => *r = true,
+                _ => continue,
+            }
+            for p in productions.iter().filter(|p| p.predecessor == id) {
+                fresh.extend(&p.successor.symbols);
+            }
+        }
+        let globals = parse::values(&self.constants);
+        for (i, (p, w)) in productions.iter().zip(written).enumerate() {
+            let name = w.parsed.predecessor.symbol;
+            let constant = |code: &Option<super::Code>| match code.as_ref()?.shape(&globals) {
+                Shape::Constant(x) => Some(x),
+                _ => None,
+            };
+            let earlier = productions.iter().take(i).position(|q| {
+                q.predecessor == p.predecessor
+                    && q.condition.is_none()
+                    && q.weight.is_none()
+                    && (q.left.is_empty() || q.left == p.left)
+                    && (q.right.is_empty() || q.right == p.right)
+            });
+            let (reason, remedy) = if !reached.get(usize::from(p.predecessor)).is_some_and(|r| *r) {
+                (
+                    format!("`{name}` never comes up"),
+                    format!("put `{name}` into the axiom or a successor, or remove the production"),
+                )
+            } else if let Some(j) = earlier {
+                (
+                    format!("production {} always replaces `{name}` first", j + 1),
+                    "give both a weight, `-> (0.5) …`, or a condition, `: a > 0.1`".into(),
+                )
+            } else if constant(&p.condition) == Some(0.0) {
+                ("its condition is always false".into(), "change the condition".into())
+            } else if constant(&p.weight) == Some(0.0) {
+                ("its weight is 0".into(), "give it a weight above 0".into())
+            } else {
+                continue;
+            };
+            let slip = Slip::new(
+                w.parsed.predecessor.span.clone(),
+                format!("production can never apply: {reason}"),
+                remedy,
+            );
+            self.slip(&w.text, slip);
+        }
+    }
+
+    /// Angles and constants this file sets to no effect.
+    fn check_use(&mut self, axiom: &Template, productions: &[Production]) {
+        let idle: Vec<(Place, String)> = self
+            .angle_entries
+            .iter()
+            .filter(|(_, _, used)| !used)
+            .map(|(place, name, _)| (place.clone(), name.clone()))
+            .collect();
+        for (place, name) in idle {
+            self.error(
+                &place,
+                format!("the angle `{name}` is not used"),
+                "remove it, or use one of its symbols in a production",
+            );
+        }
+        let mut is_used = vec![false; self.constants.len()];
+        let codes = productions
+            .iter()
+            .flat_map(|p| p.condition.iter().chain(&p.weight).chain(&p.successor.arguments))
+            .chain(&axiom.arguments);
+        for code in codes {
+            code.globals(|i| {
+                if let Some(used) = is_used.get_mut(i) {
+                    *used = true;
+                }
+            });
+        }
+        for line in self.lines("constants") {
+            let at = self.constants.iter().position(|(n, _)| *n == line.key);
+            let used = at.and_then(|i| is_used.get(i)).copied().unwrap_or(true);
+            if !used && line.key_place.source == 0 {
+                self.error(
+                    &line.key_place,
+                    format!("the constant `{}` is not used", line.key),
+                    "remove it, or use it in a production",
+                );
+            }
+        }
+    }
+}

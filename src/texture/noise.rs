@@ -1,0 +1,147 @@
+//! Noise that repeats: gradient noise (Perlin 2002, with quintic fade) and cellular noise
+//! (Worley 1996) on a torus, so that a picture made from them tiles without a seam.
+
+use crate::seed::Seed;
+
+/// A field of noise of its own.
+#[derive(Debug, Clone, Copy)]
+pub struct Noise {
+    seed: u32,
+}
+
+/// What cellular noise finds around a place; distances in cells.
+#[derive(Debug, Clone, Copy)]
+pub struct Cellular {
+    /// Distance to the border with the second nearest cell.
+    pub border: f32,
+    /// Offset from the nearest feature point.
+    pub offset: [f32; 2],
+    /// Draw of the nearest cell, 0…1.
+    pub draw: f32,
+}
+
+fn fade(t: f32) -> f32 {
+    t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
+}
+
+pub fn mix(a: f32, b: f32, t: f32) -> f32 {
+    a + (b - a) * t
+}
+
+/// 0 below `low`, 1 above `high`, smooth between.
+pub fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
+    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
+impl Noise {
+    pub fn new(seed: Seed, name: &str) -> Self {
+        Noise { seed: seed.derive(name, 0).draws().bits() as u32 }
+    }
+
+    /// 32 bits for a lattice point, wrapped to the period.
+    fn hash(self, x: i32, y: i32, period: [u32; 2]) -> u32 {
+        let x = x.rem_euclid(period[0] as i32) as u32;
+        let y = y.rem_euclid(period[1] as i32) as u32;
+        let mut h = self.seed ^ x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77);
+        h = (h ^ (h >> 16)).wrapping_mul(0x7feb_352d);
+        h = (h ^ (h >> 15)).wrapping_mul(0x846c_a68b);
+        h ^ (h >> 16)
+    }
+
+    /// Gradient noise, about −1…1; `period` lattice cells fill the unit square.
+    pub fn gradient(self, u: f32, v: f32, period: [u32; 2]) -> f32 {
+        let (x, y) = (u * period[0] as f32, v * period[1] as f32);
+        let (ix, iy) = (x.floor(), y.floor());
+        let (fx, fy) = (x - ix, y - iy);
+        let (ix, iy) = (ix as i32, iy as i32);
+        let corner = |dx: i32, dy: i32| {
+            let h = self.hash(ix + dx, iy + dy, period);
+            // Eight even directions.
+            const D: f32 = std::f32::consts::FRAC_1_SQRT_2;
+            const DIRECTIONS: [[f32; 2]; 8] = [
+                [1.0, 0.0],
+                [D, D],
+                [0.0, 1.0],
+                [-D, D],
+                [-1.0, 0.0],
+                [-D, -D],
+                [0.0, -1.0],
+                [D, -D],
+            ];
+            let g = DIRECTIONS[(h & 7) as usize];
+            g[0] * (fx - dx as f32) + g[1] * (fy - dy as f32)
+        };
+        let (sx, sy) = (fade(fx), fade(fy));
+        let low = mix(corner(0, 0), corner(1, 0), sx);
+        let high = mix(corner(0, 1), corner(1, 1), sx);
+        1.5 * mix(low, high, sy)
+    }
+
+    /// Octaves of gradient noise, each twice as fine and half as strong; about −1…1.
+    pub fn fractal(self, u: f32, v: f32, period: [u32; 2], octaves: u32) -> f32 {
+        let (mut sum, mut weight, mut total) = (0.0, 1.0, 0.0);
+        let mut field = self;
+        let mut p = period;
+        for _ in 0..octaves.min(8) {
+            sum += weight * field.gradient(u, v, p);
+            total += weight;
+            weight *= 0.5;
+            p = [p[0] * 2, p[1] * 2];
+            field.seed = field.seed.wrapping_add(0x9e37_79b9);
+        }
+        sum / total
+    }
+
+    /// Cellular noise with `period` cells a side; `jitter` 0 (grid) … 1 (free).
+    pub fn cells(self, u: f32, v: f32, period: [u32; 2], jitter: f32) -> Cellular {
+        let (x, y) = (u * period[0] as f32, v * period[1] as f32);
+        let (ix, iy) = (x.floor() as i32, y.floor() as i32);
+        let (mut first, mut second) = ([0.0f32; 2], [0.0f32; 2]);
+        let (mut first_sq, mut second_sq) = (f32::INFINITY, f32::INFINITY);
+        let mut draw = 0.0;
+        for dy in -1..=1 {
+            for dx in -1..=1 {
+                let h = self.hash(ix + dx, iy + dy, period);
+                let jx = 0.5 + jitter * ((h & 0xffff) as f32 / 65536.0 - 0.5);
+                let jy = 0.5 + jitter * ((h >> 16) as f32 / 65536.0 - 0.5);
+                let o = [(ix + dx) as f32 + jx - x, (iy + dy) as f32 + jy - y];
+                let d_sq = o[0] * o[0] + o[1] * o[1];
+                if d_sq < first_sq {
+                    (second, second_sq) = (first, first_sq);
+                    (first, first_sq) = (o, d_sq);
+                    draw = (h.wrapping_mul(0x9e37_79b1) >> 8) as f32 / (1u32 << 24) as f32;
+                } else if d_sq < second_sq {
+                    (second, second_sq) = (o, d_sq);
+                }
+            }
+        }
+        let apart = [second[0] - first[0], second[1] - first[1]];
+        let length = (apart[0] * apart[0] + apart[1] * apart[1]).sqrt().max(1e-6);
+        Cellular {
+            border: (second_sq - first_sq) / (2.0 * length),
+            offset: [-first[0], -first[1]],
+            draw,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_repeats_and_stays_in_range() {
+        let n = Noise::new(Seed::new(3), "test");
+        let mut spread = (f32::INFINITY, f32::NEG_INFINITY);
+        for i in 0..4000 {
+            let (u, v) = ((i as f32 * 0.618_034).fract(), (i as f32 * 0.414_214).fract());
+            let here = n.fractal(u, v, [5, 3], 4);
+            assert!((here - n.fractal(u + 1.0, v - 1.0, [5, 3], 4)).abs() < 2e-3);
+            let (a, b) = (n.cells(u, v, [6, 4], 0.9), n.cells(u - 1.0, v + 1.0, [6, 4], 0.9));
+            assert!((a.border - b.border).abs() < 1e-4 && a.draw == b.draw);
+            spread = (spread.0.min(here), spread.1.max(here));
+        }
+        assert!(spread.0 > -1.2 && spread.1 < 1.2 && spread.1 - spread.0 > 0.8, "{spread:?}");
+    }
+}

@@ -1,0 +1,266 @@
+use super::*;
+use crate::species::model::*;
+
+/// Species of every leaf shape and bark style, for tests of both rooms.
+pub(crate) fn samples() -> Vec<Species> {
+    type Row<'a> = (
+        &'a str,
+        Kind,
+        LeafShape,
+        [f32; 2],
+        [u8; 3],
+        f32,
+        f32,
+        BarkStyle,
+        [u8; 3],
+        [u8; 3],
+        Option<[u8; 3]>,
+    );
+    let rows: Vec<Row> = vec![
+        (
+            "larch",
+            Kind::Conifer,
+            LeafShape::Tuft,
+            [0.03, 0.0012],
+            [118, 142, 58],
+            0.35,
+            0.3,
+            BarkStyle::Furrows,
+            [128, 102, 84],
+            [58, 42, 34],
+            None,
+        ),
+        (
+            "spruce",
+            Kind::Conifer,
+            LeafShape::Needle,
+            [0.018, 0.0013],
+            [62, 84, 46],
+            0.4,
+            0.25,
+            BarkStyle::Scales,
+            [112, 92, 78],
+            [62, 50, 44],
+            None,
+        ),
+        (
+            "pine",
+            Kind::Conifer,
+            LeafShape::Bundle,
+            [0.06, 0.0015],
+            [82, 106, 62],
+            0.35,
+            -0.2,
+            BarkStyle::Plates,
+            [134, 104, 82],
+            [54, 40, 34],
+            Some([196, 124, 72]),
+        ),
+        (
+            "birch",
+            Kind::Broadleaf,
+            LeafShape::Deltoid,
+            [0.05, 0.038],
+            [104, 134, 52],
+            0.4,
+            0.6,
+            BarkStyle::Birch,
+            [226, 222, 212],
+            [46, 40, 38],
+            Some([120, 92, 78]),
+        ),
+        (
+            "oak",
+            Kind::Broadleaf,
+            LeafShape::Lobed,
+            [0.1, 0.06],
+            [82, 112, 44],
+            0.45,
+            0.1,
+            BarkStyle::Furrows,
+            [122, 112, 100],
+            [56, 48, 42],
+            None,
+        ),
+        (
+            "aspen",
+            Kind::Broadleaf,
+            LeafShape::Round,
+            [0.05, 0.05],
+            [100, 130, 66],
+            0.4,
+            0.2,
+            BarkStyle::Smooth,
+            [166, 168, 148],
+            [70, 68, 58],
+            None,
+        ),
+        (
+            "willow",
+            Kind::Shrub,
+            LeafShape::Lanceolate,
+            [0.08, 0.015],
+            [112, 136, 84],
+            0.4,
+            0.3,
+            BarkStyle::Smooth,
+            [128, 120, 96],
+            [66, 58, 46],
+            None,
+        ),
+        (
+            "linden",
+            Kind::Broadleaf,
+            LeafShape::Ovate,
+            [0.07, 0.05],
+            [88, 122, 48],
+            0.4,
+            0.1,
+            BarkStyle::Furrows,
+            [118, 110, 100],
+            [60, 54, 50],
+            None,
+        ),
+    ];
+    rows.into_iter()
+        .map(|(id, kind, shape, leaf, colour, twig, droop, style, light, dark, upper)| {
+            let mut s = crate::species::load("quercus_robur").unwrap();
+            s.id = id.into();
+            s.kind = kind;
+            s.foliage.shape = shape;
+            [s.foliage.leaf_length_m, s.foliage.leaf_width_m] = leaf;
+            s.foliage.colour = colour;
+            s.foliage.twig_length_m = twig;
+            s.foliage.droop = droop;
+            s.bark = Bark { style, colour: light, dark, upper, relief_m: 0.012 };
+            s
+        })
+        .collect()
+}
+
+fn mean_step(p: &Picture, pair: impl Fn(u32) -> ([u32; 2], [u32; 2])) -> f64 {
+    let mut sum = 0.0;
+    for k in 0..p.width {
+        let (a, b) = pair(k);
+        for c in 0..3 {
+            sum += (f64::from(p.at(a[0], a[1])[c]) - f64::from(p.at(b[0], b[1])[c])).abs();
+        }
+    }
+    sum / f64::from(p.width)
+}
+
+/// The step over the seam is no larger than steps inside.
+fn assert_tiles(p: &Picture, what: &str) {
+    let n = p.width;
+    let mut inside = [0.0f64; 2];
+    for k in (8..n - 8).step_by(8) {
+        inside[0] = inside[0].max(mean_step(p, |y| ([k, y], [k + 1, y])));
+        inside[1] = inside[1].max(mean_step(p, |x| ([x, k], [x, k + 1])));
+    }
+    let across = mean_step(p, |y| ([n - 1, y], [0, y]));
+    let down = mean_step(p, |x| ([x, n - 1], [x, 0]));
+    assert!(across <= 1.25 * inside[0] + 1.0, "{what}: {across} over {}", inside[0]);
+    assert!(down <= 1.25 * inside[1] + 1.0, "{what}: {down} over {}", inside[1]);
+}
+
+#[test]
+fn bark_and_ground_tile() {
+    for s in samples() {
+        let t = for_species(&s, 128, Seed::new(5));
+        assert_tiles(&t.bark, &s.id);
+        assert_tiles(&t.bark_normal, &s.id);
+    }
+    assert_tiles(&ground(128, Seed::new(5)), "ground");
+}
+
+#[test]
+fn normals_are_unit_and_face_out() {
+    for s in samples() {
+        for p in &for_species(&s, 64, Seed::new(1)).bark_normal.data {
+            let n = [0, 1, 2].map(|c| f32::from(p[c]) / 127.5 - 1.0);
+            let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+            assert!((length - 1.0).abs() < 0.02 && n[2] > 0.0, "{n:?}");
+        }
+    }
+}
+
+#[test]
+fn a_bump_has_its_light_side_up_in_green() {
+    let n = 32;
+    let mut height = vec![0.0; n * n];
+    for (i, h) in height.iter_mut().enumerate() {
+        let (x, y) = ((i % n) as f32 - 16.0, (i / n) as f32 - 16.0);
+        *h = (-(x * x + y * y) / 30.0).exp();
+    }
+    let p = bark::normal_map(&height, n, 0.1);
+    assert!(p.at(16, 10)[1] > 140, "above the bump normals lean up");
+    assert!(p.at(22, 16)[0] > 140, "right of the bump normals lean right");
+}
+
+#[test]
+fn leaf_pictures_have_sane_cover_colour_and_padding() {
+    for s in samples() {
+        let t = for_species(&s, 256, Seed::new(2));
+        let seen: Vec<_> = t.leaf.data.iter().filter(|p| p[3] >= 128).collect();
+        let cover = seen.len() as f64 / t.leaf.data.len() as f64;
+        assert!((0.2..0.85).contains(&cover), "{}: cover {cover}", s.id);
+        for c in 0..3 {
+            let mean = seen.iter().map(|p| f64::from(p[c])).sum::<f64>() / seen.len() as f64;
+            let wanted = f64::from(s.foliage.colour[c]);
+            assert!((mean - wanted).abs() < 20.0, "{}: {mean} {wanted}", s.id);
+        }
+        // Nothing black hides under the transparent pixels.
+        let least = s.foliage.colour.iter().map(|&c| u32::from(c)).sum::<u32>() / 4;
+        for p in t.leaf.data.iter().filter(|p| p[3] < 128) {
+            let sum = u32::from(p[0]) + u32::from(p[1]) + u32::from(p[2]);
+            assert!(sum > least, "{}: {p:?}", s.id);
+        }
+        for cell in t.atlas.cells() {
+            assert!(cell.coverage > 0.12 && cell.size_m > 0.0, "{}: {cell:?}", s.id);
+        }
+    }
+}
+
+#[test]
+fn same_seed_same_bytes_other_seed_other_bytes() {
+    let s = &samples()[3];
+    let a = for_species(s, 128, Seed::new(9));
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    assert_eq!(a, one.install(|| for_species(s, 128, Seed::new(9))));
+    assert_ne!(a.leaf, for_species(s, 128, Seed::new(10)).leaf);
+    assert_eq!(ground(64, Seed::new(1)), ground(64, Seed::new(1)));
+}
+
+#[test]
+fn odd_sizes_and_odd_species_give_pictures() {
+    let mut s = samples()[4].clone();
+    s.foliage.leaf_length_m = 5.0;
+    s.foliage.leaf_width_m = 0.0;
+    s.foliage.twig_length_m = 1e-9;
+    s.bark.relief_m = 1e9;
+    for size in [0, 1, 63, 129, 257] {
+        let t = for_species(&s, size, Seed::new(1));
+        assert_eq!(t.leaf.data.len(), (t.leaf.width * t.leaf.height) as usize);
+        assert!(t.bark.width >= 64);
+    }
+}
+
+/// Writes a contact sheet: `cargo test --lib texture -- --ignored`.
+#[test]
+#[ignore = "writes pictures to look at"]
+fn contact_sheet() {
+    let dir = std::env::temp_dir().join("larix-textures");
+    std::fs::create_dir_all(&dir).unwrap();
+    for s in samples() {
+        let start = std::time::Instant::now();
+        let t = for_species(&s, 512, Seed::new(1));
+        println!("{}: {:?}", s.id, start.elapsed());
+        for (name, p) in [("bark", &t.bark), ("normal", &t.bark_normal), ("leaf", &t.leaf)] {
+            std::fs::write(dir.join(format!("{}_{name}.png", s.id)), p.to_png().unwrap()).unwrap();
+        }
+        if let Some(p) = t.bark_upper {
+            std::fs::write(dir.join(format!("{}_upper.png", s.id)), p.to_png().unwrap()).unwrap();
+        }
+    }
+    std::fs::write(dir.join("ground.png"), ground(512, Seed::new(1)).to_png().unwrap()).unwrap();
+}

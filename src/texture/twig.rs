@@ -1,0 +1,496 @@
+//! The leaf picture of a species: four twigs drawn shoot by shoot, leaf by leaf. Cells 0 and 1
+//! show single twigs, 2 and 3 boughs of the same leaves at a smaller scale, for large cards.
+//!
+//! Leaves sit alternately, or all round for needles, as the golden angle seen from one side;
+//! what lies deeper is painted first and darker.
+
+use glam::Vec2;
+use rayon::prelude::*;
+
+use super::atlas::{Atlas, BANDS, Cell};
+use super::canvas::{Canvas, Leaf, Outline, Stroke, pad};
+use crate::raster::Picture;
+use crate::seed::{Draws, Seed};
+use crate::species::Species;
+use crate::species::model::{Foliage, LeafShape};
+
+/// A bough cell shows this many times the length of a twig cell.
+const BOUGH: f32 = 2.4;
+/// Golden angle.
+const GOLDEN_RAD: f32 = 2.399_963;
+/// Strokes and leaves a cell may take.
+const PAINT_LIMIT: usize = 60_000;
+
+/// Draws the picture, `size_px` square, and says where its twigs lie.
+pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
+    let side = (size_px / 2).max(16);
+    let factor = if side > 600 { 2 } else { 3 };
+    let twig_m = species.foliage.twig_length_m.max(1e-3);
+    let cells: Vec<(Vec<[u8; 4]>, f32)> = (0..4u64)
+        .into_par_iter()
+        .map(|k| {
+            let size_m = if k < 2 { twig_m } else { twig_m * BOUGH };
+            let mut painter = Painter {
+                canvas: Canvas::new(side as usize, factor),
+                species,
+                outline: outline(&species.foliage),
+                size_m,
+                draws: seed.derive("twig", k).draws(),
+                painted: 0,
+            };
+            painter.cell();
+            (painter.canvas.resolve(1.25), size_m)
+        })
+        .collect();
+    let mut picture = Picture::filled(side * 2, side * 2, [0; 4]);
+    let mut described = Vec::new();
+    for (k, (pixels, size_m)) in cells.iter().enumerate() {
+        let (cx, cy) = (k as u32 % 2, k as u32 / 2);
+        let corner = Vec2::new(cx as f32, cy as f32) * 0.5;
+        described.push(describe(pixels, side as usize, *size_m, corner));
+        for y in 0..side {
+            for x in 0..side {
+                let row = side * 2 - 1 - (cy * side + y);
+                picture.set(cx * side + x, row, pixels[(y * side + x) as usize]);
+            }
+        }
+    }
+    match_colour(&mut picture, species.foliage.colour);
+    pad(&mut picture);
+    let atlas = Atlas::new(described).unwrap_or_else(|| Atlas::whole(twig_m));
+    (picture, atlas)
+}
+
+fn describe(pixels: &[[u8; 4]], side: usize, size_m: f32, corner: Vec2) -> Cell {
+    let mut reach = [[1.0f32, 0.0f32]; BANDS];
+    let mut seen = 0usize;
+    for y in 0..side {
+        let band = &mut reach[y * BANDS / side];
+        for x in 0..side {
+            let alpha = pixels[y * side + x][3];
+            if alpha >= 100 {
+                band[0] = band[0].min(x as f32 / side as f32);
+                band[1] = band[1].max((x + 1) as f32 / side as f32);
+            }
+            seen += usize::from(alpha >= 128);
+        }
+    }
+    for band in &mut reach {
+        if band[0] > band[1] {
+            *band = [0.5, 0.5];
+        }
+    }
+    let coverage = seen as f32 / (side * side).max(1) as f32;
+    Cell { min: corner, max: corner + 0.5, size_m, reach, coverage }
+}
+
+/// Scales the pixels so that what is seen has the mean luminance of `colour`; hues stay.
+fn match_colour(picture: &mut Picture, colour: [u8; 3]) {
+    let luminance =
+        |c: [u8; 3]| 0.2126 * f64::from(c[0]) + 0.7152 * f64::from(c[1]) + 0.0722 * f64::from(c[2]);
+    let (mut sum, mut count) = (0.0f64, 0u32);
+    for p in picture.data.iter().filter(|p| p[3] >= 128) {
+        count += 1;
+        sum += luminance([p[0], p[1], p[2]]);
+    }
+    let gain = (luminance(colour) * f64::from(count) / sum.max(1.0)).clamp(0.5, 2.5) as f32;
+    for p in picture.data.iter_mut() {
+        for c in &mut p[..3] {
+            *c = (f32::from(*c) * gain).clamp(0.0, 255.0) as u8;
+        }
+    }
+}
+
+/// Half widths along the leaf, scaled to the species' length and width.
+fn outline(foliage: &Foliage) -> Outline {
+    let shape = |y: f32| -> f32 {
+        match foliage.shape {
+            LeafShape::Ovate => (std::f32::consts::PI * y.powf(0.72)).sin().max(0.0).powf(0.85),
+            LeafShape::Deltoid => {
+                let body =
+                    if y < 0.28 { (y / 0.28).powf(0.55) } else { ((1.0 - y) / 0.72).powf(1.25) };
+                let tooth = (y * 13.0).rem_euclid(1.0);
+                body * (1.0 - 0.14 * tooth)
+            }
+            LeafShape::Round => {
+                let d = (2.0 * y - 1.0).abs();
+                (1.0 - d * d).max(0.0).sqrt() * (1.0 - 0.05 * (y * 60.0).cos())
+            }
+            LeafShape::Lobed => {
+                let body = (std::f32::consts::PI * y.powf(1.35)).sin().max(0.0).powf(0.7);
+                let lobe = 0.5 - 0.5 * (y * std::f32::consts::TAU * 4.0 + 0.6).cos();
+                body * (0.55 + 0.45 * lobe)
+            }
+            LeafShape::Lanceolate => (std::f32::consts::PI * y.powf(0.85)).sin().max(0.0),
+            LeafShape::Needle | LeafShape::Tuft | LeafShape::Bundle => 1.0,
+        }
+    };
+    let ratio = 0.5 * foliage.leaf_width_m / foliage.leaf_length_m.max(1e-6);
+    let ratio = ratio.clamp(0.005, 0.8);
+    let mut table = [0.0; 65];
+    for (k, half) in table.iter_mut().enumerate() {
+        *half = shape(k as f32 / 64.0) * ratio;
+    }
+    table
+}
+
+struct Painter<'a> {
+    canvas: Canvas,
+    species: &'a Species,
+    outline: Outline,
+    size_m: f32,
+    draws: Draws,
+    painted: usize,
+}
+
+/// A shoot in cell coordinates (0…1), bent evenly along its length.
+#[derive(Clone, Copy)]
+struct Shoot {
+    base: Vec2,
+    angle: f32,
+    length: f32,
+    /// Turn from base to tip, radians.
+    bend: f32,
+    /// 0 the deepest and darkest … 1.
+    depth: f32,
+}
+
+impl Shoot {
+    fn direction(&self, t: f32) -> Vec2 {
+        let (s, c) = (self.angle + self.bend * t).sin_cos();
+        Vec2::new(s, c)
+    }
+
+    fn at(&self, t: f32) -> Vec2 {
+        // The mean direction up to t is that of t / 2, near enough for a bend below a radian.
+        self.base + self.direction(t * 0.5) * (self.length * t)
+    }
+}
+
+impl Painter<'_> {
+    /// A length in metres as a share of the cell.
+    fn share(&self, metres: f32) -> f32 {
+        metres / self.size_m
+    }
+
+    fn jitter(&mut self, spread: f32) -> f32 {
+        self.draws.between(-spread, spread)
+    }
+
+    fn tint(&mut self, depth: f32) -> ([f32; 3], f32) {
+        let f = &self.species.foliage;
+        let v = f.variation.clamp(0.0, 1.0);
+        let light = (0.7 + 0.36 * depth) * (1.0 + v * self.draws.between(-0.5, 0.5));
+        let warm = v * self.draws.between(-0.4, 0.6);
+        let colour = f.colour.map(f32::from);
+        ([colour[0] * (1.0 + 0.5 * warm), colour[1] * (1.0 + 0.12 * warm), colour[2]], light)
+    }
+
+    fn spent(&mut self) -> bool {
+        self.painted += 1;
+        self.painted > PAINT_LIMIT
+    }
+
+    fn wood(&mut self, shoot: &Shoot, base_half: f32, tip_half: f32) {
+        let bark = &self.species.bark;
+        let leafy = self.species.foliage.colour;
+        let tone = bark.upper.unwrap_or(bark.dark).map(f32::from);
+        let colour = [0, 1, 2]
+            .map(|c| 0.4 * tone[c] + 0.3 * f32::from(bark.dark[c]) + 0.12 * f32::from(leafy[c]));
+        let least = 0.45 * self.canvas.pixel();
+        let steps = 10;
+        for k in 0..steps {
+            let (a, b) = (k as f32 / steps as f32, (k + 1) as f32 / steps as f32);
+            let half = |t: f32| (base_half + (tip_half - base_half) * t).max(least);
+            self.canvas.stroke(&Stroke {
+                from: shoot.at(a),
+                to: shoot.at(b),
+                half: [half(a), half(b)],
+                colour,
+                light: [0.9; 2],
+            });
+        }
+    }
+
+    fn cell(&mut self) {
+        let bough = self.size_m > 1.5 * self.species.foliage.twig_length_m;
+        let bend = self.jitter(0.12);
+        let lean = self.jitter(0.06);
+        let main = Shoot { base: Vec2::new(0.5, 0.01), angle: lean, length: 0.9, bend, depth: 0.8 };
+        match self.species.foliage.shape {
+            LeafShape::Needle => self.spray(main),
+            LeafShape::Tuft => self.tufts(main, bough),
+            LeafShape::Bundle => self.brushes(main, bough),
+            _ => self.leafy(main, bough),
+        }
+    }
+
+    /// Side shoots of a shoot, alternately left and right, shaped to fill the cell.
+    fn laterals(&mut self, main: &Shoot, spacing: f32, reach: f32, angle: f32) -> Vec<Shoot> {
+        let count = (main.length / spacing.max(0.01)).clamp(1.0, 60.0) as usize;
+        let mut out = Vec::with_capacity(count);
+        for k in 0..count {
+            let t = 0.06 + 0.88 * (k as f32 + self.draws.between(0.2, 0.8)) / count as f32;
+            let side = if k % 2 == 0 { 1.0 } else { -1.0 };
+            // Longest below the middle, short towards the tip.
+            let hull = (t / 0.3).min(1.0).powf(0.5) * (1.0 - t).max(0.0).powf(0.7) * 1.25;
+            let length = reach * hull.max(0.12) * self.draws.between(0.5, 1.15);
+            let turn = angle * (1.0 - 0.35 * t) * self.draws.between(0.85, 1.15);
+            let base = main.at(t);
+            let heading = main.angle + main.bend * t + side * turn;
+            // Stay inside the cell.
+            let room = if heading.sin() > 0.0 { 0.98 - base.x } else { base.x - 0.02 };
+            let limit = room.max(0.01) / heading.sin().abs().max(0.05);
+            out.push(Shoot {
+                base,
+                angle: heading,
+                length: length.min(limit).min((0.97 - base.y).max(0.02)),
+                bend: -side * self.draws.between(0.15, 0.5),
+                depth: self.draws.unit(),
+            });
+        }
+        out.sort_by(|a, b| a.depth.total_cmp(&b.depth));
+        out
+    }
+
+    // ---- Broadleaves ----
+
+    fn leafy(&mut self, main: Shoot, bough: bool) {
+        let leaf = self.share(self.species.foliage.leaf_length_m).clamp(0.01, 0.5);
+        let narrow = self.species.foliage.shape == LeafShape::Lanceolate;
+        // Birch twigs hang in strands.
+        let strands = bough && self.species.foliage.shape == LeafShape::Deltoid;
+        let angle = if narrow || strands { 0.55 } else { 0.85 };
+        let reach = if narrow || strands { 0.75 } else { 0.6 };
+        let spacing = 0.75 * leaf.max(0.03);
+        let mut shoots = Vec::new();
+        if bough {
+            for lateral in self.laterals(&main, (spacing * 1.3).max(0.055), reach, angle) {
+                let twigs = self.laterals(
+                    &lateral,
+                    (leaf * 1.2).max(0.034),
+                    if strands { 0.13 } else { 0.19 },
+                    angle,
+                );
+                shoots.extend(twigs.into_iter().map(|t| (t, 0.0015)));
+                shoots.push((lateral, 0.003));
+            }
+        } else {
+            shoots.extend(
+                self.laterals(&main, spacing, reach, angle).into_iter().map(|s| (s, 0.004)),
+            );
+        }
+        shoots.push((main, if bough { 0.006 } else { 0.008 }));
+        // Deep leaves first, then wood, then the leaves in front of it.
+        for layer in 0..2 {
+            for (shoot, half) in &shoots {
+                if layer == 1 {
+                    self.wood(shoot, *half, half * 0.4);
+                }
+                self.leaves_along(shoot, leaf, layer);
+            }
+        }
+    }
+
+    fn leaves_along(&mut self, shoot: &Shoot, leaf: f32, layer: usize) {
+        let shape = self.species.foliage.shape;
+        let (gap, petiole) = match shape {
+            LeafShape::Lanceolate => (0.13, 0.06),
+            LeafShape::Lobed => (0.3, 0.05),
+            LeafShape::Round => (0.5, 0.5),
+            LeafShape::Deltoid => (0.34, 0.3),
+            _ => (0.34, 0.14),
+        };
+        let count = (shoot.length / (gap * leaf)).clamp(1.0, 80.0) as usize;
+        for k in 0..=count {
+            if self.spent() {
+                return;
+            }
+            let t = (0.12 + 0.88 * k as f32 / count as f32).min(1.0);
+            let last = k == count;
+            let turn = k as f32 * GOLDEN_RAD + shoot.depth * 6.0;
+            let (across, towards) = turn.sin_cos();
+            if (towards > 0.0) != (layer == 1) && !last {
+                continue;
+            }
+            let spread = if last { 0.1 } else { 0.95 };
+            let swing = across * spread + self.jitter(0.35);
+            let heading = shoot.angle + shoot.bend * t + swing;
+            let along = Vec2::new(heading.sin(), heading.cos());
+            let base = shoot.at(t);
+            let size = leaf * self.draws.between(0.72, 1.08) * (1.0 - 0.25 * t * t);
+            let stalk = petiole * size * self.draws.between(0.7, 1.1);
+            let depth = if layer == 0 { 0.35 * shoot.depth } else { 0.4 + 0.6 * shoot.depth };
+            let (colour, light) = self.tint(depth);
+            let foot = base + along * stalk;
+            // Keep whole leaves: turn back what would leave the cell.
+            let tip = foot + along * size;
+            if tip.x < 0.01 || tip.x > 0.99 || tip.y > 0.99 || tip.y < 0.005 {
+                continue;
+            }
+            let thin = 0.4 * self.canvas.pixel();
+            self.canvas.stroke(&Stroke {
+                from: base,
+                to: foot,
+                half: [thin.max(0.03 * size); 2],
+                colour,
+                light: [light * 0.85; 2],
+            });
+            let tilt = self.draws.between(0.45, 1.0);
+            let other = (tilt + self.jitter(0.25)).clamp(0.3, 1.0);
+            let shade = self.draws.between(0.86, 1.0);
+            let open = if self.draws.unit() < 0.5 { [tilt, other] } else { [other, tilt] };
+            let bend = self.jitter(0.14);
+            let veins = match shape {
+                LeafShape::Lanceolate => 0.0,
+                LeafShape::Lobed => 5.0,
+                _ => 7.0,
+            };
+            let outline = self.outline;
+            self.canvas.leaf(&Leaf {
+                outline: &outline,
+                base: foot,
+                along,
+                length: size,
+                open,
+                bend,
+                colour,
+                light: [light, light * shade],
+                veins,
+            });
+        }
+    }
+
+    // ---- Needles ----
+
+    /// Needles along a stretch of a shoot. `spread`: angles to the shoot, `from`: where they begin.
+    fn needles(
+        &mut self,
+        shoot: &Shoot,
+        length: f32,
+        per_length: f32,
+        from: f32,
+        spread: [f32; 2],
+    ) {
+        let count = (shoot.length * (1.0 - from) * per_length).clamp(4.0, 600.0) as usize;
+        let half = 0.5 * self.share(self.species.foliage.leaf_width_m);
+        let half = half.max(0.55 * self.canvas.pixel());
+        for k in 0..count {
+            if self.spent() {
+                return;
+            }
+            let t = from + (1.0 - from) * (k as f32 + self.draws.unit()) / count as f32;
+            let angle = k as f32 * GOLDEN_RAD;
+            // Seen from one side: across the picture by the sine, shortened by the cosine.
+            let opening = self.draws.between(spread[0], spread[1]) * (1.0 - 0.25 * t);
+            let (across, towards) = angle.sin_cos();
+            let along = shoot.direction(t);
+            let dir = along * opening.cos() + along.perp() * (opening.sin() * across);
+            let (colour, light) = self.tint(shoot.depth * 0.5 + 0.25 + 0.25 * towards);
+            let size = length * self.draws.between(0.75, 1.08) * (1.0 - 0.3 * t * t * t);
+            let base = shoot.at(t);
+            let tip = base + dir * size;
+            if tip.x < 0.005 || tip.x > 0.995 || tip.y > 0.995 {
+                continue;
+            }
+            self.canvas.stroke(&Stroke {
+                from: base,
+                to: tip,
+                half: [half, half * 0.55],
+                colour,
+                light: [light * 0.8, light * 1.08],
+            });
+        }
+    }
+
+    /// Flat sprays of spruce and fir: side shoots in one plane, needles all round.
+    fn spray(&mut self, main: Shoot) {
+        let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.006, 0.3);
+        let density = 3.4 / needle.max(0.01);
+        // Shoots stand so close that their needles meet.
+        let gap = (1.35 * needle).clamp(0.03, 0.2);
+        let mut shoots = Vec::new();
+        for lateral in self.laterals(&main, gap, 0.62, 0.95) {
+            if lateral.length > 4.0 * gap {
+                let fine = self.laterals(&lateral, gap, 0.2, 0.85);
+                shoots.extend(fine.into_iter().map(|s| (s, 0.0012)));
+            }
+            shoots.push((lateral, 0.0022));
+        }
+        shoots.push((main, 0.005));
+        for (shoot, half) in shoots {
+            self.wood(&shoot, half, half * 0.5);
+            self.needles(&shoot, needle, density.min(260.0), 0.02, [0.5, 1.0]);
+        }
+    }
+
+    /// Larch: rosettes on short shoots along thin twigs, single needles near the tips.
+    fn tufts(&mut self, main: Shoot, bough: bool) {
+        let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.006, 0.3);
+        let spacing = if bough { 0.075 } else { 0.11 };
+        let mut shoots = self.laterals(&main, spacing, 0.58, 0.95);
+        if bough {
+            let mut fine = Vec::new();
+            for lateral in shoots.iter().filter(|l| l.length > 0.15) {
+                fine.extend(self.laterals(lateral, 0.08, 0.13, 0.8));
+            }
+            shoots.extend(fine);
+        }
+        shoots.push(main);
+        let half = 0.5 * self.share(self.species.foliage.leaf_width_m);
+        let half = half.max(0.5 * self.canvas.pixel());
+        for shoot in shoots {
+            self.wood(&shoot, 0.004, 0.0015);
+            let count = (shoot.length / (needle * 0.5)).clamp(2.0, 60.0) as usize;
+            for k in 0..=count {
+                let t = (0.08 + 0.92 * k as f32 / count as f32).min(1.0);
+                let side = if k % 2 == 0 { 1.0 } else { -1.0 };
+                let heading = shoot.angle + shoot.bend * t + side * 0.9;
+                let base = shoot.at(t);
+                for n in 0..16 {
+                    if self.spent() {
+                        return;
+                    }
+                    let swing = heading + (n as f32 / 15.0 - 0.5) * 3.4 + self.jitter(0.15);
+                    let dir = Vec2::new(swing.sin(), swing.cos());
+                    let size = needle * self.draws.between(0.6, 1.0);
+                    let depth = self.draws.between(0.3, 1.0);
+                    let (colour, light) = self.tint(depth);
+                    let tip = base + dir * size;
+                    if tip.x < 0.005 || tip.x > 0.995 || tip.y > 0.995 || tip.y < 0.0 {
+                        continue;
+                    }
+                    self.canvas.stroke(&Stroke {
+                        from: base,
+                        to: tip,
+                        half: [half, half * 0.6],
+                        colour,
+                        light: [light * 0.82, light * 1.06],
+                    });
+                }
+            }
+        }
+    }
+
+    /// Pine: long needles crowded towards the ends of few stout shoots.
+    fn brushes(&mut self, main: Shoot, bough: bool) {
+        let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.02, 0.35);
+        let gap = if bough { 0.05 } else { 0.12 };
+        let mut shoots = self.laterals(&main, gap, 0.55, 0.9);
+        if bough {
+            let mut fine = Vec::new();
+            for lateral in shoots.iter().filter(|l| l.length > 0.16) {
+                fine.extend(self.laterals(lateral, 0.07, 0.14, 0.8));
+            }
+            shoots.extend(fine);
+        }
+        let main = Shoot { length: (0.97 - needle * 0.8).max(0.4), ..main };
+        shoots.push(main);
+        for shoot in shoots {
+            self.wood(&shoot, if bough { 0.005 } else { 0.01 }, 0.004);
+            let from =
+                if shoot.length > 2.6 * needle { 1.0 - 2.6 * needle / shoot.length } else { 0.1 };
+            self.needles(&shoot, needle, (38.0 / needle).min(700.0), from.max(0.0), [0.25, 1.15]);
+        }
+    }
+}

@@ -1,0 +1,234 @@
+//! The program as a user meets it: right files, clear refusals, earlier output left whole.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use assert_cmd::Command;
+
+fn larix(args: &[&str]) -> std::process::Output {
+    Command::cargo_bin("larix").unwrap().args(args).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// A refusal: non-zero exit, one clear message that holds all of `says`, no panic.
+fn refused(args: &[&str], says: &[&str]) {
+    let out = larix(args);
+    let err = text(&out.stderr);
+    assert!(!out.status.success(), "{args:?} succeeded");
+    assert!(!err.contains("panicked"), "{err}");
+    let joined = err.split_whitespace().filter(|w| *w != "│").collect::<Vec<_>>().join(" ");
+    for part in says {
+        assert!(joined.contains(part), "{args:?}: no `{part}` in:\n{err}");
+    }
+}
+
+fn data() -> Option<PathBuf> {
+    let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    if !dir.exists() {
+        eprintln!("skipped: no ../shared/data");
+        return None;
+    }
+    Some(dir)
+}
+
+fn write(dir: &Path, name: &str, bytes: impl AsRef<[u8]>) -> String {
+    let path = dir.join(name);
+    fs::write(&path, bytes).unwrap();
+    path.to_string_lossy().into_owned()
+}
+
+/// Every file under a folder with its bytes, but for the report, which holds times.
+fn contents(dir: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut out = Vec::new();
+    let mut todo = vec![dir.to_path_buf()];
+    while let Some(d) = todo.pop() {
+        for entry in fs::read_dir(d).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                todo.push(path);
+            } else if path.file_name().unwrap() != "report.json" {
+                out.push((path.strip_prefix(dir).unwrap().to_path_buf(), fs::read(&path).unwrap()));
+            }
+        }
+    }
+    out.sort();
+    out
+}
+
+#[test]
+fn demo_is_whole_and_the_same_on_one_thread_and_two() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |name: &str, threads: &str| {
+        let out = dir.path().join(name);
+        let path = out.to_str().unwrap().to_owned();
+        let done = larix(&[
+            "demo",
+            "--trees",
+            "40",
+            "--triangles",
+            "1000",
+            "--texture",
+            "128",
+            "-o",
+            &path,
+            "--threads",
+            threads,
+        ]);
+        assert!(done.status.success(), "{}", text(&done.stderr));
+        (contents(&out), text(&done.stderr))
+    };
+    let (one, said) = run("one", "1");
+    let (two, _) = run("two", "2");
+    let names: Vec<String> = one.iter().map(|(p, _)| p.display().to_string()).collect();
+    for wanted in [
+        "forest.glb",
+        "forest.usda",
+        "inventory.geojson",
+        "photo.tif",
+        "preview.png",
+        "scan.laz",
+        "terrain.tif",
+    ] {
+        assert!(names.iter().any(|n| n == wanted), "{wanted} is missing from {names:?}");
+    }
+    assert!(names.iter().any(|n| n.starts_with("textures")), "{names:?}");
+    assert!(dir.path().join("one/report.json").exists());
+    for (a, b) in one.iter().zip(&two) {
+        assert_eq!(a.0, b.0);
+        assert!(a.1 == b.1, "{} differs between 1 and 2 threads", a.0.display());
+    }
+    assert!(said.contains("matched") && said.contains("RMSE"), "{said}");
+    let report: serde_json::Value =
+        serde_json::from_slice(&fs::read(dir.path().join("one/report.json")).unwrap()).unwrap();
+    for stage in report["stages"].as_array().unwrap() {
+        assert!(stage["seconds"].as_f64().unwrap() >= 0.0);
+        assert!(stage["peak_bytes"].as_u64().unwrap() > 0, "{stage}");
+        assert!(stage["items_in"]["count"].is_u64() && stage["items_out"]["count"].is_u64());
+    }
+    assert!(report["truth"]["matched"].as_u64().unwrap() >= 20, "{}", report["truth"]);
+}
+
+#[test]
+fn bad_scans_are_refused_in_words() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let out = d.join("out").to_string_lossy().into_owned();
+    let forest = |scan: &str, says: &[&str]| refused(&["forest", scan, "-o", &out], says);
+    forest("nowhere.laz", &["nowhere.laz", "help:"]);
+    forest(&write(d, "empty.las", b""), &["empty.las", "help:"]);
+    forest(&write(d, "garbage.laz", [7u8; 5000]), &["garbage.laz", "help:"]);
+    forest(&write(d, "nan.xyz", "nan nan nan\n"), &["nan.xyz", "help:"]);
+    forest(&write(d, "words.xyz", "these are words\n"), &["words.xyz", "help:"]);
+    forest(&write(d, "scan.docx", b"x"), &["scan.docx", "help:"]);
+    forest(&write(d, "one.xyz", "1 2 3\n"), &["help:"]);
+    assert!(!d.join("out/forest.glb").exists());
+}
+
+#[test]
+fn truncated_laz_is_refused_and_earlier_output_stays() {
+    let Some(data) = data() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("out");
+    fs::create_dir(&out).unwrap();
+    fs::write(out.join("forest.glb"), b"precious").unwrap();
+    let bytes = fs::read(data.join("lidR/MixedConifer.laz")).unwrap();
+    for share in [10, 50, 90] {
+        let cut = write(dir.path(), "cut.laz", &bytes[..bytes.len() * share / 100]);
+        refused(&["forest", &cut, "-o", out.to_str().unwrap()], &["cut.laz", "help:"]);
+    }
+    assert_eq!(fs::read(out.join("forest.glb")).unwrap(), b"precious");
+    assert_eq!(fs::read_dir(&out).unwrap().count(), 1);
+}
+
+#[test]
+fn photos_elsewhere_or_without_a_place_are_refused() {
+    let Some(data) = data() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let scan = data.join("idtrees/las/OSBS_10.las");
+    let scan = scan.to_str().unwrap();
+    let out = dir.path().join("o").to_string_lossy().into_owned();
+    let elsewhere = data.join("idtrees/rgb/MLBS_10.tif");
+    let elsewhere = elsewhere.to_str().unwrap();
+    refused(&["forest", scan, "--photo", elsewhere, "-o", &out], &["MLBS_10.tif", "help:"]);
+    refused(&["forest", scan, "--photo", "no.tif", "-o", &out], &["no.tif", "help:"]);
+    let raster = larix::raster::geotiff::Raster {
+        width: 2,
+        height: 2,
+        bands: 3,
+        samples: larix::raster::geotiff::Samples::U8(vec![9; 12]),
+        geometry: None,
+        epsg: None,
+        nodata: None,
+    };
+    let bare = write(dir.path(), "bare.tif", larix::raster::geotiff::encode(&raster).unwrap());
+    refused(&["forest", scan, "--photo", &bare, "-o", &out], &["bare.tif", "help:"]);
+}
+
+#[test]
+fn unknown_species_and_unwritable_folders_are_refused_before_work() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = write(dir.path(), "file", b"x");
+    refused(
+        &["tree", "larix_sibirika", "-o", "t.glb"],
+        &["larix_sibirika", "larix_sibirica", "help:"],
+    );
+    refused(&["tree", "larix_sibirica", "-o", &format!("{file}/t.glb")], &["file", "help:"]);
+    refused(&["tree", "larix_sibirica", "-o", "t.obj"], &["t.obj", ".glb, .gltf, .usda, .png"]);
+    refused(&["forest", "x.laz", "--species", "oak_of_mine", "-o", &file], &["oak_of_mine"]);
+    refused(&["demo", "-o", &format!("{file}/demo")], &["file", "help:"]);
+}
+
+#[test]
+fn a_scan_without_trees_gives_a_terrain_scene_and_a_warning() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut points = String::new();
+    for i in 0..40 {
+        for j in 0..40 {
+            points +=
+                &format!("{} {} {}\n", 1000.0 + i as f64, 2000.0 + j as f64, 50.0 + 0.1 * i as f64);
+        }
+    }
+    let scan = write(dir.path(), "bare.xyz", points);
+    let out = dir.path().join("out");
+    let done = larix(&["forest", &scan, "-o", out.to_str().unwrap()]);
+    let err = text(&done.stderr);
+    assert!(done.status.success(), "{err}");
+    assert!(err.contains("warning") && err.contains("no trees"), "{err}");
+    assert!(out.join("forest.glb").exists() && out.join("terrain.tif").exists());
+}
+
+#[test]
+fn commands_stop_where_they_are_done() {
+    let Some(data) = data() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let scan = data.join("idtrees/las/OSBS_10.las");
+    let scan = scan.to_str().unwrap();
+    let stages = |args: &[&str]| -> Vec<String> {
+        let out = larix(args);
+        assert!(out.status.success(), "{}", text(&out.stderr));
+        let v: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+        v["stages"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|s| s["stage"].as_str().unwrap().into())
+            .collect()
+    };
+    let to = |name: &str| dir.path().join("new/folder").join(name).to_string_lossy().into_owned();
+    let dtm = to("dtm.tif");
+    assert_eq!(stages(&["terrain", scan, "-o", &dtm, "--json"]), ["scan", "ground", "terrain"]);
+    let raster = larix::raster::geotiff::read(Path::new(&dtm)).unwrap();
+    assert_eq!(raster.epsg, Some(32617));
+    for name in ["t.geojson", "t.csv"] {
+        let found = stages(&["inventory", scan, "-o", &to(name), "--json"]);
+        assert_eq!(found.last().unwrap(), "species");
+        assert!(!found.contains(&"skeleton".to_owned()));
+        assert!(Path::new(&to(name)).exists());
+    }
+    let grown =
+        stages(&["tree", "betula_pendula", "--triangles", "2000", "-o", &to("b.glb"), "--json"]);
+    assert_eq!(grown, ["skeleton", "mesh", "texture", "scene", "export"]);
+}

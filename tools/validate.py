@@ -1,0 +1,759 @@
+#!/usr/bin/env python3
+"""Checks scene files with others' readers and with checks that those leave out.
+
+    tools/validate.py FILES… [--inventory inventory.geojson]
+    tools/validate.py --self-test SCENE.glb SCENE.usda
+
+FILES are .glb, .gltf, .usda, .usdc or .usdz; several are taken to be one scene in several
+formats and must agree. Prints a line a check, `ok` or `FAIL`, and exits with 1 on any failure.
+--self-test seeds defects in copies and proves that each is caught; take a small scene with
+terrain and textures.
+
+Needs the modules of tools/requirements.txt, and node with the package of tools/package.json in
+$LARIX_NODE_MODULES or in node_modules beside this file.
+"""
+
+import argparse
+import io
+import json
+import os
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from urllib.parse import unquote
+
+try:
+    import numpy as np
+    import trimesh
+    from PIL import Image
+    from pxr import Ar, Gf, Usd, UsdGeom, UsdShade, UsdValidation, Vt
+except ImportError as missing:
+    sys.exit(f"the Python module {missing.name} is missing: pip install -r tools/requirements.txt")
+
+UNIT_TOLERANCE = 2e-4
+ROOT_TOLERANCE_M = 0.5
+OFF_TERRAIN_M = 2.0
+BOUNDS_TOLERANCE_M = 1e-3
+OUTLINE_TOLERANCE_M = 1.0
+
+KHRONOS = """
+const fs = require('fs'), path = require('path'), file = process.argv[1];
+const read = uri => fs.promises.readFile(path.join(path.dirname(file), decodeURIComponent(uri)))
+  .then(bytes => new Uint8Array(bytes));
+require('gltf-validator')
+  .validateBytes(new Uint8Array(fs.readFileSync(file)), {maxIssues: 100, externalResourceFunction: read})
+  .then(report => console.log(JSON.stringify(report.issues)));
+"""
+
+
+class Report:
+    """Prints and remembers what was checked."""
+
+    def __init__(self, quiet=False):
+        self.quiet = quiet
+        self.checks = 0
+        self.failed = []
+
+    def check(self, name, faults, detail=""):
+        """`faults`: what is wrong, one text each; empty for a check that passed."""
+        faults = list(faults)
+        self.checks += 1
+        if faults:
+            self.failed.append(name)
+        if not self.quiet:
+            told = "; ".join(faults[:5]) + (f"; and {len(faults) - 5} more" if len(faults) > 5 else "")
+            text = told if faults else detail
+            print(f"{'FAIL' if faults else 'ok  '} {name}{': ' + text if text else ''}")
+
+
+@dataclass
+class Mesh:
+    """One surface as a file holds it, Z up, before it is put in its place."""
+
+    name: str
+    points: np.ndarray
+    normals: np.ndarray
+    uv: np.ndarray
+    index: np.ndarray
+
+    def triangles(self):
+        return len(self.index) // 3
+
+
+@dataclass
+class Scene:
+    """What a file holds, in scene metres, Z up."""
+
+    meshes: list = field(default_factory=list)
+    """(number of a mesh, 4×4 matrix for column vectors), one a mesh drawn."""
+    drawn: list = field(default_factory=list)
+    terrain: list = field(default_factory=list)
+    """id → (root, facts)."""
+    trees: dict = field(default_factory=dict)
+    tree_count: int = 0
+    """origin and metres per unit, where the file tells them."""
+    place: tuple = None
+
+    def unique_triangles(self):
+        return sum(mesh.triangles() for mesh in self.meshes)
+
+    def drawn_triangles(self):
+        return sum(self.meshes[number].triangles() for number, _ in self.drawn)
+
+    @cached_property
+    def bounds(self):
+        """Of everything drawn; to be asked for when all of it is there."""
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        columns = [np.ascontiguousarray(mesh.points.T, float) for mesh in self.meshes]
+        for number, matrix in self.drawn:
+            points = matrix[:3, :3] @ columns[number]
+            if points.size:
+                low = np.minimum(low, points.min(1) + matrix[:3, 3])
+                high = np.maximum(high, points.max(1) + matrix[:3, 3])
+        return low, high
+
+
+def check_meshes(report, label, meshes):
+    """What every surface must be, whatever the format."""
+    wrong = {kind: [] for kind in ("finite", "indices in range", "normals unit", "no degenerate triangles")}
+    for mesh in meshes:
+        count = len(mesh.points)
+        columns = {"positions": mesh.points, "normals": mesh.normals, "texture coordinates": mesh.uv}
+        for what, column in columns.items():
+            if len(column) != count:
+                wrong["indices in range"].append(f"{mesh.name}: {len(column)} {what} for {count} vertices")
+            bad = np.flatnonzero(~np.isfinite(column).all(axis=1))
+            if len(bad):
+                wrong["finite"].append(f"{mesh.name}: {what} of {len(bad)} vertices, first {bad[0]}")
+        length = np.linalg.norm(mesh.normals, axis=1)
+        bad = np.flatnonzero(~(np.abs(length - 1) <= UNIT_TOLERANCE))
+        if len(bad):
+            wrong["normals unit"].append(f"{mesh.name}: {len(bad)} normals, first {bad[0]} of length {length[bad[0]]:.4g}")
+        beyond = np.flatnonzero((mesh.index < 0) | (mesh.index >= count))
+        if len(beyond) or len(mesh.index) % 3 or not len(mesh.index):
+            text = f"index {mesh.index[beyond[0]]} of {count} vertices" if len(beyond) else f"{len(mesh.index)} indices"
+            wrong["indices in range"].append(f"{mesh.name}: {text}")
+            continue
+        a, b, c = (mesh.points[mesh.index[k::3]] for k in range(3))
+        exact = np.cross(b.astype(float) - a, c.astype(float) - a)
+        single = np.cross(b - a, c - a)
+        flat = np.flatnonzero((exact == 0).all(axis=1) | (single == 0).all(axis=1))
+        if len(flat):
+            wrong["no degenerate triangles"].append(f"{mesh.name}: {len(flat)}, first {flat[0]}")
+    triangles = sum(mesh.triangles() for mesh in meshes)
+    for kind, faults in wrong.items():
+        report.check(f"{label} meshes: {kind}", faults, f"{len(meshes)} meshes, {triangles} triangles")
+
+
+def check_pictures(report, label, pictures):
+    """`pictures`: name → bytes, or None where missing."""
+    faults = []
+    for name, data in pictures.items():
+        try:
+            if data is None:
+                raise OSError("missing")
+            Image.open(io.BytesIO(data)).load()
+        except Exception as error:  # Pillow raises many kinds on broken files
+            faults.append(f"{name}: {error}")
+    report.check(f"{label} textures decode", faults, f"{len(pictures)} pictures")
+
+
+def height_gaps(triangles, roots):
+    """Root minus terrain height, NaN where no triangle lies above or below."""
+    gaps = np.full(len(roots), np.nan)
+    order = np.argsort(triangles[:, :, 0].min(1))
+    triangles = triangles[order]
+    low, high = triangles.min(1), triangles.max(1)
+    widest = (high[:, 0] - low[:, 0]).max(initial=0)
+    for number, root in enumerate(roots):
+        first = np.searchsorted(low[:, 0], root[0] - widest)
+        last = np.searchsorted(low[:, 0], root[0], "right")
+        near = slice(first, last)
+        hit = (high[near, 0] >= root[0]) & (low[near, 1] <= root[1]) & (high[near, 1] >= root[1])
+        a, b, c = np.moveaxis(triangles[near][hit], 1, 0)
+        u, v, w = (b - a), (c - a), (root - a)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+            s = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / area
+            t = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / area
+            inside = (s >= -1e-9) & (t >= -1e-9) & (s + t <= 1 + 1e-9)
+        if inside.any():
+            height = (a[:, 2] + s * u[:, 2] + t * v[:, 2])[inside]
+            gaps[number] = min(root[2] - height, key=abs)
+    return gaps
+
+
+def plan_distance(triangles, root):
+    a = triangles[:, [0, 1, 2], :2].reshape(-1, 2)
+    b = triangles[:, [1, 2, 0], :2].reshape(-1, 2)
+    along, to = b - a, root[:2] - a
+    squared = np.maximum((along**2).sum(1), 1e-30)
+    t = np.clip((along * to).sum(1) / squared, 0, 1)
+    return np.sqrt(((to - along * t[:, None]) ** 2).sum(1).min())
+
+
+def check_standing(report, label, scene):
+    name = f"{label} trees stand on the terrain"
+    if not scene.terrain:
+        report.check(name, [], "no terrain in the file")
+        return
+    parts = []
+    for number, matrix in scene.drawn:
+        if number in scene.terrain:
+            mesh = scene.meshes[number]
+            if mesh.index.max(initial=0) >= len(mesh.points):
+                report.check(name, ["the terrain's indices are out of range"])
+                return
+            points = mesh.points.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+            parts.append(points[mesh.index].reshape(-1, 3, 3))
+    triangles = np.concatenate(parts)
+    ids = list(scene.trees)
+    roots = np.array([scene.trees[i][0] for i in ids]).reshape(-1, 3)
+    gaps = height_gaps(triangles, roots)
+    faults = []
+    for tree, root, gap in zip(ids, roots, gaps):
+        if np.isnan(gap):
+            distance = plan_distance(triangles, root)
+            if not distance <= OFF_TERRAIN_M:
+                faults.append(f"{tree} is {distance:.2f} m beside the terrain")
+        elif abs(gap) > ROOT_TOLERANCE_M + 1e-3:
+            faults.append(f"{tree} is {abs(gap):.2f} m {'below' if gap < 0 else 'above'} it")
+    worst = np.nanmax(np.abs(gaps), initial=0) if np.isfinite(gaps).any() else 0
+    report.check(name, faults, f"{len(ids)} trees, at most {worst:.3f} m off")
+
+
+# glTF
+
+
+def read_gltf(path):
+    """The document, and its one buffer."""
+    data = path.read_bytes()
+    if path.suffix == ".glb":
+        length = struct.unpack_from("<I", data, 12)[0]
+        return json.loads(data[20 : 20 + length]), data[28 + length :]
+    document = json.loads(data)
+    return document, (path.parent / unquote(document["buffers"][0]["uri"])).read_bytes()
+
+
+def write_glb(path, document, binary):
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    with open(path, "wb") as out:
+        out.write(struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(binary)))
+        out.write(struct.pack("<I4s", len(text), b"JSON") + text)
+        out.write(struct.pack("<I4s", len(binary), b"BIN\0") + binary)
+
+
+def accessor_place(document, number):
+    """Element type, offset, stride and shape of an accessor."""
+    accessor = document["accessors"][number]
+    view = document["bufferViews"][accessor["bufferView"]]
+    kind = np.dtype({5126: "<f4", 5125: "<u4", 5123: "<u2", 5121: "u1"}[accessor["componentType"]])
+    width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[accessor["type"]]
+    offset = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+    return kind, offset, view.get("byteStride", kind.itemsize * width), (accessor["count"], width)
+
+
+def accessor_array(document, binary, number):
+    kind, offset, stride, shape = accessor_place(document, number)
+    return np.ndarray(shape, kind, binary, offset, (stride, kind.itemsize))
+
+
+def z_up(vectors):
+    """(x, y, z) of glTF to (x, −z, y)."""
+    return np.stack([vectors[:, 0], -vectors[:, 2], vectors[:, 1]], axis=1)
+
+
+def node_matrix(node):
+    """In glTF's own axes."""
+    if "matrix" in node:
+        return np.array(node["matrix"], float).reshape(4, 4).T
+    x, y, z, w = node.get("rotation", (0, 0, 0, 1))
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)))
+    matrix[:3, 3] = node.get("translation", (0, 0, 0))
+    return matrix
+
+
+def gltf_scene(document, binary):
+    scene, of_mesh = Scene(), {}
+    for number, mesh in enumerate(document.get("meshes", [])):
+        of_mesh[number] = []
+        for part, primitive in enumerate(mesh["primitives"]):
+            get = lambda name: accessor_array(document, binary, primitive["attributes"][name])
+            of_mesh[number].append(len(scene.meshes))
+            index = accessor_array(document, binary, primitive["indices"])[:, 0].astype(np.int64)
+            scene.meshes.append(
+                Mesh(f"{mesh['name']}[{part}]", z_up(get("POSITION")), z_up(get("NORMAL")), get("TEXCOORD_0"), index)
+            )
+    axes = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], float)
+    waiting = [(root, np.eye(4)) for root in document["scenes"][document.get("scene", 0)]["nodes"]]
+    while waiting:
+        number, parent = waiting.pop()
+        node = document["nodes"][number]
+        matrix = parent @ node_matrix(node)
+        ours = axes @ matrix @ axes.T
+        for mesh in of_mesh.get(node.get("mesh"), []):
+            scene.drawn.append((mesh, ours))
+        facts = node.get("extras", {})
+        if "id" in facts:
+            scene.tree_count += 1
+            scene.trees[facts["id"]] = (ours[:3, 3], facts)
+        elif "mesh" in node and node["name"] == "terrain":
+            scene.terrain += of_mesh[node["mesh"]]
+        waiting += [(child, matrix) for child in node.get("children", [])]
+    extras = document["asset"].get("extras", {})
+    if "origin" in extras:
+        scene.place = (np.array(extras["origin"]), np.array(extras["unit_m"]))
+    return scene
+
+
+def gltf_pictures(path, document, binary):
+    pictures = {}
+    for image in document.get("images", []):
+        if "bufferView" in image:
+            view = document["bufferViews"][image["bufferView"]]
+            start = view.get("byteOffset", 0)
+            pictures[image["name"]] = binary[start : start + view["byteLength"]]
+        else:
+            file = path.parent / unquote(image["uri"])
+            pictures[image["name"]] = file.read_bytes() if file.is_file() else None
+    return pictures
+
+
+def check_khronos(report, path):
+    modules = os.environ.get("LARIX_NODE_MODULES") or str(Path(__file__).resolve().parent / "node_modules")
+    if not shutil.which("node"):
+        sys.exit("node is missing: install Node.js 18 or later")
+    if not (Path(modules) / "gltf-validator").is_dir():
+        sys.exit(f"gltf-validator is not in {modules}: npm install --prefix tools, or set LARIX_NODE_MODULES")
+    run = subprocess.run(
+        ["node", "-e", KHRONOS, str(path.resolve())],
+        env={**os.environ, "NODE_PATH": modules},
+        capture_output=True,
+        text=True,
+    )
+    if run.returncode:
+        report.check(f"{path.name} Khronos validator", [run.stderr.strip() or "no answer"])
+        return
+    issues = json.loads(run.stdout)
+    faults = [f"{m['code']} at {m.get('pointer', '?')}" for m in issues["messages"] if m["severity"] <= 1]
+    faults += ["more than it lists"] if issues["truncated"] else []
+    report.check(f"{path.name} Khronos validator", faults, "0 errors, 0 warnings")
+
+
+def check_trimesh(report, path, scene):
+    try:
+        loaded = trimesh.load_scene(path, process=False)
+        nodes = [loaded.graph[node] for node in loaded.graph.nodes_geometry]
+        triangles = sum(len(loaded.geometry[name].faces) for _, name in nodes)
+        faults = []
+        if (len(nodes), triangles) != (len(scene.drawn), scene.drawn_triangles()):
+            faults.append(f"{len(nodes)} meshes drawn with {triangles} triangles, not {len(scene.drawn)} with {scene.drawn_triangles()}")
+        bounds = np.sort(z_up(np.array(loaded.bounds)), axis=0)
+        if not np.allclose(bounds, scene.bounds, atol=BOUNDS_TOLERANCE_M, rtol=0):
+            faults.append(f"bounds {bounds.tolist()}")
+    except Exception as error:  # a reader that falls over has not read the file
+        faults = [f"{type(error).__name__}: {error}"]
+    report.check(f"{path.name} trimesh reads the same", faults, f"{len(scene.drawn)} meshes drawn")
+
+
+def check_gltf(report, path):
+    check_khronos(report, path)
+    document, binary = read_gltf(path)
+    scene = gltf_scene(document, binary)
+    check_trimesh(report, path, scene)
+    check_meshes(report, path.name, scene.meshes)
+    check_pictures(report, path.name, gltf_pictures(path, document, binary))
+    return scene
+
+
+# USD
+
+
+def check_usd(report, path):
+    stage = Usd.Stage.Open(str(path))
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    found = UsdValidation.ValidationContext(validators).Validate(stage)
+    faults = [f"{error.GetName()}: {error.GetMessage()}" for error in found]
+    report.check(f"{path.name} UsdValidation", faults, f"{len(validators)} validators")
+
+    root = stage.GetDefaultPrim()
+    faults = [] if root and UsdGeom.Imageable(root) else ["no defaultPrim that can be shown"]
+    if UsdGeom.GetStageUpAxis(stage) != "Z":
+        faults.append(f"upAxis {UsdGeom.GetStageUpAxis(stage)}, not Z")
+    if UsdGeom.GetStageMetersPerUnit(stage) != 1 or not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
+        faults.append(f"metersPerUnit {UsdGeom.GetStageMetersPerUnit(stage)}, not 1")
+    if root and not Usd.ModelAPI(root).GetKind():
+        faults.append("the defaultPrim has no kind")
+    report.check(f"{path.name} up axis, unit, default prim", faults)
+
+    scene = usd_scene(report, path, stage)
+    check_meshes(report, path.name, scene.meshes)
+    check_pictures(report, path.name, usd_pictures(stage))
+    return scene
+
+
+def usd_scene(report, path, stage):
+    scene, at, extents, instancers = Scene(), {}, [], []
+    cache = UsdGeom.XformCache()
+    below = lambda prim, kind: [p for p in Usd.PrimRange(prim) if p.IsA(kind)]
+    arrays = lambda attribute, width: np.array(attribute.Get() or [], np.float32).reshape(-1, width)
+    unbound = []
+    for prim in below(stage.GetPseudoRoot(), UsdGeom.Mesh):
+        mesh = UsdGeom.Mesh(prim)
+        points = arrays(mesh.GetPointsAttr(), 3)
+        uv = arrays(UsdGeom.PrimvarsAPI(prim).GetPrimvar("st"), 2)
+        index = np.array(mesh.GetFaceVertexIndicesAttr().Get() or [], np.int64)
+        counts = np.array(mesh.GetFaceVertexCountsAttr().Get() or [])
+        name = f"{prim.GetParent().GetName()}/{prim.GetName()}"
+        if (counts != 3).any() or counts.sum() != len(index):
+            extents.append(f"{name}: face counts do not add up to triangles")
+        extents += extent_faults(name, mesh, points)
+        if not UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]:
+            unbound.append(name)
+        at[prim.GetPath()] = len(scene.meshes)
+        scene.meshes.append(Mesh(name, points, arrays(mesh.GetNormalsAttr(), 3), uv, index))
+
+    instanced = set()
+    for prim in below(stage.GetPseudoRoot(), UsdGeom.PointInstancer):
+        instancer = UsdGeom.PointInstancer(prim)
+        targets = instancer.GetPrototypesRel().GetTargets()
+        protos = [below(stage.GetPrimAtPath(target), UsdGeom.Mesh) for target in targets]
+        instanced |= {mesh.GetPath() for proto in protos for mesh in proto}
+        faults = instancer_faults(prim, instancer, len(targets))
+        instancers += faults
+        ids = UsdGeom.PrimvarsAPI(prim).GetPrimvar("tree_id").Get() or []
+        scene.tree_count += len(instancer.GetProtoIndicesAttr().Get() or [])
+        if faults:
+            continue
+        time = Usd.TimeCode.Default()
+        matrices = np.array(instancer.ComputeInstanceTransformsAtTime(time, time, instancer.ExcludeProtoXform))
+        world = np.array(cache.GetLocalToWorldTransform(prim))
+        heights = UsdGeom.PrimvarsAPI(prim).GetPrimvar("height_m").Get()
+        here, species = Scene(meshes=scene.meshes), UsdGeom.PrimvarsAPI(prim).GetPrimvar("species").Get()
+        for tree, proto, matrix, height in zip(ids, instancer.GetProtoIndicesAttr().Get(), matrices, heights):
+            scene.trees[tree] = ((matrix @ world)[3, :3], {"height_m": height, "species": species})
+            for mesh in protos[proto]:
+                inner = np.array(cache.ComputeRelativeTransform(mesh, prim)[0])
+                here.drawn.append((at[mesh.GetPath()], (inner @ matrix).T))
+                scene.drawn.append((at[mesh.GetPath()], (inner @ matrix @ world).T))
+        extents += extent_faults(prim.GetName(), instancer, np.array(here.bounds))
+    for mesh_path, number in at.items():
+        if mesh_path not in instanced:
+            prim = stage.GetPrimAtPath(mesh_path)
+            scene.drawn.append((number, np.array(cache.GetLocalToWorldTransform(prim)).T))
+            if prim.GetName() == "terrain":
+                scene.terrain.append(number)
+    report.check(f"{path.name} instancers: array lengths, prototype indices, ids", instancers, f"{scene.tree_count} instances")
+    report.check(f"{path.name} extents contain their points", extents)
+    report.check(f"{path.name} materials bound", unbound)
+    about = stage.GetRootLayer().customLayerData.get("larix", {})
+    if "origin" in about:
+        scene.place = (np.array(about["origin"]), np.array(about["unit_m"]))
+    return scene
+
+
+def extent_faults(name, boundable, points):
+    extent = boundable.GetExtentAttr().Get()
+    if not extent or len(extent) != 2:
+        return [f"{name}: no extent"]
+    low, high = np.array(extent)
+    if len(points) and not ((points >= low - BOUNDS_TOLERANCE_M).all() and (points <= high + BOUNDS_TOLERANCE_M).all()):
+        return [f"{name}: points outside {low.tolist()} … {high.tolist()}"]
+    return []
+
+
+def instancer_faults(prim, instancer, prototypes):
+    index = np.array(instancer.GetProtoIndicesAttr().Get() or [])
+    faults = []
+    if not len(index):
+        faults.append(f"{prim.GetName()}: no instances")
+    elif index.min() < 0 or index.max() >= prototypes:
+        faults.append(f"{prim.GetName()}: protoIndices {index.min()}…{index.max()} of {prototypes} prototypes")
+    required = ("ids", "positions", "orientations", "scales", "primvars:tree_id", "primvars:height_m")
+    for attribute in prim.GetAuthoredAttributes():
+        name, value = attribute.GetName(), attribute.Get()
+        per_instance = name in (*required, "orientationsf")
+        if name.startswith("primvars:"):
+            per_instance = UsdGeom.Primvar(attribute).GetInterpolation() == "vertex"
+        if per_instance and len(value or []) != len(index):
+            faults.append(f"{prim.GetName()}: {len(value or [])} {name} for {len(index)} instances")
+        if name in ("positions", "scales") and value is not None and not np.isfinite(np.array(value)).all():
+            faults.append(f"{prim.GetName()}: {name} not finite")
+    faults += [f"{prim.GetName()}: no {name}" for name in required if not prim.GetAttribute(name).HasAuthoredValue()]
+    ids = instancer.GetIdsAttr().Get() or []
+    if len(set(ids)) != len(ids):
+        faults.append(f"{prim.GetName()}: ids are not unique")
+    return faults
+
+
+def usd_pictures(stage):
+    pictures = {}
+    for prim in stage.TraverseAll():
+        attribute = prim.GetAttribute("inputs:file")
+        if attribute and attribute.Get():
+            asset = attribute.Get()
+            opened = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(asset.resolvedPath)) if asset.resolvedPath else None
+            pictures[asset.path] = bytes(opened.GetBuffer()) if opened else None
+    return pictures
+
+
+# Agreement
+
+
+def check_unique_ids(report, label, scene):
+    faults = [] if len(scene.trees) == scene.tree_count else [f"{scene.tree_count} trees, {len(scene.trees)} ids"]
+    report.check(f"{label} every tree has an id of its own", faults, f"{scene.tree_count} trees")
+
+
+def check_agreement(report, first, scene, other, against):
+    label = f"{other} agrees with {first}:"
+    for what, count in {
+        "trees": lambda s: s.tree_count,
+        "unique triangles": Scene.unique_triangles,
+        "instanced triangles": Scene.drawn_triangles,
+    }.items():
+        a, b = count(scene), count(against)
+        report.check(f"{label} {what}", [f"{b}, not {a}"] if a != b else [], str(a))
+    off = np.abs(np.array(scene.bounds) - np.array(against.bounds)).max()
+    report.check(f"{label} bounds", [] if off <= BOUNDS_TOLERANCE_M else [f"{off:.4f} m apart"], f"{off * 1000:.3f} mm apart")
+    faults = [f"{tree} is in one only" for tree in sorted(scene.trees.keys() ^ against.trees.keys())]
+    for tree in scene.trees.keys() & against.trees.keys():
+        (a, facts), (b, others) = scene.trees[tree], against.trees[tree]
+        if not np.linalg.norm(a - b) <= BOUNDS_TOLERANCE_M or facts["species"] != others["species"]:
+            faults.append(f"{tree} differs in place or species")
+    report.check(f"{label} each tree", faults)
+
+
+def check_inventory(report, inventory, label, scene):
+    features = json.loads(inventory.read_text())["features"]
+    by_id = {str(feature["properties"].get("id")): feature for feature in features}
+    faults = [f"{len(features)} trees in the inventory, {scene.tree_count} in the file"] if len(features) != scene.tree_count else []
+    faults += [f"{tree} is in one only" for tree in sorted(by_id.keys() ^ scene.trees.keys())]
+    report.check(f"{label} agrees with {inventory.name}: trees", faults, f"{len(features)} trees")
+    faults = []
+    for tree in by_id.keys() & scene.trees.keys():
+        (root, facts), feature = scene.trees[tree], by_id[tree]
+        height = feature["properties"].get("height_m")
+        if height is not None and not abs(height - facts["height_m"]) <= 0.01:
+            faults.append(f"{tree}: height {facts['height_m']:.2f} m, not {height:.2f}")
+        if scene.place and feature.get("geometry"):
+            corners = np.array(list(plan_points(feature["geometry"]["coordinates"])))
+            east_north = scene.place[0][:2] + root[:2] / scene.place[1][:2]
+            margin = OUTLINE_TOLERANCE_M / scene.place[1][:2]
+            if not ((east_north >= corners.min(0) - margin) & (east_north <= corners.max(0) + margin)).all():
+                faults.append(f"{tree}: its root is outside its outline")
+    report.check(f"{label} agrees with {inventory.name}: heights, places", faults)
+
+
+def plan_points(coordinates):
+    """Every [x, y, …] of a geometry, however deep."""
+    waiting = [coordinates]
+    while waiting:
+        item = waiting.pop()
+        if item and isinstance(item[0], (int, float)):
+            yield item[:2]
+        else:
+            waiting += item
+
+
+def check_file(report, path):
+    read = check_gltf if path.suffix in (".glb", ".gltf") else check_usd
+    try:
+        scene = read(report, path)
+    except Exception as error:  # whatever a broken file makes of a reader
+        report.check(f"{path.name} can be read", [f"{type(error).__name__}: {error}"])
+        return None
+    report.check(f"{path.name} can be read", [])
+    check_unique_ids(report, path.name, scene)
+    check_standing(report, path.name, scene)
+    return scene
+
+
+def check_all(report, paths, inventory=None):
+    scenes = [(path.name, scene) for path in paths if (scene := check_file(report, path))]
+    for other, against in scenes[1:]:
+        check_agreement(report, *scenes[0], other, against)
+    for label, scene in scenes if inventory else []:
+        check_inventory(report, inventory, label, scene)
+
+
+# Seeded defects
+
+
+def glb_defects():
+    """Name → (part of the name of the check that must fail, change of document and buffer)."""
+
+    def array(d, b, attribute):
+        primitive = d["meshes"][-1]["primitives"][0]
+        return accessor_array(d, b, primitive["attributes"].get(attribute, primitive["indices"]))
+
+    def put(attribute, element, value):
+        return lambda d, b: array(d, b, attribute).__setitem__(element, value)
+
+    def lead_nowhere(d, b):
+        index = array(d, b, "indices")
+        index[0] = np.iinfo(index.dtype).max - 1
+
+    def flatten(d, b):
+        index = array(d, b, "indices")
+        index[1] = index[0]
+
+    def break_picture(d, b):
+        view = d["bufferViews"][d["images"][0]["bufferView"]]
+        start = view.get("byteOffset", 0)
+        b[start : start + view["byteLength"]] = bytes(view["byteLength"])
+
+    tree = lambda d: next(node for node in d["nodes"] if "id" in node.get("extras", {}))
+    group = lambda d: next(node for node in d["nodes"] if node.get("children") and "id" in d["nodes"][node["children"][0]].get("extras", {}))
+
+    def sink(d, b):
+        tree(d)["translation"][1] -= 3
+
+    def same_id(d, b):
+        two = [d["nodes"][child] for child in group(d)["children"][:2]]
+        two[1]["extras"]["id"] = two[0]["extras"]["id"]
+
+    def move(d, b):
+        tree(d)["translation"][0] += 0.3
+
+    return {
+        "an index too large": ("indices in range", lead_nowhere),
+        "a NaN position": ("finite", put("POSITION", (0, 0), np.nan)),
+        "a long normal": ("normals unit", put("NORMAL", 0, 0.6)),
+        "a flat triangle": ("no degenerate triangles", flatten),
+        "a broken picture": ("textures decode", break_picture),
+        "wrong bounds of positions": ("Khronos validator", lambda d, b: d["accessors"][0]["max"].__setitem__(0, 1e4)),
+        "a tree below the ground": ("stand on the terrain", sink),
+        "two trees of one id": ("id of its own", same_id),
+        "a dropped tree": (": trees", lambda d, b: group(d)["children"].pop()),
+        "a moved tree": ("each tree", move),
+    }
+
+
+def usd_defects():
+    """Name → (part of the name of the check that must fail, change of the stage)."""
+
+    def prims(stage, kind):
+        return [prim for prim in stage.TraverseAll() if prim.IsA(kind)]
+
+    def put(kind, name, element, value):
+        def change(stage):
+            attribute = prims(stage, kind)[-1].GetAttribute(name)
+            values = list(attribute.Get())
+            values[element] = value(values[element])
+            attribute.Set(values)
+
+        return change
+
+    def flatten(stage):
+        attribute = prims(stage, UsdGeom.Mesh)[-1].GetAttribute("faceVertexIndices")
+        values = list(attribute.Get())
+        attribute.Set([values[0]] + values[:1] + values[2:])
+
+    def drop(stage):
+        prim = prims(stage, UsdGeom.PointInstancer)[0]
+        count = len(prim.GetAttribute("protoIndices").Get())
+        for attribute in prim.GetAttributes():
+            value = attribute.Get()
+            if attribute.GetName() != "extent" and hasattr(value, "__len__") and len(value) == count:
+                attribute.Set(type(value)(list(value)[:-1]))
+
+    def lose_picture(stage):
+        asset = next(p.GetAttribute("inputs:file").Get() for p in stage.TraverseAll() if p.GetAttribute("inputs:file"))
+        Path(asset.resolvedPath).unlink()
+
+    def shorten(stage):
+        attribute = prims(stage, UsdGeom.PointInstancer)[0].GetAttribute("scales")
+        attribute.Set(Vt.Vec3fArray(list(attribute.Get())[:-1]))
+
+    mesh, instancer = UsdGeom.Mesh, UsdGeom.PointInstancer
+    nan = Gf.Vec3f(float("nan"), 0, 0)
+    return {
+        "an index too large": ("indices in range", put(mesh, "faceVertexIndices", 0, lambda _: 10**8)),
+        "a NaN position": ("finite", put(mesh, "points", 0, lambda _: nan)),
+        "a long normal": ("normals unit", put(mesh, "normals", 0, lambda n: n * 1.5)),
+        "a flat triangle": ("no degenerate triangles", flatten),
+        "a missing picture": ("textures decode", lose_picture),
+        "a tree below the ground": ("stand on the terrain", put(instancer, "positions", 0, lambda p: p - Gf.Vec3f(0, 0, 3))),
+        "a prototype index too large": ("instancers", put(instancer, "protoIndices", 0, lambda _: 10**6)),
+        "arrays of different lengths": ("instancers", shorten),
+        "a small extent": ("extents", put(instancer, "extent", 1, lambda p: p * 0.5)),
+        "Y up": ("up axis", lambda stage: UsdGeom.SetStageUpAxis(stage, "Y")),
+        "no default prim": ("default prim", lambda stage: stage.ClearDefaultPrim()),
+        "a binding without its schema": ("UsdValidation", lambda stage: prims(stage, UsdGeom.Mesh)[0].RemoveAPI(UsdShade.MaterialBindingAPI)),
+        "a dropped tree": (": trees", drop),
+        "a moved tree": ("each tree", put(instancer, "positions", 0, lambda p: p + Gf.Vec3f(0.3, 0, 0))),
+    }
+
+
+def self_test(report, glb, usda):
+    sound = Report(quiet=True)
+    scenes = {path: check_file(sound, path) for path in (glb, usda)}
+    report.check("self-test: the files as they are", sound.failed, f"{sound.checks} checks pass")
+    if sound.failed:
+        return
+    for path, defects in ((glb, glb_defects()), (usda, usd_defects())):
+        for defect, (expected, change) in defects.items():
+            with tempfile.TemporaryDirectory() as folder:
+                copy = Path(shutil.copy(path, folder))
+                if path == glb:
+                    document, binary = read_gltf(copy)
+                    binary = bytearray(binary)
+                    change(document, binary)
+                    write_glb(copy, document, bytes(binary))
+                else:
+                    if (path.parent / "textures").is_dir():
+                        shutil.copytree(path.parent / "textures", Path(folder) / "textures")
+                    stage = Usd.Stage.Open(str(copy))
+                    change(stage)
+                    stage.GetRootLayer().Save()
+                    del stage
+                seeded = Report(quiet=True)
+                scene = check_file(seeded, copy)
+                if scene and "indices in range" not in expected:
+                    check_agreement(seeded, "the sound file", scenes[path], copy.name, scene)
+                caught = [name for name in seeded.failed if expected in name]
+                faults = [] if caught else [f"no check named `{expected}` failed, only {seeded.failed}"]
+                report.check(f"self-test: {defect} in {path.name}", faults, f"caught by `{caught[0]}`" if caught else "")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="+", type=Path)
+    parser.add_argument("--inventory", type=Path, help="GeoJSON with one feature a tree")
+    parser.add_argument("--self-test", action="store_true", help="seed defects in copies of a .glb and a .usda")
+    options = parser.parse_args()
+    known = (".glb", ".gltf", ".usda", ".usdc", ".usdz")
+    for path in [*options.files, *filter(None, [options.inventory])]:
+        if not path.is_file():
+            parser.error(f"{path}: no such file")
+    for path in options.files:
+        if path.suffix not in known:
+            parser.error(f"{path}: not one of {', '.join(known)}")
+    report = Report()
+    if options.self_test:
+        if [path.suffix for path in options.files] != [".glb", ".usda"]:
+            parser.error("--self-test takes a .glb and a .usda")
+        self_test(report, *options.files)
+    else:
+        check_all(report, options.files, options.inventory)
+    print(f"{report.checks - len(report.failed)} passed, {len(report.failed)} failed")
+    sys.exit(1 if report.failed else 0)
+
+
+if __name__ == "__main__":
+    main()
