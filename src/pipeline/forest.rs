@@ -233,6 +233,7 @@ fn assemble(
     meshes: Vec<TreeMesh>,
     textures: Vec<Option<TreeTextures>>,
 ) -> Result<Scene> {
+    let species = &job.survey.species;
     let mut scene = Scene {
         name: job.name.clone(),
         frame: survey.frame.clone(),

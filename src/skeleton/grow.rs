@@ -385,7 +385,7 @@ impl<'a> Tree<'a> {
             - 0.35 * habit.irregular * draws.unit()
             - if shoot.depth == 1 && sets > 1 { 0.25 * (1.0 - back) } else { 0.0 };
         let length_m = length_m * vigour;
-        if length_m.is_nan() || length_m <= 0.6 * self.spacing_m {
+        if length_m.is_nan() || length_m <= 0.4 * self.spacing_m {
             return None;
         }
         let limb = Limb {
