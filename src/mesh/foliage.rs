@@ -24,7 +24,7 @@ const MOST_CARDS: usize = 2_000_000;
 /// How far cards may grow to make up for those left out.
 const MOST_ENLARGED: f32 = 2.8;
 /// Seen leaf area of a full crown over the area of its hull.
-const FULL: f32 = 1.15;
+const FULL: f32 = 0.95;
 
 /// A place for a card.
 #[derive(Debug, Clone, Copy)]
@@ -121,7 +121,7 @@ fn enlarged(hull: &Hull, species: &Species, atlas: &Atlas, kept: usize, all: usi
     let one = coverage.max(0.05) * twig * twig * 0.8;
     let wanted = FULL * area / (kept.max(1) as f32 * one);
     let thinned = all as f32 / kept.max(1) as f32;
-    wanted.min(thinned.max(2.0) * 2.0).max(1.0).sqrt().clamp(1.0, MOST_ENLARGED)
+    wanted.min(thinned.max(3.0) * 2.0).max(1.0).sqrt().clamp(1.0, MOST_ENLARGED)
 }
 
 fn shape_of(species: &Species, detail: bool) -> Shape {

@@ -100,7 +100,7 @@ impl Painter {
         let wv = v + 0.03 * self.broad.fractal(u, v, [8, 8], 3);
         let c = self.cells.cells(wu, wv, [8, 4], 0.95);
         let small = self.cells.cells(wu + 0.37, wv + 0.11, [16, 12], 0.9);
-        let plate = smoothstep(0.02, 0.17, c.border);
+        let plate = smoothstep(0.0, 0.12, c.border + 0.03 * self.fine.gradient(u, v, [40, 30]));
         let crack = smoothstep(0.0, 0.07, small.border);
         let grain = self.fine.fractal(u, v, [30, 14], 4);
         // Flakes lie in layers: a quantised height with soft risers.
@@ -114,17 +114,20 @@ impl Painter {
 
     /// Long ridges that part and join, broken across by fine cracks.
     fn furrows(&self, u: f32, v: f32) -> Texel {
-        let wu = u + 0.035 * self.warp.fractal(u, v, [6, 4], 3);
-        let wv = v + 0.05 * self.broad.gradient(u, v, [5, 4]);
-        let c = self.cells.cells(wu, wv, [11, 3], 1.0);
-        let ridge = smoothstep(0.0, 0.30, c.border);
+        let wu = u + 0.02 * self.warp.fractal(u, v, [7, 5], 3);
+        let wv = v + 0.03 * self.broad.gradient(u, v, [6, 5]);
+        // Furrows run where either of two stretched fields changes sign: they part and join.
+        let one = self.cells.gradient(wu, wv, [15, 3]).abs();
+        let two = self.warp.gradient(wu + 0.31, wv + 0.17, [19, 4]).abs();
+        let ridge = smoothstep(0.03, 0.32, one) * (0.35 + 0.65 * smoothstep(0.0, 0.2, two));
         let grain = self.fine.fractal(wu, v, [44, 8], 4);
-        let cross = self.broad.fractal(wu, wv, [16, 30], 3);
-        let broken = 1.0 - 0.45 * smoothstep(0.25, 0.5, cross);
-        let height = ridge.powf(0.8) * (0.72 + 0.2 * grain) * broken + 0.08 * c.draw;
-        let tone = (ridge * broken).clamp(0.0, 1.0).powf(0.9);
-        let shade = 0.92 + 0.26 * grain + 0.12 * (c.draw - 0.5);
-        Texel { height, colour: self.colour(tone, shade, 0.05 * (c.draw - 0.5) + 0.03 * cross) }
+        let cross = self.broad.fractal(wu, wv, [16, 34], 3);
+        let broken = 1.0 - 0.5 * smoothstep(0.2, 0.45, cross);
+        let patch = self.broad.fractal(u + 0.6, v, [5, 3], 3);
+        let height = ridge.powf(0.8) * (0.78 + 0.2 * grain) * broken;
+        let tone = (ridge * broken).clamp(0.0, 1.0).powf(0.7);
+        let shade = 0.95 + 0.26 * grain + 0.12 * patch;
+        Texel { height, colour: self.colour(tone, shade, 0.05 * patch + 0.03 * cross) }
     }
 
     /// Small thin scales, loose at their lower edge.
