@@ -17,6 +17,7 @@ use crate::skeleton::{Axis, Skeleton};
 use crate::species::Species;
 use crate::species::model::LeafShape;
 use crate::texture::Atlas;
+use crate::texture::atlas::Row;
 
 const GOLDEN_RAD: f32 = 2.399_963;
 /// Cards a tree may have at most.
@@ -94,6 +95,7 @@ pub fn foliage(
     out.normal.reserve(kept * shape.vertices());
     out.uv.reserve(kept * shape.vertices());
     out.index.reserve(kept * shape.triangles() * 3);
+    let outlines: Vec<Vec<Row>> = atlas.cells().iter().map(|c| c.outline(shape.rows())).collect();
     let mut due = 0.5;
     for (spot, weight) in spots.iter().zip(&weights) {
         if kept < spots.len() {
@@ -103,7 +105,7 @@ pub fn foliage(
             }
             due -= 1.0;
         }
-        place(spot, species, atlas, &hull, shape, enlarge, seed, &mut out);
+        place(spot, species, atlas, &outlines, &hull, shape, enlarge, seed, &mut out);
     }
     out
 }
@@ -217,6 +219,7 @@ fn place(
     spot: &Spot,
     species: &Species,
     atlas: &Atlas,
+    outlines: &[Vec<Row>],
     hull: &Hull,
     shape: Shape,
     enlarge: f32,
@@ -261,7 +264,7 @@ fn place(
         * (1.0 + (enlarge - 1.0) * (1.0 - 0.45 * height));
     let cells = atlas.nearest(size_m);
     let pick = draws.index(cells.clone().count());
-    let Some(cell) = cells.clone().nth(pick) else { return };
+    let Some(id) = cells.clone().nth(pick) else { return };
     let card = Card {
         base: spot.at - heading * (0.04 * size_m),
         heading,
@@ -274,5 +277,5 @@ fn place(
         outward,
         crown: hull.centre,
     };
-    emit(&card, shape, cell, out);
+    emit(&card, shape, &atlas.cells()[id], &outlines[id], out);
 }

@@ -150,7 +150,7 @@ fn grown_trees_are_sound_closed_and_within_budget() {
             assert!(tree.triangles() > budget / 3, "{name}: {}", tree.triangles());
             assert_eq!(tree.upper_wood.is_empty(), s.bark.upper.is_none(), "{name}");
             let low = tree.wood.bounds().0.z;
-            assert!(low < 0.0 && low >= -0.5, "{name}: goes on below ground, {low}");
+            assert!((-0.5..0.0).contains(&low), "{name}: goes on below ground, {low}");
             assert_eq!(tree, build(&skeleton, &s, &atlas, &options, Seed::new(3)).unwrap());
         }
     }

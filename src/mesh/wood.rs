@@ -40,7 +40,9 @@ pub fn plan(
         if wood.triangles <= budget {
             return wood;
         }
-        coarse *= COARSER;
+        // Far from the budget, larger steps.
+        let over = wood.triangles as f32 / budget.max(1) as f32;
+        coarse *= COARSER.powf(over.log2().clamp(1.0, 4.0));
         let cut_m = thin_m * (coarse - 1.0);
         let detail = options.detail && coarse < 3.0;
         wood = attempt(skeleton, axes, tolerance_m * coarse.powf(0.6), cut_m, detail, mixed_m);

@@ -166,11 +166,11 @@ fn assert_tiles(p: &Picture, what: &str) {
 #[test]
 fn bark_and_ground_tile() {
     for s in samples() {
-        let t = for_species(&s, 128, Seed::new(5));
+        let t = for_species(&s, 512, Seed::new(5));
         assert_tiles(&t.bark, &s.id);
         assert_tiles(&t.bark_normal, &s.id);
     }
-    assert_tiles(&ground(128, Seed::new(5)), "ground");
+    assert_tiles(&ground(512, Seed::new(5)), "ground");
 }
 
 #[test]
