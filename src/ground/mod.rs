@@ -1,6 +1,7 @@
 //! Which points are ground (L) and which vegetation (T). Knows nothing of terrain.
 
 mod morphology;
+mod regrow;
 mod smrf;
 mod voxel_rules;
 

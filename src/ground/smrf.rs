@@ -7,8 +7,12 @@
 //!   A steep slope is then nearly level where it is filtered, so that one slope tolerance serves
 //!   plains and mountains, and ridges keep their tops.
 //! - The tolerance grows with the gradient of the coarser surface.
+//! - What a window may take off is bounded by the rise over one cell, not over the whole window:
+//!   windows grow by one cell, so terrain within the tolerance loses no more than that to any of
+//!   them, while a closed canopy falls at once by its height (the increment of Zhang 2003).
 //! - Low outliers are found before (a gap below which there are few points) and after each level
 //!   (opening of the inverted surface).
+//! - What the opening took from crests and cliff edges is grown back ([`super::regrow`]).
 //! - Voids are filled by the membrane of [`crate::raster::inpaint`].
 //!
 //! Known limits: a building wider than the largest window is ground; undergrowth so dense that no
@@ -18,6 +22,7 @@ use glam::{DMat3, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::morphology::{Image, open_disk};
+use super::regrow::regrow;
 use crate::raster::{Grid, GridGeometry, inpaint};
 
 /// Finest cell, metres; from the scan's density if that is lower.
@@ -27,18 +32,26 @@ const LEVELS: i32 = 5;
 /// Largest object to be removed: radius of the last window.
 const WINDOW_M: f32 = 18.0;
 /// Rise per metre that is no object, on level ground.
-const SLOPE: f32 = 0.15;
+const SLOPE: f32 = 0.25;
 /// That tolerance grows by so much per unit of the coarser surface's gradient.
 const SLOPE_OF_SLOPE: f32 = 0.5;
+/// Share of the slope tolerance at the finest level: what is left above a surface known at twice
+/// the cell is roughness, not slope.
+const FINEST: f32 = 0.1;
 /// Height that is no object at any window.
-const STEP_M: f32 = 0.3;
+const STEP_M: f32 = 0.25;
+/// Regrown ground may leave the plane of its surroundings by [`STEP_M`] and, above the finest
+/// level, by so much per metre of cell.
+const REGROW_SLOPE: f32 = 0.2;
 /// A pit deeper than so many tolerances is an outlier.
-const PIT: f32 = 3.0;
+const PIT: f32 = 1.5;
 /// Ground lies this close to the surface, and farther on slopes.
-const NEAR_M: f32 = 0.3;
-const NEAR_SLOPE: f32 = 0.3;
+const NEAR_M: f32 = 0.15;
+const NEAR_SLOPE: f32 = 0.1;
+/// Gradients are taken as no steeper than this.
+const STEEPEST: f32 = 3.0;
 /// A cluster of low points with so large a gap above is noise.
-const GAP_M: f32 = 5.0;
+const GAP_M: f32 = 3.0;
 /// Most cells of any grid here; larger areas get larger cells.
 const MOST_CELLS: f64 = 30e6;
 
@@ -53,13 +66,26 @@ impl Surface {
         self.plane.height_at(p) + self.above.bilinear(p.x.into(), p.y.into())
     }
 
-    /// Central differences over ± `reach_m`.
+    /// The steeper of the two sides along each axis, over `reach_m`: a crest is as steep as its
+    /// flanks.
     fn gradient(&self, p: Vec2, reach_m: f32) -> f32 {
-        let d = |axis: Vec2| {
-            (self.height_at(p + axis * reach_m) - self.height_at(p - axis * reach_m))
-                / (2.0 * reach_m)
-        };
-        d(Vec2::X).hypot(d(Vec2::Y))
+        let here = self.height_at(p);
+        let side = |step: Vec2| (self.height_at(p + step * reach_m) - here).abs() / reach_m;
+        let x = side(Vec2::X).max(side(Vec2::NEG_X));
+        let y = side(Vec2::Y).max(side(Vec2::NEG_Y));
+        x.hypot(y)
+    }
+
+    /// Heights above the plane at the centres of another grid.
+    fn resampled(&self, geometry: GridGeometry) -> Grid<f32> {
+        let mut out = Grid::filled(geometry, 0.0);
+        out.data.par_chunks_mut(geometry.cols).enumerate().for_each(|(row, heights)| {
+            for (col, z) in heights.iter_mut().enumerate() {
+                let [x, y] = geometry.centre(col, row);
+                *z = self.above.bilinear(x, y);
+            }
+        });
+        out
     }
 }
 
@@ -71,8 +97,11 @@ pub fn ground(candidates: &[Vec3], points: &[Vec3]) -> Vec<bool> {
         .par_iter()
         .map(|p| {
             let at = p.truncate();
-            let tolerance = NEAR_M + NEAR_SLOPE * surface.gradient(at, CELL_M);
-            (p.z - surface.height_at(at)).abs() <= tolerance
+            let beyond = (p.z - surface.height_at(at)).abs() - NEAR_M;
+            // The gradient is asked for only where it decides.
+            beyond <= 0.0
+                || beyond <= NEAR_SLOPE * STEEPEST
+                    && beyond <= NEAR_SLOPE * surface.gradient(at, CELL_M).min(STEEPEST)
         })
         .collect()
 }
@@ -86,46 +115,52 @@ fn surface(candidates: &[Vec3]) -> Surface {
     let cell = CELL_M.max((area * 4.0 / MOST_CELLS).sqrt() as f32);
 
     let half = GridGeometry::covering(min, max, f64::from(cell) * 0.5);
-    let kept = without_low_outliers(&lowest_points(candidates, &half), min, max, cell);
+    let thinned = lowest_points(candidates, &half);
     let coarse = GridGeometry::covering(min, max, f64::from(extent / 8.0).max(1.0));
+    let rough = Plane::through(&lowest_points(&thinned, &coarse));
+    let kept = without_low_outliers(&thinned, &rough, cell);
     let plane = Plane::through(&lowest_points(&kept, &coarse));
 
     let top = GridGeometry::covering(min, max, f64::from(cell) * 2f64.powi(LEVELS));
     let mut surface = Surface { plane, above: Grid::filled(top, 0.0) };
     for level in (0..=LEVELS).rev() {
         let geometry = GridGeometry::covering(min, max, f64::from(cell) * 2f64.powi(level));
-        let mut above = lowest_heights(&kept, &surface, geometry);
-        let mut is_known: Vec<bool> = above.data.iter().map(|z| z.is_finite()).collect();
+        let trend = surface.resampled(geometry);
+        let low = lowest_heights(&kept, &surface, geometry);
+        let mut is_known: Vec<bool> = low.data.iter().map(|z| z.is_finite()).collect();
+        let mut above = low.clone();
         inpaint::fill(&mut above, &is_known);
         if level < LEVELS {
-            let tolerance = tolerances(&surface, &geometry);
+            let share = if level == 0 { FINEST } else { 1.0 };
+            let tolerance = tolerances(&surface, &geometry, share);
             remove_objects(&mut above, &mut is_known, &tolerance);
             remove_pits(&mut above, &mut is_known, &tolerance);
+            let coarseness_m = if level == 0 { 0.0 } else { geometry.cell_x as f32 };
+            regrow(&sum(&low, &trend), &mut is_known, STEP_M + REGROW_SLOPE * coarseness_m);
+            above = low;
+            inpaint::fill(&mut above, &is_known);
         }
         if level > 0 {
             smooth(&mut above);
         }
-        for row in 0..geometry.rows {
-            for col in 0..geometry.cols {
-                let [x, y] = geometry.centre(col, row);
-                let z = above.at(col, row) + surface.above.bilinear(x, y);
-                above.set(col, row, z);
-            }
-        }
-        surface.above = above;
+        surface.above = sum(&above, &trend);
     }
     surface
 }
 
+fn sum(a: &Grid<f32>, b: &Grid<f32>) -> Grid<f32> {
+    Grid { geometry: a.geometry, data: a.data.iter().zip(&b.data).map(|(a, b)| a + b).collect() }
+}
+
 /// Height difference that a cell may rise over its neighbour, by cell.
-fn tolerances(surface: &Surface, geometry: &GridGeometry) -> Vec<f32> {
+fn tolerances(surface: &Surface, geometry: &GridGeometry, share: f32) -> Vec<f32> {
     let cell = geometry.cell_x as f32;
     (0..geometry.len())
         .into_par_iter()
         .map(|i| {
             let [x, y] = geometry.centre(i % geometry.cols, i / geometry.cols);
             let gradient = surface.gradient(Vec2::new(x as f32, y as f32), cell.max(2.0));
-            (SLOPE + SLOPE_OF_SLOPE * gradient) * cell + STEP_M
+            share * (SLOPE + SLOPE_OF_SLOPE * gradient) * cell + STEP_M
         })
         .collect()
 }
@@ -196,17 +231,24 @@ fn lowest_heights(points: &[Vec3], surface: &Surface, geometry: GridGeometry) ->
 }
 
 /// Drops points that lie with at most two others below a gap of [`GAP_M`] among the lowest of
-/// their surroundings.
-fn without_low_outliers(points: &[Vec3], min: [f64; 2], max: [f64; 2], cell: f32) -> Vec<Vec3> {
+/// their surroundings. Heights are taken above the plane, so that a slope opens no gaps.
+fn without_low_outliers(points: &[Vec3], plane: &Plane, cell: f32) -> Vec<Vec3> {
     const LOWEST: usize = 4;
     const ENOUGH: usize = 8;
-    let g = GridGeometry::covering(min, max, f64::from(cell) * 8.0);
+    let Some(&first) = points.first() else { return Vec::new() };
+    let (low, high) = points.iter().fold((first, first), |(a, b), p| (a.min(*p), b.max(*p)));
+    let g = GridGeometry::covering(
+        [low.x.into(), low.y.into()],
+        [high.x.into(), high.y.into()],
+        f64::from(cell) * 8.0,
+    );
     let mut lowest: Vec<Vec<u32>> = vec![Vec::new(); g.len()];
-    let z = |i: u32| points[i as usize].z;
+    let height: Vec<f32> = points.iter().map(|p| p.z - plane.height_at(p.truncate())).collect();
+    let z = |i: u32| height[i as usize];
     for (i, p) in points.iter().enumerate() {
         let Some((c, r)) = g.cell_of(p.x.into(), p.y.into()) else { continue };
         let own = &mut lowest[g.index(c, r)];
-        let at = own.partition_point(|&o| z(o) <= p.z);
+        let at = own.partition_point(|&o| z(o) <= height[i]);
         if at < LOWEST {
             own.insert(at, i as u32);
             own.truncate(LOWEST);

@@ -64,6 +64,49 @@ fn smrf_finds_the_ground_on_level_and_steep_slopes() {
     }
 }
 
+/// Share of bare ground of the given shape that is found within `reach` of x = 50.
+fn found_near_the_middle(ground: impl Fn(f32, f32) -> f32, reach: f32) -> f32 {
+    let mut d = Seed::new(5).draws();
+    let points: Vec<Vec3> = (0..40_000)
+        .map(|_| [d.between(0.0, 100.0), d.between(0.0, 100.0)])
+        .map(|[x, y]| Vec3::new(x, y, ground(x, y)))
+        .collect();
+    let n = points.len();
+    let c = classify(cloud(points, vec![1; n]), &GroundOptions::default()).unwrap().value;
+    let near: Vec<bool> = c
+        .cloud
+        .position
+        .iter()
+        .zip(&c.kind)
+        .filter(|(p, _)| (p.x - 50.0).abs() < reach)
+        .map(|(_, k)| *k == Kind::Ground)
+        .collect();
+    near.iter().filter(|g| **g).count() as f32 / near.len() as f32
+}
+
+#[test]
+fn ridges_gullies_and_waves_keep_their_points() {
+    let tilted = found_near_the_middle(|x, y| 0.8 * x - 0.5 * y, 50.0);
+    assert_eq!(tilted, 1.0);
+    let waves = |x: f32, y: f32| 4.0 * (x * 0.15).sin() + 4.0 * (y * 0.15).cos();
+    let waves = found_near_the_middle(waves, 50.0);
+    assert!(waves > 0.97, "{waves}");
+    for slope in [0.4, 0.7] {
+        // An edge as sharp as a roof: the last metre of it is rounded.
+        let ridge = found_near_the_middle(|x, _| 60.0 - slope * (x - 50.0).abs(), 10.0);
+        assert!(ridge > 0.85, "{slope}: {ridge}");
+        let gully = found_near_the_middle(|x, _| slope * (x - 50.0).abs(), 10.0);
+        assert!(gully > 0.85, "{slope}: {gully}");
+    }
+}
+
+#[test]
+fn a_cliff_keeps_the_ground_above_and_below_it() {
+    // Twelve metres high; some metres beside its edge are lost.
+    let cliff = |x: f32, y: f32| if x < 50.0 { 0.02 * y } else { 12.0 + 0.02 * y };
+    assert!(found_near_the_middle(cliff, 50.0) > 0.9);
+}
+
 #[test]
 fn voxel_rules_find_most_of_a_gentle_slope() {
     let (points, truth) = forest(0.1);

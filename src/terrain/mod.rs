@@ -140,7 +140,7 @@ fn geometry(
         None => {
             let area = f64::from((high.x - low.x).max(1.0)) * f64::from((high.y - low.y).max(1.0));
             let spacing = (area / ground.len().max(1) as f64).sqrt();
-            CELLS_M.into_iter().find(|&c| c >= 0.8 * spacing).unwrap_or(2.0)
+            CELLS_M.into_iter().find(|&c| c >= 0.5 * spacing).unwrap_or(2.0)
         }
     };
     let across = f64::from(high.x - low.x) / cell + 2.0;
