@@ -343,7 +343,13 @@ pub(super) fn prototype(name: String, species: &Species, mesh: TreeMesh, look: L
     }
 }
 
-fn add_terrain(scene: &mut Scene, terrain: &Terrain, lattice: &Lattice, photo: Option<&Photo>, seed: Seed) {
+fn add_terrain(
+    scene: &mut Scene,
+    terrain: &Terrain,
+    lattice: &Lattice,
+    photo: Option<&Photo>,
+    seed: Seed,
+) {
     let mut surface = lattice.surface();
     let draped = photo.and_then(|p| drape(p, terrain));
     let picture = match draped {

@@ -88,9 +88,9 @@ fn classify(job: &SurveyJob, run: &mut Recorder) -> Result<Classified> {
 fn photo_raster(path: &Path) -> Result<Raster> {
     let raster = geotiff::read(path)?;
     if raster.geometry.is_none() {
-        return Err(Error::new("the photo has no georeference")
-            .in_file(path)
-            .remedy("give a GeoTIFF that says where it lies, e.g. made by `gdal_translate -a_ullr`"));
+        return Err(Error::new("the photo has no georeference").in_file(path).remedy(
+            "give a GeoTIFF that says where it lies, e.g. made by `gdal_translate -a_ullr`",
+        ));
     }
     Ok(raster)
 }
