@@ -71,13 +71,19 @@ def captured():
 def load(bpy, path):
     """Imports the file into an empty scene; gives the lines that look like complaints."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
+    importers = {
+        bpy.ops.import_scene.gltf: (".glb", ".gltf"),
+        bpy.ops.wm.usd_import: (".usd", ".usda", ".usdc", ".usdz"),
+    }
+    suitable = [f for f, suffixes in importers.items() if path.suffix.lower() in suffixes]
+    if not suitable:
+        return ["not a .glb, .gltf, .usd, .usda, .usdc or .usdz file"]
     with captured() as lines:
-        if path.suffix.lower() in (".glb", ".gltf"):
-            bpy.ops.import_scene.gltf(filepath=str(path))
-        elif path.suffix.lower() in (".usd", ".usda", ".usdc", ".usdz"):
-            bpy.ops.wm.usd_import(filepath=str(path))
-        else:
-            sys.exit(f"{path}: not a .glb, .gltf, .usd, .usda, .usdc or .usdz file")
+        try:
+            suitable[0](filepath=str(path))
+        except RuntimeError as error:
+            # The operator's own message; a traceback goes to the captured streams.
+            return [" ".join(str(error).split())[-200:]]
     return [line.strip() for line in lines if SUSPECT.search(line)]
 
 
