@@ -230,5 +230,5 @@ fn commands_stop_where_they_are_done() {
     }
     let grown =
         stages(&["tree", "betula_pendula", "--triangles", "2000", "-o", &to("b.glb"), "--json"]);
-    assert_eq!(grown, ["skeleton", "mesh", "texture", "scene", "export"]);
+    assert_eq!(grown, ["skeleton", "texture", "mesh", "scene", "export"]);
 }

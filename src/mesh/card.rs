@@ -5,6 +5,7 @@ use glam::Vec3;
 
 use super::Surface;
 use crate::texture::Cell;
+use crate::texture::atlas::Row;
 
 /// The form of cards.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,17 +17,20 @@ pub enum Shape {
 }
 
 impl Shape {
-    pub fn triangles(self) -> usize {
+    pub fn rows(self) -> usize {
         match self {
-            Shape::Folded { rows } => 4 * (rows.max(2) - 1),
-            Shape::Crossed { rows } => 4 * (rows.max(2) - 1),
+            Shape::Folded { rows } | Shape::Crossed { rows } => rows.max(2),
         }
+    }
+
+    pub fn triangles(self) -> usize {
+        4 * (self.rows() - 1)
     }
 
     pub fn vertices(self) -> usize {
         match self {
-            Shape::Folded { rows } => 3 * rows.max(2),
-            Shape::Crossed { rows } => 4 * rows.max(2),
+            Shape::Folded { .. } => 3 * self.rows(),
+            Shape::Crossed { .. } => 4 * self.rows(),
         }
     }
 }
@@ -54,10 +58,10 @@ pub struct Card {
 /// Share of the crown's outside in a normal, against the card's own.
 const BENT: f32 = 0.6;
 
-pub fn emit(card: &Card, shape: Shape, cell: &Cell, out: &mut Surface) {
+pub fn emit(card: &Card, shape: Shape, cell: &Cell, outline: &[Row], out: &mut Surface) {
     let across = card.heading.cross(card.facing);
     match shape {
-        Shape::Folded { rows } => {
+        Shape::Folded { .. } => {
             let (sin, cos) = card.fold_rad.sin_cos();
             // Across the midrib: left, middle, right, each with its direction and own normal.
             let left = (across * -cos) - card.facing * sin;
@@ -67,13 +71,13 @@ pub fn emit(card: &Card, shape: Shape, cell: &Cell, out: &mut Surface) {
                 card.facing,
                 (card.facing * cos + across * sin),
             ];
-            sheet(card, cell, rows, &[(left, leans[0]), (right, leans[2])], Some(leans[1]), out);
+            sheet(card, cell, outline, &[(left, leans[0]), (right, leans[2])], Some(leans[1]), out);
         }
-        Shape::Crossed { rows } => {
-            sheet(card, cell, rows, &[(-across, card.facing), (across, card.facing)], None, out);
+        Shape::Crossed { .. } => {
+            sheet(card, cell, outline, &[(-across, card.facing), (across, card.facing)], None, out);
             let turned = Card { mirrored: !card.mirrored, ..*card };
             let flat = [(-card.facing, -across), (card.facing, -across)];
-            sheet(&turned, cell, rows, &flat, None, out);
+            sheet(&turned, cell, outline, &flat, None, out);
         }
     }
 }
@@ -83,13 +87,12 @@ pub fn emit(card: &Card, shape: Shape, cell: &Cell, out: &mut Surface) {
 fn sheet(
     card: &Card,
     cell: &Cell,
-    rows: usize,
+    outline: &[Row],
     sides: &[(Vec3, Vec3); 2],
     middle: Option<Vec3>,
     out: &mut Surface,
 ) {
     let start = out.position.len() as u32;
-    let outline = cell.outline(rows);
     // Seen from outside the crown, the front shows: a viewer's light agrees with the normals.
     let own = middle.unwrap_or(sides[0].1);
     let is_front = own.dot(card.outward) >= 0.0;
@@ -104,7 +107,7 @@ fn sheet(
         out.normal.push(normal.normalize_or(card.outward));
         out.uv.push(cell.uv(s, t));
     };
-    for row in &outline {
+    for row in outline {
         let (l, r) = (0.5 - row.left, row.right - 0.5);
         // A mirrored card swaps the two sides of the picture.
         let (l, r) = if card.mirrored { (r, l) } else { (l, r) };

@@ -28,7 +28,7 @@ impl Surface {
                 return Err(Error::new(format!("vertex {i} is not finite")));
             }
             let length = self.normal[i].length();
-            if !((length - 1.0).abs() < 1e-4) {
+            if length.is_nan() || (length - 1.0).abs() >= 1e-4 {
                 return Err(Error::new(format!("the normal of vertex {i} is {length} long")));
             }
         }
@@ -39,7 +39,7 @@ impl Surface {
             };
             let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
             let twice_area = (b - a).as_dvec3().cross((c - a).as_dvec3()).length() as f32;
-            if !(twice_area > longest * LEAST_HEIGHT_M) {
+            if twice_area.is_nan() || twice_area <= longest * LEAST_HEIGHT_M {
                 return Err(Error::new(format!("triangle {t} has no area: {a} {b} {c}")));
             }
         }

@@ -17,6 +17,7 @@ use crate::skeleton::{Axis, Skeleton};
 use crate::species::Species;
 use crate::species::model::LeafShape;
 use crate::texture::Atlas;
+use crate::texture::atlas::Row;
 
 const GOLDEN_RAD: f32 = 2.399_963;
 /// Cards a tree may have at most.
@@ -24,7 +25,7 @@ const MOST_CARDS: usize = 2_000_000;
 /// How far cards may grow to make up for those left out.
 const MOST_ENLARGED: f32 = 2.8;
 /// Seen leaf area of a full crown over the area of its hull.
-const FULL: f32 = 1.15;
+const FULL: f32 = 0.95;
 
 /// A place for a card.
 #[derive(Debug, Clone, Copy)]
@@ -94,6 +95,7 @@ pub fn foliage(
     out.normal.reserve(kept * shape.vertices());
     out.uv.reserve(kept * shape.vertices());
     out.index.reserve(kept * shape.triangles() * 3);
+    let outlines: Vec<Vec<Row>> = atlas.cells().iter().map(|c| c.outline(shape.rows())).collect();
     let mut due = 0.5;
     for (spot, weight) in spots.iter().zip(&weights) {
         if kept < spots.len() {
@@ -103,7 +105,7 @@ pub fn foliage(
             }
             due -= 1.0;
         }
-        place(spot, species, atlas, &hull, shape, enlarge, seed, &mut out);
+        place(spot, species, atlas, &outlines, &hull, shape, enlarge, seed, &mut out);
     }
     out
 }
@@ -121,7 +123,7 @@ fn enlarged(hull: &Hull, species: &Species, atlas: &Atlas, kept: usize, all: usi
     let one = coverage.max(0.05) * twig * twig * 0.8;
     let wanted = FULL * area / (kept.max(1) as f32 * one);
     let thinned = all as f32 / kept.max(1) as f32;
-    wanted.min(thinned.max(2.0) * 2.0).max(1.0).sqrt().clamp(1.0, MOST_ENLARGED)
+    wanted.min(thinned.max(3.0) * 2.0).max(1.0).sqrt().clamp(1.0, MOST_ENLARGED)
 }
 
 fn shape_of(species: &Species, detail: bool) -> Shape {
@@ -217,6 +219,7 @@ fn place(
     spot: &Spot,
     species: &Species,
     atlas: &Atlas,
+    outlines: &[Vec<Row>],
     hull: &Hull,
     shape: Shape,
     enlarge: f32,
@@ -261,7 +264,7 @@ fn place(
         * (1.0 + (enlarge - 1.0) * (1.0 - 0.45 * height));
     let cells = atlas.nearest(size_m);
     let pick = draws.index(cells.clone().count());
-    let Some(cell) = cells.clone().nth(pick) else { return };
+    let Some(id) = cells.clone().nth(pick) else { return };
     let card = Card {
         base: spot.at - heading * (0.04 * size_m),
         heading,
@@ -274,5 +277,5 @@ fn place(
         outward,
         crown: hull.centre,
     };
-    emit(&card, shape, cell, out);
+    emit(&card, shape, &atlas.cells()[id], &outlines[id], out);
 }

@@ -143,17 +143,17 @@ pub fn build(
     }
     let axes = skeleton.axes();
     let seed = seed.derive("mesh", 0);
+    let has_young = species.bark.upper.is_some();
     let wood_budget = options.triangle_budget.map(|b| match options.foliage {
         true => (b as f32 * WOOD_SHARE) as usize,
         false => b,
     });
-    let plan = wood::plan(skeleton, &axes, options, wood_budget);
+    let plan = wood::plan(skeleton, &axes, options, wood_budget, has_young);
     if plan.triangles == 0 {
         return Err(Error::new(format!("a skeleton of {} nodes has no wood", skeleton.len()))
             .remedy("give the species a greater height"));
     }
-    let [wood, upper_wood] =
-        plan.surfaces(skeleton.radius_m[0], species.bark.upper.is_some(), seed);
+    let [wood, upper_wood] = plan.surfaces(skeleton, has_young, seed);
     let foliage = if options.foliage {
         let left = options.triangle_budget.map(|b| b.saturating_sub(plan.triangles));
         foliage::foliage(skeleton, &axes, species, atlas, left, options.detail, seed)

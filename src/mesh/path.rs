@@ -16,6 +16,8 @@ pub const MAX_SIDES: u32 = 32;
 pub const MIN_SIDES: u32 = 3;
 /// How far a stem goes on below ground, so that no slope shows its end.
 pub const BELOW_GROUND_M: f32 = 0.3;
+/// Rings where two barks mix.
+const MIXED_RINGS: u32 = 6;
 /// Nodes that one straight piece may replace.
 const SPAN: usize = 24;
 
@@ -40,8 +42,8 @@ pub struct Ring {
 /// How an axis begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Foot {
-    /// In the ground.
-    Ground,
+    /// In the ground; rings enough between these heights, where one bark gives way to another.
+    Ground { mixed_m: Option<[f32; 2]> },
     /// On the axis of a parent of this radius and direction.
     Branch { parent_radius_m: f32, parent_direction: Vec3 },
 }
@@ -91,7 +93,15 @@ pub fn rings(
     let lobes = &mut scratch.lobes;
     lobes.clear();
     match foot {
-        Foot::Ground => flare(kept, lobes, tolerance_m, least_step, detail),
+        Foot::Ground { mixed_m } => {
+            if let Some([low, high]) = mixed_m {
+                for k in 0..MIXED_RINGS {
+                    let t = (k as f32 + 0.5) / MIXED_RINGS as f32;
+                    insert(kept, low + (high - low) * t, least_step, |r| r);
+                }
+            }
+            flare(kept, lobes, tolerance_m, least_step, detail);
+        }
         Foot::Branch { parent_radius_m, parent_direction } => {
             collar(kept, parent_radius_m, parent_direction, tolerance_m, least_step);
         }
@@ -214,8 +224,8 @@ fn flare(
 ) {
     let radius = kept[0].radius_m;
     let length: f32 = kept.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
-    let height = (3.2 * radius).min(0.25 * length);
-    let wide = 0.5f32;
+    let height = (4.5 * radius).min(0.25 * length);
+    let wide = 0.42f32;
     if radius * wide > tolerance_m {
         let shares: &[f32] = if detail { &[1.0, 0.6, 0.32, 0.14] } else { &[1.0, 0.3] };
         for &s in shares {

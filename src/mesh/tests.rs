@@ -150,7 +150,7 @@ fn grown_trees_are_sound_closed_and_within_budget() {
             assert!(tree.triangles() > budget / 3, "{name}: {}", tree.triangles());
             assert_eq!(tree.upper_wood.is_empty(), s.bark.upper.is_none(), "{name}");
             let low = tree.wood.bounds().0.z;
-            assert!(low < 0.0 && low >= -0.5, "{name}: goes on below ground, {low}");
+            assert!((-0.5..0.0).contains(&low), "{name}: goes on below ground, {low}");
             assert_eq!(tree, build(&skeleton, &s, &atlas, &options, Seed::new(3)).unwrap());
         }
     }
@@ -284,4 +284,41 @@ fn contact_sheet() {
             std::fs::write(dir.join(format!("{name}_{level}.obj")), text).unwrap();
         }
     }
+}
+
+/// Prints triangles a second: `cargo test --release --lib mesh::tests::speed -- --ignored`.
+#[test]
+#[ignore = "measures"]
+fn speed() {
+    let s = oak();
+    let detail = Detail { max_nodes: 100_000, attractor_spacing_m: None };
+    let skeleton = grow(&s, Target::FromSpecies { height_m: None }, detail, Seed::new(1)).unwrap();
+    let axes = skeleton.axes();
+    let options = MeshOptions { tolerance_m: 1e-4, ..bare(1e-4) };
+    let start = std::time::Instant::now();
+    let plan = wood::plan(&skeleton, &axes, &options, None, false);
+    let planned = start.elapsed();
+    let wood = plan.surfaces(&skeleton, false, Seed::new(1));
+    let rate = |n: usize, t: std::time::Duration| n as f64 / t.as_secs_f64() / 1e6;
+    println!(
+        "wood: {} triangles, plan {planned:?}, all {:?}: {:.1} M/s",
+        wood[0].triangles(),
+        start.elapsed(),
+        rate(wood[0].triangles(), start.elapsed())
+    );
+    let atlas = texture::for_species(&s, 128, Seed::new(1)).atlas;
+    let start = std::time::Instant::now();
+    let cards = foliage::foliage(&skeleton, &axes, &s, &atlas, None, true, Seed::new(1));
+    println!(
+        "foliage: {} triangles in {:?}: {:.1} M/s",
+        cards.triangles(),
+        start.elapsed(),
+        rate(cards.triangles(), start.elapsed())
+    );
+    let start = std::time::Instant::now();
+    for _ in 0..20 {
+        let small = build(&skeleton, &s, &atlas, &MeshOptions::HERO, Seed::new(1)).unwrap();
+        assert!(small.triangles() > 0);
+    }
+    println!("hero from {} nodes: {:?}", skeleton.len(), start.elapsed() / 20);
 }

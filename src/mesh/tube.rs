@@ -52,8 +52,8 @@ pub fn count(rings: &[Ring]) -> (usize, usize) {
 /// Where a tube goes: old bark and young bark.
 pub struct Barks<'a> {
     pub surface: [&'a mut Surface; 2],
-    /// Share of young bark at a radius; between 0 and 1 the facets mix.
-    pub young: &'a dyn Fn(f32) -> f32,
+    /// Share of young bark at a ring; between 0 and 1 the facets mix.
+    pub young: &'a dyn Fn(&Ring) -> f32,
     /// Draws for that mixing, and the phase of buttresses.
     pub draws: Draws,
     /// Metres a tile of bark.
@@ -75,7 +75,7 @@ pub fn tube(rings: &[Ring], circles: &Circles, barks: &mut Barks) {
     // Where the corners of the last ring start in each surface, once they are there.
     let mut below = [None; 2];
     for i in 0..n - 1 {
-        let share = (barks.young)(rings[i].radius_m);
+        let share = (barks.young)(&rings[i]);
         let mut here = [None; 2];
         let corners_in = |b: usize, i: usize, slot: &mut [Option<u32>; 2], out: &mut Surface| {
             *slot[b].get_or_insert_with(|| {

@@ -26,9 +26,12 @@ pub fn plan(
     axes: &[Axis],
     options: &MeshOptions,
     budget: Option<usize>,
+    has_young: bool,
 ) -> Wood {
+    let height_m = skeleton.height_m();
+    let mixed_m = has_young.then(|| YOUNG_HEIGHT.map(|h| h * height_m));
     let tolerance_m = options.tolerance_m.clamp(1e-5, 1.0);
-    let mut wood = attempt(skeleton, axes, tolerance_m, 0.0, options.detail);
+    let mut wood = attempt(skeleton, axes, tolerance_m, 0.0, options.detail, mixed_m);
     let Some(budget) = budget else { return wood };
     // Bare twigs are the crown: there sides go before axes.
     let thin_m = if options.foliage { 0.0015 } else { 0.0003 };
@@ -37,15 +40,24 @@ pub fn plan(
         if wood.triangles <= budget {
             return wood;
         }
-        coarse *= COARSER;
+        // Far from the budget, larger steps.
+        let over = wood.triangles as f32 / budget.max(1) as f32;
+        coarse *= COARSER.powf(over.log2().clamp(1.0, 4.0));
         let cut_m = thin_m * (coarse - 1.0);
         let detail = options.detail && coarse < 3.0;
-        wood = attempt(skeleton, axes, tolerance_m * coarse.powf(0.6), cut_m, detail);
+        wood = attempt(skeleton, axes, tolerance_m * coarse.powf(0.6), cut_m, detail, mixed_m);
     }
     wood
 }
 
-fn attempt(skeleton: &Skeleton, axes: &[Axis], tolerance_m: f32, cut_m: f32, detail: bool) -> Wood {
+fn attempt(
+    skeleton: &Skeleton,
+    axes: &[Axis],
+    tolerance_m: f32,
+    cut_m: f32,
+    detail: bool,
+    mixed_m: Option<[f32; 2]>,
+) -> Wood {
     let mut wood = Wood { ring: Vec::new(), span: Vec::new(), triangles: 0, vertices: 0 };
     wood.ring.reserve(skeleton.len() * 2);
     let mut knots = Vec::new();
@@ -56,7 +68,7 @@ fn attempt(skeleton: &Skeleton, axes: &[Axis], tolerance_m: f32, cut_m: f32, det
         if k > 0 && skeleton.radius_m[first as usize] < cut_m {
             continue;
         }
-        let foot = knots_of(skeleton, axis, &mut knots);
+        let foot = knots_of(skeleton, axis, mixed_m, &mut knots);
         let start = wood.ring.len();
         rings(&knots, foot, tolerance_m, detail, &mut scratch, &mut wood.ring);
         let (triangles, vertices) = count(&wood.ring[start..]);
@@ -71,11 +83,16 @@ fn attempt(skeleton: &Skeleton, axes: &[Axis], tolerance_m: f32, cut_m: f32, det
 
 /// The knots of an axis: from its parent's axis to its tip, radii as the mean of both nodes at a
 /// shared base ([P18]).
-fn knots_of(skeleton: &Skeleton, axis: &Axis, knots: &mut Vec<Knot>) -> Foot {
+fn knots_of(
+    skeleton: &Skeleton,
+    axis: &Axis,
+    mixed_m: Option<[f32; 2]>,
+    knots: &mut Vec<Knot>,
+) -> Foot {
     knots.clear();
     let at = |i: u32| skeleton.position[i as usize];
     let radius = |i: u32| skeleton.radius_m[i as usize].min(1e4);
-    let mut foot = Foot::Ground;
+    let mut foot = Foot::Ground { mixed_m };
     if let (Some(base), Some(&first)) = (axis.base, axis.nodes.first()) {
         knots.push(Knot { at: at(base), radius_m: radius(first) });
         // Several stems may spring from the root.
@@ -99,12 +116,14 @@ fn knots_of(skeleton: &Skeleton, axis: &Axis, knots: &mut Vec<Knot>) -> Foot {
     foot
 }
 
-/// Radius over that of the stem's foot where bark is all young, and where it is all old.
-const YOUNG: [f32; 2] = [0.36, 0.62];
+/// Bark is young where the wood is thin, or high up: radius over that of the stem's foot and height
+/// over the tree's, from all old to all young.
+const YOUNG_RADIUS: [f32; 2] = [0.5, 0.3];
+const YOUNG_HEIGHT: [f32; 2] = [0.3, 0.6];
 
 impl Wood {
     /// The triangles of all tubes: old bark, and young bark where `has_young`.
-    pub fn surfaces(&self, foot_radius_m: f32, has_young: bool, seed: Seed) -> [Surface; 2] {
+    pub fn surfaces(&self, skeleton: &Skeleton, has_young: bool, seed: Seed) -> [Surface; 2] {
         let circles = Circles::new();
         let [mut old, mut young] = [Surface::default(), Surface::default()];
         if !has_young {
@@ -113,9 +132,12 @@ impl Wood {
             old.uv.reserve_exact(self.vertices);
             old.index.reserve_exact(self.triangles * 3);
         }
-        let share = |radius_m: f32| {
-            let t = (YOUNG[1] - radius_m / foot_radius_m) / (YOUNG[1] - YOUNG[0]);
-            if has_young { t.clamp(0.0, 1.0) } else { 0.0 }
+        let (foot_m, height_m) = (skeleton.radius_m[0].max(1e-6), skeleton.height_m().max(1e-6));
+        let part = |x: f32, range: [f32; 2]| (x - range[0]) / (range[1] - range[0]);
+        let share = |ring: &Ring| {
+            let thin = part(ring.radius_m / foot_m, YOUNG_RADIUS);
+            let high = part(ring.centre.z / height_m, YOUNG_HEIGHT);
+            if has_young { thin.max(high).clamp(0.0, 1.0) } else { 0.0 }
         };
         for (k, &(start, end)) in self.span.iter().enumerate() {
             let mut barks = Barks {

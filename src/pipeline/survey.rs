@@ -122,7 +122,7 @@ fn build_terrain(job: &SurveyJob, classified: &Classified, run: &mut Recorder) -
             .note(format!("cell {} m", terrain.heights.geometry.cell_x));
         if let Some(held_out) = terrain::held_out_error(classified, &options)? {
             outcome = outcome
-                .error(ErrorMeasure::new("held-out RMSE", held_out.rmse_m.into(), "m"))
+                .error(ErrorMeasure::new("held-out RMSE", held_out.rmse_m, "m"))
                 .note(format!("worst held-out error {:.2} m", held_out.max_m));
         }
         Ok((terrain, outcome))

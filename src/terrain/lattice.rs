@@ -120,7 +120,6 @@ impl Lattice {
 #[cfg(test)]
 mod tests {
     use super::super::tests::from_function;
-    use super::*;
 
     #[test]
     fn the_surface_and_its_heights_agree() {

@@ -104,11 +104,15 @@ impl Atlas {
         &self.cells
     }
 
-    /// The cells whose scale is nearest to a card of `size_m`, by ratio; never empty.
-    pub fn nearest(&self, size_m: f32) -> impl Iterator<Item = &Cell> + Clone {
-        let off = move |c: &Cell| (c.size_m.max(1e-6) / size_m.max(1e-6)).ln().abs();
+    /// Ids of the cells whose scale is nearest to a card of `size_m`, by ratio; never empty.
+    pub fn nearest(&self, size_m: f32) -> impl Iterator<Item = usize> + Clone {
+        let off = move |c: &Cell| {
+            let ratio = c.size_m.max(1e-6) / size_m.max(1e-6);
+            ratio.max(ratio.recip())
+        };
         let best = self.cells.iter().map(off).fold(f32::INFINITY, f32::min);
-        self.cells.iter().filter(move |c| off(c) <= best + 0.05)
+        let ids = self.cells.iter().enumerate().filter(move |(_, c)| off(c) <= best * 1.05);
+        ids.map(|(i, _)| i)
     }
 }
 

@@ -10,20 +10,56 @@ use crate::species::model::{Bark, BarkStyle};
 /// One tile of bark shows this many metres in both directions.
 pub const BARK_REPEAT_M: f32 = 1.0;
 
-/// A height, 0…1 of the relief, and a colour.
-#[derive(Clone, Copy)]
+/// What the bark is like at a place, whatever its colours.
+#[derive(Clone, Copy, Default)]
 struct Texel {
+    /// 0…1 of the relief.
     height: f32,
-    colour: [f32; 3],
+    /// From furrow (0) to ridge (1).
+    tone: f32,
+    /// Brightness.
+    shade: f32,
+    /// Shift to red.
+    warm: f32,
+    /// Share of buff fresh skin.
+    fresh: f32,
+    /// Share of a dark mark, and its brightness.
+    mark: f32,
+    mark_shade: f32,
 }
 
-/// Base colour and tangent-space normal map (raw, +Y up the stem), `size_px` square.
-/// `colour` replaces the species' middle colour.
-pub fn draw(bark: &Bark, colour: [u8; 3], size_px: u32, seed: Seed) -> (Picture, Picture) {
+impl Texel {
+    fn new(height: f32, tone: f32, shade: f32, warm: f32) -> Self {
+        Texel { height, tone, shade, warm, ..Texel::default() }
+    }
+
+    fn colour(&self, light: [f32; 3], dark: [f32; 3]) -> [u8; 4] {
+        const RED: [f32; 3] = [1.0, 0.0, -1.0];
+        const BUFF: [f32; 3] = [0.97, 0.87, 0.77];
+        let [r, g, b] = [0, 1, 2].map(|c| {
+            let bark = mix(dark[c], light[c], self.tone)
+                * self.shade
+                * (1.0 + RED[c] * self.warm)
+                * mix(1.0, BUFF[c], self.fresh);
+            mix(bark, dark[c] * self.mark_shade, self.mark).round().clamp(0.0, 255.0) as u8
+        });
+        [r, g, b, 255]
+    }
+}
+
+/// The pictures of one bark.
+pub struct BarkPictures {
+    pub colour: Picture,
+    /// In the colour of the upper stem.
+    pub upper: Option<Picture>,
+    /// Tangent-space normals, raw, +Y up the stem.
+    pub normal: Picture,
+}
+
+/// Draws a bark, `size_px` square.
+pub fn draw(bark: &Bark, size_px: u32, seed: Seed) -> BarkPictures {
     let n = size_px.max(16) as usize;
     let painter = Painter {
-        light: colour.map(f32::from),
-        dark: bark.dark.map(f32::from),
         warp: Noise::new(seed, "warp"),
         broad: Noise::new(seed, "broad"),
         fine: Noise::new(seed, "fine"),
@@ -45,15 +81,19 @@ pub fn draw(bark: &Bark, colour: [u8; 3], size_px: u32, seed: Seed) -> (Picture,
             }
         })
         .collect();
-    marks(&mut texels, n, bark, &mut seed.derive("marks", 0).draws());
-    let mut picture = Picture::filled(n as u32, n as u32, [0, 0, 0, 255]);
-    for (pixel, t) in picture.data.iter_mut().zip(&texels) {
-        let byte = |c: f32| c.round().clamp(0.0, 255.0) as u8;
-        *pixel = [byte(t.colour[0]), byte(t.colour[1]), byte(t.colour[2]), 255];
-    }
+    marks(&mut texels, n, bark.style, &mut seed.derive("marks", 0).draws());
+    let dark = bark.dark.map(f32::from);
+    let paint = |light: [u8; 3]| {
+        let light = light.map(f32::from);
+        let data = texels.iter().map(|t| t.colour(light, dark)).collect();
+        Picture { width: n as u32, height: n as u32, data }
+    };
     let heights: Vec<f32> = texels.iter().map(|t| t.height).collect();
-    let normal = normal_map(&heights, n, bark.relief_m.clamp(0.0, 0.2) / BARK_REPEAT_M);
-    (picture, normal)
+    BarkPictures {
+        colour: paint(bark.colour),
+        upper: bark.upper.map(paint),
+        normal: normal_map(&heights, n, bark.relief_m.clamp(0.0, 0.2) / BARK_REPEAT_M),
+    }
 }
 
 /// The normals of a tiling height field; `relief` is the height of 1 in tile widths.
@@ -79,8 +119,6 @@ pub fn normal_map(height: &[f32], n: usize, relief: f32) -> Picture {
 }
 
 struct Painter {
-    light: [f32; 3],
-    dark: [f32; 3],
     warp: Noise,
     broad: Noise,
     fine: Noise,
@@ -88,19 +126,13 @@ struct Painter {
 }
 
 impl Painter {
-    /// From furrow (0) to ridge (1), times `shade`, with a warm shift.
-    fn colour(&self, t: f32, shade: f32, warm: f32) -> [f32; 3] {
-        let c = [0, 1, 2].map(|c| mix(self.dark[c], self.light[c], t) * shade);
-        [c[0] * (1.0 + warm), c[1], c[2] * (1.0 - warm)]
-    }
-
     /// Tall plates with stepped flakes, parted by deep furrows.
     fn plates(&self, u: f32, v: f32) -> Texel {
         let wu = u + 0.022 * self.warp.fractal(u, v, [9, 6], 3);
         let wv = v + 0.03 * self.broad.fractal(u, v, [8, 8], 3);
         let c = self.cells.cells(wu, wv, [8, 4], 0.95);
         let small = self.cells.cells(wu + 0.37, wv + 0.11, [16, 12], 0.9);
-        let plate = smoothstep(0.02, 0.17, c.border);
+        let plate = smoothstep(0.0, 0.12, c.border + 0.03 * self.fine.gradient(u, v, [40, 30]));
         let crack = smoothstep(0.0, 0.07, small.border);
         let grain = self.fine.fractal(u, v, [30, 14], 4);
         // Flakes lie in layers: a quantised height with soft risers.
@@ -109,22 +141,25 @@ impl Painter {
         let height = plate * (0.45 + 0.13 * step.min(4.0)) * mix(0.75, 1.0, crack) + 0.06 * grain;
         let shade = (0.86 + 0.1 * step.min(3.0) / 3.0 + 0.16 * grain) * (0.9 + 0.2 * c.draw);
         let warm = 0.10 * (small.draw - 0.5) + 0.06 * grain;
-        Texel { height, colour: self.colour(plate * mix(0.6, 1.0, crack), shade, warm) }
+        Texel::new(height, plate * mix(0.6, 1.0, crack), shade, warm)
     }
 
     /// Long ridges that part and join, broken across by fine cracks.
     fn furrows(&self, u: f32, v: f32) -> Texel {
-        let wu = u + 0.035 * self.warp.fractal(u, v, [6, 4], 3);
-        let wv = v + 0.05 * self.broad.gradient(u, v, [5, 4]);
-        let c = self.cells.cells(wu, wv, [11, 3], 1.0);
-        let ridge = smoothstep(0.0, 0.30, c.border);
+        let wu = u + 0.02 * self.warp.fractal(u, v, [7, 5], 3);
+        let wv = v + 0.03 * self.broad.gradient(u, v, [6, 5]);
+        // Furrows run where either of two stretched fields changes sign: they part and join.
+        let one = self.cells.gradient(wu, wv, [15, 3]).abs();
+        let two = self.warp.gradient(wu + 0.31, wv + 0.17, [19, 4]).abs();
+        let ridge = smoothstep(0.03, 0.32, one) * (0.35 + 0.65 * smoothstep(0.0, 0.2, two));
         let grain = self.fine.fractal(wu, v, [44, 8], 4);
-        let cross = self.broad.fractal(wu, wv, [16, 30], 3);
-        let broken = 1.0 - 0.45 * smoothstep(0.25, 0.5, cross);
-        let height = ridge.powf(0.8) * (0.72 + 0.2 * grain) * broken + 0.08 * c.draw;
-        let tone = (ridge * broken).clamp(0.0, 1.0).powf(0.9);
-        let shade = 0.92 + 0.26 * grain + 0.12 * (c.draw - 0.5);
-        Texel { height, colour: self.colour(tone, shade, 0.05 * (c.draw - 0.5) + 0.03 * cross) }
+        let cross = self.broad.fractal(wu, wv, [16, 34], 3);
+        let broken = 1.0 - 0.5 * smoothstep(0.2, 0.45, cross);
+        let patch = self.broad.fractal(u + 0.6, v, [5, 3], 3);
+        let height = ridge.powf(0.8) * (0.78 + 0.2 * grain) * broken;
+        let tone = (ridge * broken).clamp(0.0, 1.0).powf(0.7);
+        let shade = 0.95 + 0.26 * grain + 0.12 * patch;
+        Texel::new(height, tone, shade, 0.05 * patch + 0.03 * cross)
     }
 
     /// Small thin scales, loose at their lower edge.
@@ -139,7 +174,7 @@ impl Painter {
         let lift = (0.5 - 0.8 * c.offset[1]).clamp(0.0, 1.0);
         let height = body * (0.35 + 0.5 * lift + 0.2 * c.draw) + 0.1 * grain;
         let shade = 0.9 + 0.2 * (c.draw - 0.5) + 0.14 * grain + 0.1 * lift + 0.14 * patch;
-        Texel { height, colour: self.colour(0.25 + 0.75 * body, shade, 0.10 * (c.draw - 0.5)) }
+        Texel::new(height, 0.25 + 0.75 * body, shade, 0.10 * (c.draw - 0.5))
     }
 
     /// Smooth skin with fine streaks and slight folds.
@@ -150,7 +185,7 @@ impl Painter {
         let crack = smoothstep(0.38, 0.62, self.warp.fractal(wu + 0.3, v, [16, 4], 4));
         let height = 0.6 + 0.2 * broad + 0.12 * streak - 0.35 * crack;
         let tone = (0.9 + 0.12 * broad - 0.5 * crack).clamp(0.0, 1.0);
-        Texel { height, colour: self.colour(tone, 0.97 + 0.12 * streak, 0.04 * broad) }
+        Texel::new(height, tone, 0.97 + 0.12 * streak, 0.04 * broad)
     }
 
     /// Paper-white skin in faint bands, peeling here and there.
@@ -163,98 +198,67 @@ impl Painter {
         let height = 0.6 + 0.12 * band + 0.05 * thread - 0.25 * peel;
         let tone = (0.95 + 0.04 * band - 0.10 * smoothstep(0.1, 0.7, cloud)).clamp(0.0, 1.0);
         let shade = 0.985 + 0.035 * thread + 0.03 * band;
-        let mut colour = self.colour(tone, shade, 0.015 * cloud);
-        // Fresh skin under the peel is buff pink.
-        for (c, tint) in colour.iter_mut().zip([0.97, 0.87, 0.77]) {
-            *c *= mix(1.0, tint, 0.8 * peel);
-        }
-        Texel { height, colour }
+        // Fresh skin shows under the peel.
+        Texel { fresh: 0.8 * peel, ..Texel::new(height, tone, shade, 0.015 * cloud) }
     }
 }
 
 /// What lies on the bark: lenticels, and for birch black scars.
-fn marks(texels: &mut [Texel], n: usize, bark: &Bark, draws: &mut Draws) {
-    let dark = bark.dark.map(f32::from);
-    match bark.style {
+fn marks(texels: &mut [Texel], n: usize, style: BarkStyle, draws: &mut Draws) {
+    match style {
         BarkStyle::Birch => {
             for _ in 0..170 {
                 let half = [draws.between(0.006, 0.045), draws.between(0.0012, 0.0035)];
                 let at = [draws.unit(), draws.unit()];
-                let strength = draws.between(0.45, 0.95);
-                lens(texels, n, at, half, dark, strength, 0.2);
+                lens(texels, n, at, half, draws.between(0.45, 0.95), 0.2);
             }
             for _ in 0..9 {
-                scar(texels, n, dark, draws);
+                scar(texels, n, draws);
             }
         }
         BarkStyle::Smooth => {
             for _ in 0..110 {
                 let w = draws.between(0.004, 0.013);
                 let (at, tall) = ([draws.unit(), draws.unit()], draws.between(0.4, 0.9));
-                lens(texels, n, at, [w, w * tall], dark, draws.between(0.35, 0.8), -0.25);
+                lens(texels, n, at, [w, w * tall], draws.between(0.35, 0.8), -0.25);
             }
         }
         _ => {}
     }
 }
 
-/// A lens-shaped mark that wraps around the tile; `sink` lowers (or, below 0, raises) the relief.
-fn lens(
-    texels: &mut [Texel],
-    n: usize,
-    at: [f32; 2],
-    half: [f32; 2],
-    dark: [f32; 3],
-    strength: f32,
-    sink: f32,
-) {
-    stamp(
-        texels,
-        n,
-        at,
-        [half[0], half[1].max(0.7 / n as f32)],
-        |x, y| {
-            let edge = 1.0 - x * x;
-            let t = strength * smoothstep(0.0, 0.5, edge - y.abs());
-            (t, sink * t)
-        },
-        dark,
-    );
+/// A lens-shaped mark; `sink` lowers (or, below 0, raises) the relief.
+fn lens(texels: &mut [Texel], n: usize, at: [f32; 2], half: [f32; 2], strength: f32, sink: f32) {
+    stamp(texels, n, at, [half[0], half[1].max(0.7 / n as f32)], 1.0, sink, |x, y| {
+        strength * smoothstep(0.0, 0.5, 1.0 - x * x - y.abs())
+    });
 }
 
 /// The black moustache over an old branch, with a rough diamond below it.
-fn scar(texels: &mut [Texel], n: usize, dark: [f32; 3], draws: &mut Draws) {
+fn scar(texels: &mut [Texel], n: usize, draws: &mut Draws) {
     let at = [draws.unit(), draws.unit()];
     let size = draws.between(0.035, 0.085);
     let rough = Noise::new(Seed::new(draws.bits()), "scar");
-    let black = dark.map(|c| c * 0.7);
-    stamp(
-        texels,
-        n,
-        at,
-        [1.5 * size, size],
-        |x, y| {
-            let edge = 0.22 * rough.fractal(x * 0.25 + 0.5, y * 0.25 + 0.5, [12, 12], 3);
-            let brow = 0.35 - 0.9 * x.abs() + edge;
-            let thick = 0.36 * (1.0 - x.abs());
-            let arch = smoothstep(0.0, 0.16, thick - (y - brow).abs());
-            let body = smoothstep(0.0, 0.25, 0.42 - x.abs() * 1.7 - (y + 0.05).abs() + edge);
-            let t = arch.max(body);
-            (t, 0.3 * t)
-        },
-        black,
-    );
+    stamp(texels, n, at, [1.5 * size, size], 0.7, 0.3, |x, y| {
+        let edge = 0.22 * rough.fractal(x * 0.25 + 0.5, y * 0.25 + 0.5, [12, 12], 3);
+        let brow = 0.35 - 0.9 * x.abs() + edge;
+        let thick = 0.36 * (1.0 - x.abs());
+        let arch = smoothstep(0.0, 0.16, thick - (y - brow).abs());
+        let body = smoothstep(0.0, 0.25, 0.42 - x.abs() * 1.7 - (y + 0.05).abs() + edge);
+        arch.max(body)
+    });
 }
 
-/// Blends `colour` over a box of half sizes `half` around `at`, wrapped; `shape` gives opacity and
-/// sink for x, y in −1…1 (y up).
+/// Marks a box of half sizes `half` around `at`, wrapped; `shape` gives the opacity for x, y in
+/// −1…1 (y up).
 fn stamp(
     texels: &mut [Texel],
     n: usize,
     at: [f32; 2],
     half: [f32; 2],
-    shape: impl Fn(f32, f32) -> (f32, f32),
-    colour: [f32; 3],
+    shade: f32,
+    sink: f32,
+    shape: impl Fn(f32, f32) -> f32,
 ) {
     let reach = |h: f32| ((h * n as f32).ceil() as i64 + 1).min(n as i64 / 2);
     let (rx, ry) = (reach(half[0]), reach(half[1]));
@@ -267,14 +271,13 @@ fn stamp(
             if x.abs() > 1.0 || y.abs() > 1.0 {
                 continue;
             }
-            let (opacity, sink) = shape(x, y);
+            let opacity = shape(x, y);
             if opacity > 0.0 {
                 let at = py.rem_euclid(n as i64) as usize * n + px.rem_euclid(n as i64) as usize;
                 let t = &mut texels[at];
-                t.height -= sink;
-                for c in 0..3 {
-                    t.colour[c] = mix(t.colour[c], colour[c], opacity);
-                }
+                t.height -= sink * opacity;
+                t.mark_shade = mix(t.mark_shade, shade, opacity / opacity.max(t.mark).max(1e-6));
+                t.mark = 1.0 - (1.0 - t.mark) * (1.0 - opacity);
             }
         }
     }

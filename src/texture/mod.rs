@@ -39,12 +39,17 @@ pub const SIZE_PX: std::ops::RangeInclusive<u32> = 64..=4096;
 pub fn for_species(species: &Species, size_px: u32, seed: Seed) -> TreeTextures {
     let size_px = size_px.clamp(*SIZE_PX.start(), *SIZE_PX.end()) & !1;
     let seed = seed.derive("texture", 0);
-    let ((leaf, atlas), (bark, bark_normal)) = rayon::join(
+    let ((leaf, atlas), bark) = rayon::join(
         || twig::draw(species, size_px, seed),
-        || bark::draw(&species.bark, species.bark.colour, size_px, seed),
+        || bark::draw(&species.bark, size_px, seed),
     );
-    let bark_upper = species.bark.upper.map(|c| bark::draw(&species.bark, c, size_px, seed).0);
-    TreeTextures { bark, bark_upper, bark_normal, leaf, atlas }
+    TreeTextures {
+        bark: bark.colour,
+        bark_upper: bark.upper,
+        bark_normal: bark.normal,
+        leaf,
+        atlas,
+    }
 }
 
 /// A seamless tile of forest floor, [`GROUND_REPEAT_M`] wide, `size_px` square.

@@ -24,6 +24,20 @@ fn fade(t: f32) -> f32 {
     t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
 }
 
+/// A lattice coordinate within its period; division only far outside it.
+fn wrap(x: i32, period: u32) -> u32 {
+    let p = period as i32;
+    if (0..p).contains(&x) {
+        x as u32
+    } else if (-p..0).contains(&x) {
+        (x + p) as u32
+    } else if (p..2 * p).contains(&x) {
+        (x - p) as u32
+    } else {
+        x.rem_euclid(p.max(1)) as u32
+    }
+}
+
 pub fn mix(a: f32, b: f32, t: f32) -> f32 {
     a + (b - a) * t
 }
@@ -39,10 +53,8 @@ impl Noise {
         Noise { seed: seed.derive(name, 0).draws().bits() as u32 }
     }
 
-    /// 32 bits for a lattice point, wrapped to the period.
-    fn hash(self, x: i32, y: i32, period: [u32; 2]) -> u32 {
-        let x = x.rem_euclid(period[0] as i32) as u32;
-        let y = y.rem_euclid(period[1] as i32) as u32;
+    /// 32 bits for a lattice point within the period.
+    fn hash(self, x: u32, y: u32) -> u32 {
         let mut h = self.seed ^ x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77);
         h = (h ^ (h >> 16)).wrapping_mul(0x7feb_352d);
         h = (h ^ (h >> 15)).wrapping_mul(0x846c_a68b);
@@ -55,8 +67,10 @@ impl Noise {
         let (ix, iy) = (x.floor(), y.floor());
         let (fx, fy) = (x - ix, y - iy);
         let (ix, iy) = (ix as i32, iy as i32);
-        let corner = |dx: i32, dy: i32| {
-            let h = self.hash(ix + dx, iy + dy, period);
+        let xs = [wrap(ix, period[0]), wrap(ix + 1, period[0])];
+        let ys = [wrap(iy, period[1]), wrap(iy + 1, period[1])];
+        let corner = |dx: usize, dy: usize| {
+            let h = self.hash(xs[dx], ys[dy]);
             // Eight even directions.
             const D: f32 = std::f32::consts::FRAC_1_SQRT_2;
             const DIRECTIONS: [[f32; 2]; 8] = [
@@ -101,8 +115,9 @@ impl Noise {
         let (mut first_sq, mut second_sq) = (f32::INFINITY, f32::INFINITY);
         let mut draw = 0.0;
         for dy in -1..=1 {
+            let row = wrap(iy + dy, period[1]);
             for dx in -1..=1 {
-                let h = self.hash(ix + dx, iy + dy, period);
+                let h = self.hash(wrap(ix + dx, period[0]), row);
                 let jx = 0.5 + jitter * ((h & 0xffff) as f32 / 65536.0 - 0.5);
                 let jy = 0.5 + jitter * ((h >> 16) as f32 / 65536.0 - 0.5);
                 let o = [(ix + dx) as f32 + jx - x, (iy + dy) as f32 + jy - y];
