@@ -71,13 +71,19 @@ def captured():
 def load(bpy, path):
     """Imports the file into an empty scene; gives the lines that look like complaints."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
+    importers = {
+        bpy.ops.import_scene.gltf: (".glb", ".gltf"),
+        bpy.ops.wm.usd_import: (".usd", ".usda", ".usdc", ".usdz"),
+    }
+    suitable = [f for f, suffixes in importers.items() if path.suffix.lower() in suffixes]
+    if not suitable:
+        return ["not a .glb, .gltf, .usd, .usda, .usdc or .usdz file"]
     with captured() as lines:
-        if path.suffix.lower() in (".glb", ".gltf"):
-            bpy.ops.import_scene.gltf(filepath=str(path))
-        elif path.suffix.lower() in (".usd", ".usda", ".usdc", ".usdz"):
-            bpy.ops.wm.usd_import(filepath=str(path))
-        else:
-            sys.exit(f"{path}: not a .glb, .gltf, .usd, .usda, .usdc or .usdz file")
+        try:
+            suitable[0](filepath=str(path))
+        except RuntimeError as error:
+            # The operator's own message; a traceback goes to the captured streams.
+            return [" ".join(str(error).split())[-200:]]
     return [line.strip() for line in lines if SUSPECT.search(line)]
 
 
@@ -93,11 +99,11 @@ def missing_images(bpy):
 
 
 def survey(bpy):
-    """Counts what the evaluated scene shows, and finds its bounds."""
+    """Counts what the evaluated scene shows; gives the corners of all bounding boxes too."""
     from mathutils import Vector
 
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    low, high = Vector((math.inf,) * 3), Vector((-math.inf,) * 3)
+    points = []
     count = {"objects": len(bpy.context.scene.objects), "instances": 0, "triangles": 0}
     triangles = {}
     for item in depsgraph.object_instances:
@@ -112,11 +118,8 @@ def survey(bpy):
             continue
         count["instances"] += item.is_instance
         count["triangles"] += triangles[mesh.name]
-        for corner in thing.bound_box:
-            point = item.matrix_world @ Vector(corner)
-            low = Vector(map(min, low, point))
-            high = Vector(map(max, high, point))
-    return count, low, high
+        points.extend(item.matrix_world @ Vector(corner) for corner in thing.bound_box)
+    return count, points
 
 
 def light(bpy):
@@ -131,13 +134,21 @@ def light(bpy):
     sky.sun_disc = False
     sky.sun_elevation = math.radians(39)
     sky.sun_rotation = math.radians(243)
+    # Light comes from the sky; the camera sees a plain pale ground behind everything.
     background = nodes.new("ShaderNodeBackground")
-    background.inputs["Strength"].default_value = 0.10
+    background.inputs["Strength"].default_value = 0.35
+    plain = nodes.new("ShaderNodeBackground")
+    plain.inputs["Color"].default_value = (0.52, 0.62, 0.70, 1.0)
+    path = nodes.new("ShaderNodeLightPath")
+    mix = nodes.new("ShaderNodeMixShader")
     output = nodes.new("ShaderNodeOutputWorld")
     links.new(sky.outputs[0], background.inputs[0])
-    links.new(background.outputs[0], output.inputs[0])
+    links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
+    links.new(background.outputs[0], mix.inputs[1])
+    links.new(plain.outputs[0], mix.inputs[2])
+    links.new(mix.outputs[0], output.inputs[0])
     sun = bpy.data.lights.new("sun", "SUN")
-    sun.energy, sun.angle = 3.4, math.radians(0.6)
+    sun.energy, sun.angle = 5.0, math.radians(0.6)
     sun.color = (1.0, 0.93, 0.82)
     lamp = bpy.data.objects.new("sun", sun)
     # The same sun as in the program's own previews: west-south-west, 39 degrees high.
@@ -149,31 +160,47 @@ def sky_types(sky):
     return [item.identifier for item in sky.bl_rna.properties["sky_type"].enum_items]
 
 
-def aim(bpy, low, high, view, aspect):
-    """A camera that frames the box; `share` below 1 looks at its middle alone."""
+def aim(bpy, points, view, aspect):
+    """A camera that frames the points tightly; `share` below 1 keeps to the middle of the box."""
     from mathutils import Vector
 
     azimuth, elevation, share = VIEWS[view]
-    middle, half = (low + high) / 2, (high - low) / 2
     if share < 1.0:
-        half = Vector((half.x * share, half.y * share, half.z))
+        low, high = Vector(map(min, *points)), Vector(map(max, *points))
+        middle, half = (low + high) / 2, (high - low) / 2
+        points = [
+            middle + Vector((x * half.x * share, y * half.y * share, z * half.z))
+            for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)
+        ]
     a, e = math.radians(azimuth), math.radians(elevation)
     back = Vector((math.sin(a) * math.cos(e), math.cos(a) * math.cos(e), math.sin(e)))
     right = Vector((0, 0, 1)).cross(back).normalized()
     up = back.cross(right)
-    tan_y = math.tan(math.radians(15))
+    tan_y = math.tan(math.radians(15)) * 0.95
     tan_x = tan_y * aspect
-    distance = 0.0
-    for signs in ((x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)):
-        p = Vector(s * h for s, h in zip(signs, half))
-        reach = max(abs(p.dot(right)) / tan_x, abs(p.dot(up)) / tan_y)
-        distance = max(distance, reach + p.dot(back))
+    # Each side of the frustum touches a point; two opposite sides fix the eye's place across the
+    # view and its least distance along it.
+    reach = {"right": -math.inf, "left": -math.inf, "up": -math.inf, "down": -math.inf}
+    for p in points:
+        x, y, z = p.dot(right), p.dot(up), p.dot(back)
+        reach["right"] = max(reach["right"], x + z * tan_x)
+        reach["left"] = max(reach["left"], -x + z * tan_x)
+        reach["up"] = max(reach["up"], y + z * tan_y)
+        reach["down"] = max(reach["down"], -y + z * tan_y)
+    depth = max(
+        (reach["right"] + reach["left"]) / (2 * tan_x), (reach["up"] + reach["down"]) / (2 * tan_y)
+    )
+    eye = (
+        right * ((reach["right"] - reach["left"]) / 2)
+        + up * ((reach["up"] - reach["down"]) / 2)
+        + back * depth
+    )
     data = bpy.data.cameras.new("camera")
     data.sensor_fit = "VERTICAL"
     data.angle = math.radians(30)
-    data.clip_end = 20.0 * max(distance, 1.0)
+    data.clip_end = 2.0 * max((eye - p).length for p in points) + 1000.0
     camera = bpy.data.objects.new("camera", data)
-    camera.location = middle + back * (distance * 1.03)
+    camera.location = eye
     camera.rotation_euler = back.to_track_quat("Z", "Y").to_euler()
     bpy.context.scene.collection.objects.link(camera)
     bpy.context.scene.camera = camera
@@ -189,6 +216,7 @@ def render(bpy, args):
     scene.cycles.transparent_max_bounces = 64
     scene.cycles.max_bounces = 6
     scene.cycles.seed = 0
+    scene.view_settings.exposure = 0.4
     scene.render.resolution_x, scene.render.resolution_y = args.width, args.height
     scene.render.resolution_percentage = 100
     scene.render.image_settings.file_format = "PNG"
@@ -207,7 +235,7 @@ def main():
         return 2
     complaints = load(bpy, args.file.resolve())
     missing = missing_images(bpy)
-    count, low, high = survey(bpy)
+    count, points = survey(bpy)
     print(
         f"{args.file}: {count['objects']} objects, {count['instances']} instances, "
         f"{count['triangles']} triangles, {len(bpy.data.images)} images, {len(missing)} missing"
@@ -220,7 +248,7 @@ def main():
         print(f"{args.file}: nothing to be seen was imported", file=sys.stderr)
         return 1
     light(bpy)
-    aim(bpy, low, high, args.view, args.width / args.height)
+    aim(bpy, points, args.view, args.width / args.height)
     render(bpy, args)
     print(f"{args.output}: {args.width}x{args.height}, {args.samples} samples, {args.view}")
     return 1 if complaints or missing else 0

@@ -1,5 +1,5 @@
 //! The canopy surface, taken from the top down, falls apart into basins: the highest cell left is
-//! a top, cells below it join the neighbour to which they rise most steeply ([T15] §4 on the
+//! a top, cells below it join the neighbour to which they rise most steeply (T15 §4 on the
 //! canopy surface in place of single points; a watershed). Every local maximum gets a basin, so
 //! one crown may hold several; `hierarchy` decides which belong together.
 

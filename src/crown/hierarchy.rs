@@ -4,7 +4,7 @@
 //! Each region gets the chance of being one tree from its shape ([`chance`]). F1 is greatest where
 //! the sum of `chance − F1/2` over the chosen regions is, so a region stays whole where it is worth
 //! more than its parts (a cut through the hierarchy, found bottom up in one pass). It takes the
-//! place of the threshold radius of [T15] §4, which is thereby adaptive to every crown.
+//! place of the threshold radius of T15 §4, which is thereby adaptive to every crown.
 //!
 //! The chance is a logistic model of nine measures of shape, fitted to the boxes of the 615
 //! annotated crowns of the IDTReeS plots (a closed broadleaf canopy and an open pine stand).

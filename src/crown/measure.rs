@@ -1,6 +1,6 @@
 //! One region and its points to a [`Crown`]: apex, root, crown base, attractors, outline.
 //!
-//! Root: [T15] §4, the centre of mass of the layer (six voxels thick) with the most points of the
+//! Root: T15 §4, the centre of mass of the layer (six voxels thick) with the most points of the
 //! tree, projected onto the terrain. Two departures keep it sane: a layer seen from one side only
 //! can't draw the root farther from the outline's middle than a quarter of the crown's diameter,
 //! nor out of the outline; and on ground so steep that the apex would keep less than half its
@@ -11,7 +11,7 @@ use glam::{Vec2, Vec3};
 use super::{Crown, outline};
 use crate::terrain::Terrain;
 
-/// [T15]: the layer of the root is five to six voxels thick.
+/// T15: the layer of the root is five to six voxels thick.
 const ROOT_LAYER_VOXELS: usize = 6;
 /// The crown ends below where layers hold less than this part of the mean above, or spread less
 /// than this part of the widest.
@@ -116,7 +116,7 @@ fn root_place(
     if outline::contains(outline, near) { near } else { middle }
 }
 
-/// Centre of mass of the points in each occupied voxel, in order of the voxels ([TD17]).
+/// Centre of mass of the points in each occupied voxel, in order of the voxels (TD17).
 fn centres_of_mass(points: &[Vec3], voxel_m: f32) -> Vec<Vec3> {
     let voxel = |p: Vec3| {
         let v = (p / voxel_m).floor();

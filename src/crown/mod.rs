@@ -1,4 +1,4 @@
-//! Classified points over terrain to tree crowns with their measures ([T15], method "Crowns").
+//! Classified points over terrain to tree crowns with their measures (T15, method "Crowns").
 //! Knows nothing of species.
 //!
 //! Heights above terrain make a canopy surface (`canopy`); from its tops down it falls apart into

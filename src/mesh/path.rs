@@ -1,7 +1,7 @@
-//! An axis of a skeleton as a path of rings: the radii of [P18], needless nodes left out within a
+//! An axis of a skeleton as a path of rings: the radii of P18, needless nodes left out within a
 //! tolerance, a collar where a branch leaves its parent, a flare at the ground.
 //!
-//! Departures from [P18]: cones share their rings, so that an axis is one smooth tube; the radius
+//! Departures from P18: cones share their rings, so that an axis is one smooth tube; the radius
 //! at a shared base is the mean of the two nodes, as there. Limits: at a bend sharper than the
 //! radius, rings may pass through each other (the tube stays closed).
 

@@ -1,4 +1,4 @@
-//! Rings to triangles: one closed tube an axis, [P18]'s truncated cones with shared rings.
+//! Rings to triangles: one closed tube an axis, P18's truncated cones with shared rings.
 //!
 //! The rings' circles come from tables, so a vertex costs no trigonometry. A ring of N sides has
 //! N + 1 vertices: the first and the last lie in one place and part the texture.

@@ -82,7 +82,7 @@ fn attempt(
 }
 
 /// The knots of an axis: from its parent's axis to its tip, radii as the mean of both nodes at a
-/// shared base ([P18]).
+/// shared base (P18).
 fn knots_of(
     skeleton: &Skeleton,
     axis: &Axis,

@@ -132,7 +132,7 @@ fn build_terrain(job: &SurveyJob, classified: &Classified, run: &mut Recorder) -
 /// Scan to trees with species.
 ///
 /// # Errors
-/// Those of [`terrain`]; an unreadable photo, or one that lies elsewhere.
+/// Those of [`terrain()`]; an unreadable photo, or one that lies elsewhere.
 pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
     // Read first: a photo that can't be used is told before the scan is read.
     let raster = job.photo.as_deref().map(photo_raster).transpose()?;

@@ -7,7 +7,7 @@ use glam::{Mat3, Vec2, Vec3};
 use super::camera::{Projected, View, corner};
 use super::model::{Mesh, Order};
 use super::raster::{Corner, Rect, clip, fill};
-use super::texture::Pyramid;
+use super::texture::{Edge, Pyramid};
 
 /// A material ready to be drawn.
 pub(super) struct Paint {
@@ -200,6 +200,7 @@ impl Stage<'_> {
             colour: texture(paint.colour),
             bumps: texture(paint.normal),
             paint,
+            edge: mesh.edge,
             is_leaf: matches!(mesh.order, Order::Cards { .. }),
             is_mirrored: place.is_mirrored,
         };
@@ -252,6 +253,7 @@ struct Brush<'a> {
     colour: Option<&'a Pyramid<'a>>,
     bumps: Option<&'a Pyramid<'a>>,
     paint: &'a Paint,
+    edge: Edge,
     is_leaf: bool,
     is_mirrored: bool,
 }
@@ -312,7 +314,7 @@ impl Brush<'_> {
             let uv = corner[0].uv * k[0] + corner[1].uv * k[1] + corner[2].uv * k[2];
             let lod = if is_large { lod_at_depth_1 + 1.5 * w.log2() } else { mean_lod };
             if let (Some(cutoff), Some(texture)) = (self.paint.cutoff, self.colour)
-                && texture.alpha(uv, lod) < cutoff
+                && texture.alpha(uv, lod, self.edge) < cutoff
             {
                 return;
             }
@@ -321,7 +323,7 @@ impl Brush<'_> {
             }
             let mut albedo = self.paint.base_color;
             if let Some(texture) = self.colour {
-                let t = texture.colour(uv, lod);
+                let t = texture.colour(uv, lod, self.edge);
                 albedo = std::array::from_fn(|i| albedo[i] * t[i]);
             }
             let mut normal =
@@ -329,7 +331,7 @@ impl Brush<'_> {
                     .normalize_or(Vec3::Z)
                     * facing;
             if let (Some((along, across)), Some(bumps)) = (tangent, self.bumps) {
-                let b = bumps.colour(uv, lod).map(|v| v * 2.0 - 1.0);
+                let b = bumps.colour(uv, lod, self.edge).map(|v| v * 2.0 - 1.0);
                 normal = (along * b[0] + across * b[1] + normal * b[2]).normalize_or(normal);
             }
             let mut leaf = 0.0;

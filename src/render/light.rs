@@ -209,7 +209,7 @@ impl Light {
         let up = d.z.max(0.0).powf(0.55);
         let below = (-d.z).max(0.0);
         let sky = HORIZON.lerp(ZENITH, up.min(1.0));
-        let far = HORIZON.lerp(Vec3::new(0.50, 0.58, 0.64), (below * 1.8).min(1.0));
+        let far = HORIZON.lerp(Vec3::new(0.56, 0.66, 0.72), (below * 1.5).min(1.0));
         let toward = d.dot(self.sun).max(0.0);
         (if d.z >= 0.0 { sky } else { far }) + Vec3::new(0.5, 0.4, 0.2) * toward.powi(24)
     }

@@ -62,8 +62,8 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Points that span all that is shown: the corners of each model's bounds in its place, and
-    /// the terrain's vertices.
+    /// Points that span all that is shown: the corners of each model's bounds in its place, the
+    /// terrain's vertices and the floor below them.
     pub fn extent(&self) -> Vec<Vec3> {
         let of_parts = |parts: &[Part]| {
             let filled = parts.iter().filter(|p| !p.surface.is_empty());
@@ -75,7 +75,11 @@ impl<'a> View<'a> {
             let turn = Mat3::from_rotation_z(p.yaw_rad) * Mat3::from_diagonal(p.scale);
             Some((0..8).map(move |i| turn * camera::corner(lo, hi, i) + p.position))
         });
-        let terrain = self.terrain.iter().flat_map(|t| t.surface.position.iter().copied());
+        let terrain = self.terrain.iter().flat_map(|t| {
+            let floor = floor(t.surface.bounds());
+            let position = t.surface.position.iter();
+            position.flat_map(move |p| [*p, p.with_z(floor)])
+        });
         placed.flatten().chain(terrain).filter(|p| p.is_finite()).collect()
     }
 
@@ -300,6 +304,11 @@ impl Place {
     }
 }
 
+/// Height of the level floor under a terrain of these bounds.
+fn floor((lo, hi): (Vec3, Vec3)) -> f32 {
+    lo.z - 0.01 * (hi - lo).truncate().length() - 0.3
+}
+
 /// Walls from the rim of a terrain down to a level floor: a piece of land, cut out.
 fn skirt(terrain: &Surface) -> Surface {
     let mut edges: BTreeMap<(u32, u32), (u32, [u32; 2])> = BTreeMap::new();
@@ -309,8 +318,7 @@ fn skirt(terrain: &Surface) -> Surface {
             edges.entry((a.min(b), a.max(b))).or_insert((0, [a, b])).0 += 1;
         }
     }
-    let (lo, hi) = terrain.bounds();
-    let floor = lo.z - 0.01 * (hi - lo).truncate().length() - 0.3;
+    let floor = floor(terrain.bounds());
     let mut out = Surface::default();
     for (uses, [a, b]) in edges.into_values() {
         let (p, q) = (terrain.position[a as usize], terrain.position[b as usize]);

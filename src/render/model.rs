@@ -7,6 +7,7 @@
 
 use glam::{Vec2, Vec3};
 
+use super::texture::Edge;
 use crate::mesh::Surface;
 use crate::scene::Part;
 use crate::seed::Seed;
@@ -45,6 +46,7 @@ pub(super) struct Mesh {
     pub vertex_end: Vec<u32>,
     pub order: Order,
     pub material: u32,
+    pub edge: Edge,
     pub bounds: (Vec3, Vec3),
 }
 
@@ -92,7 +94,11 @@ impl Mesh {
         if vertex.is_empty() {
             (lo, hi) = (Vec3::ZERO, Vec3::ZERO);
         }
-        Mesh { vertex, triangle, vertex_end, order: Order::Whole, material, bounds: (lo, hi) }
+        let unit = -1e-4..=1.0 + 1e-4;
+        let is_once = |v: &Vertex| unit.contains(&v.uv.x) && unit.contains(&v.uv.y);
+        let edge = if vertex.iter().all(is_once) { Edge::Clamp } else { Edge::Repeat };
+        let bounds = (lo, hi);
+        Mesh { vertex, triangle, vertex_end, order: Order::Whole, material, edge, bounds }
     }
 
     /// Wood: thick triangles first.

@@ -26,13 +26,21 @@ pub(super) fn srgb_from_linear(c: f32) -> f32 {
     255.0 * if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
 }
 
+/// What lies beyond a texture's edges.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Edge {
+    Repeat,
+    /// The texels of the edge: for a photo of the whole terrain, whose opposite edges differ.
+    Clamp,
+}
+
 struct Level<'a> {
     width: usize,
     height: usize,
     texels: Cow<'a, [[u8; 4]]>,
 }
 
-/// A texture ready to be read at any size; repeats in both directions.
+/// A texture ready to be read at any size; repeats in both directions, or ends at its edges.
 pub(super) struct Pyramid<'a> {
     levels: Vec<Level<'a>>,
     is_srgb: bool,
@@ -68,15 +76,24 @@ impl<'a> Pyramid<'a> {
         (self.levels[0].width * self.levels[0].height) as f32
     }
 
-    fn corners(&self, uv: Vec2, lod: f32) -> (&Level<'a>, [usize; 4], Vec2) {
+    fn corners(&self, uv: Vec2, lod: f32, edge: Edge) -> (&Level<'a>, [usize; 4], Vec2) {
         let i = ((lod + 0.5).max(0.0) as usize).min(self.levels.len() - 1);
         let level = &self.levels[i];
-        let x = (uv.x - uv.x.floor()) * level.width as f32 - 0.5;
-        let y = (1.0 - (uv.y - uv.y.floor())) * level.height as f32 - 0.5;
+        let uv = match edge {
+            Edge::Repeat => uv - uv.floor(),
+            Edge::Clamp => uv.clamp(Vec2::ZERO, Vec2::ONE),
+        };
+        let x = uv.x * level.width as f32 - 0.5;
+        let y = (1.0 - uv.y) * level.height as f32 - 0.5;
         let (fx, fy) = (x.floor(), y.floor());
         let wrap = |v: f32, n: usize| -> usize {
-            let v = v as isize;
-            if v < 0 { n - 1 } else { (v as usize) % n }
+            let (v, last) = (v as isize, n as isize - 1);
+            let inside = match edge {
+                Edge::Repeat if v < 0 => last,
+                Edge::Repeat if v > last => 0,
+                _ => v.clamp(0, last),
+            };
+            inside as usize
         };
         let (x0, x1) = (wrap(fx, level.width), wrap(fx + 1.0, level.width));
         let (y0, y1) = (wrap(fy, level.height), wrap(fy + 1.0, level.height));
@@ -85,8 +102,8 @@ impl<'a> Pyramid<'a> {
     }
 
     /// Alpha 0…1, bilinear.
-    pub fn alpha(&self, uv: Vec2, lod: f32) -> f32 {
-        let (level, at, f) = self.corners(uv, lod);
+    pub fn alpha(&self, uv: Vec2, lod: f32, edge: Edge) -> f32 {
+        let (level, at, f) = self.corners(uv, lod, edge);
         let a = at.map(|i| f32::from(level.texels[i][3]));
         let top = a[0] + (a[1] - a[0]) * f.x;
         let bottom = a[2] + (a[3] - a[2]) * f.x;
@@ -94,8 +111,8 @@ impl<'a> Pyramid<'a> {
     }
 
     /// Linear RGB (or raw values 0…1), bilinear.
-    pub fn colour(&self, uv: Vec2, lod: f32) -> [f32; 3] {
-        let (level, at, f) = self.corners(uv, lod);
+    pub fn colour(&self, uv: Vec2, lod: f32, edge: Edge) -> [f32; 3] {
+        let (level, at, f) = self.corners(uv, lod, edge);
         let weight = [(1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y];
         let table = &*LINEAR_FROM_SRGB;
         let mut sum = [0.0; 3];
@@ -197,6 +214,18 @@ mod tests {
     }
 
     #[test]
+    fn opposite_edges_meet_only_where_the_texture_repeats() {
+        let mut picture = Picture::filled(8, 8, [0, 0, 0, 255]);
+        for y in 0..8 {
+            picture.set(7, y, [255; 4]);
+        }
+        let p = Pyramid::new(&picture, Colorspace::Srgb, None).unwrap();
+        let at = Vec2::new(0.0, 0.5);
+        assert!((p.colour(at, 0.0, Edge::Repeat)[0] - 0.5).abs() < 0.01);
+        assert!(p.colour(at, 0.0, Edge::Clamp)[0] < 0.01);
+    }
+
+    #[test]
     fn the_first_row_is_at_v_one_and_averages_are_of_light() {
         let mut picture = Picture::filled(8, 8, [0, 0, 0, 255]);
         for x in 0..8 {
@@ -205,8 +234,8 @@ mod tests {
             }
         }
         let p = Pyramid::new(&picture, Colorspace::Srgb, None).unwrap();
-        assert!(p.colour(Vec2::new(0.5, 0.8), 0.0)[0] > 0.99);
-        assert!(p.colour(Vec2::new(0.5, 0.2), 0.0)[0] < 0.01);
-        assert!((p.colour(Vec2::new(0.5, 0.5), 0.0)[0] - 0.5).abs() < 0.01);
+        assert!(p.colour(Vec2::new(0.5, 0.8), 0.0, Edge::Repeat)[0] > 0.99);
+        assert!(p.colour(Vec2::new(0.5, 0.2), 0.0, Edge::Repeat)[0] < 0.01);
+        assert!((p.colour(Vec2::new(0.5, 0.5), 0.0, Edge::Repeat)[0] - 0.5).abs() < 0.01);
     }
 }

@@ -1,5 +1,5 @@
 //! An orthophoto of the stand: crowns from above with sun, cast shadows and leaf texture. The sunlit
-//! part of every crown has the luminance of its species ([T15, Table 1]) with a spread from tree to
+//! part of every crown has the luminance of its species (T15, Table 1) with a spread from tree to
 //! tree.
 
 use rayon::prelude::*;

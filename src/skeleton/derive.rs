@@ -1,5 +1,5 @@
-//! Derivation of an L-system ([ABOP, §1.10 parametric, §1.7 stochastic, §1.8 context-sensitive];
-//! [T15], Table 3): every module of the string is replaced at once, iteration by iteration.
+//! Derivation of an L-system (ABOP, §1.10 parametric, §1.7 stochastic, §1.8 context-sensitive;
+//! T15, Table 3): every module of the string is replaced at once, iteration by iteration.
 //!
 //! The string is two flat columns: a byte a module, and the parameters of those modules that have
 //! any, one after another (so a module of rule 13 takes 3 bytes on average, and never more than

@@ -1,4 +1,4 @@
-//! A species, and a crown if there is one, to a skeleton ([T15], method "L-systems", "Length
+//! A species, and a crown if there is one, to a skeleton (T15, method "L-systems", "Length
 //! decay" and "Space colonization").
 //!
 //! 1. The envelope: from the crown's attractors, or from the species.

@@ -1,6 +1,6 @@
 //! The turtle: a derived string to a scaffold of nodes.
 //!
-//! Frame [H L U] and its turns R_U, R_L, R_H as printed in [T15] and [ABOP, §1.5]: the new frame is
+//! Frame [H L U] and its turns R_U, R_L, R_H as printed in T15 and ABOP, §1.5: the new frame is
 //! [H L U]·R. The upright dialect grows along U, which begins upwards (H east, L north), so that
 //! & ^ \ / lean a shoot to four different sides. The heading dialect grows along H, which begins
 //! upwards, L to the west.
@@ -149,7 +149,7 @@ impl Pose {
         self.rotation = q * (1.5 - 0.5 * q.length_squared());
     }
 
-    /// Rolls about H until L lies level ([ABOP, p. 57]): L = V×H/|V×H|, U = H×L, V upwards. Stays
+    /// Rolls about H until L lies level (ABOP, p. 57): L = V×H/|V×H|, U = H×L, V upwards. Stays
     /// where H is vertical.
     fn level(&mut self) {
         let h = self.frame().x_axis;

@@ -14,7 +14,7 @@ pub enum Kind {
     Shrub,
 }
 
-/// How the main axis goes on ([T15]).
+/// How the main axis goes on (T15).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Branching {
@@ -209,7 +209,7 @@ pub struct Species {
     pub builds_on: Option<String>,
     pub kind: Kind,
     pub branching: Branching,
-    /// Range of photo luminance Y, 0…255 ([T15, Table 1]).
+    /// Range of photo luminance Y, 0…255 (T15, Table 1).
     pub luminance: Option<[f32; 2]>,
     pub size: Size,
     pub growth: Growth,

@@ -1,14 +1,14 @@
-//! The species of each crown, from the aerial photo where there is one ([T15], Table 1).
+//! The species of each crown, from the aerial photo where there is one (T15, Table 1).
 //!
 //! A crown's luminance Y = 0.299 R + 0.587 G + 0.114 B (0…255) is the mean of its sunlit pixels:
 //! those from the median to the 95th percentile inside the outline, so that neither shade nor
 //! glare counts. The species whose range is nearest takes the crown; 0 is inside the range.
-//! Ranges within [`TIE`] of the nearest tie (birch and broadleaf overlap, conifers share one
+//! Ranges within `TIE` of the nearest tie (birch and broadleaf overlap, conifers share one
 //! range), and the crown's shape decides between them: height over diameter and crown base against
 //! the species' typical sizes, and no crown much taller than its species grows.
 //!
 //! Exposure differs from flight to flight and acts on all crowns alike, as a gain. Where the median
-//! crown lies farther than [`FAR`] from every range, the gain is sought that brings the crowns
+//! crown lies farther than `FAR` from every range, the gain is sought that brings the crowns
 //! nearest, changes of exposure costing by their size; the ranges then apply to Y times that gain,
 //! and a warning says so.
 //!
@@ -169,7 +169,7 @@ fn epsg_text(epsg: Option<u32>) -> String {
     epsg.map_or_else(String::new, |code| format!(" (EPSG {code})"))
 }
 
-/// Luminance of a colour, in its own units ([T15]).
+/// Luminance of a colour, in its own units (T15).
 pub fn luminance([r, g, b]: [f32; 3]) -> f32 {
     0.299 * r + 0.587 * g + 0.114 * b
 }

@@ -1,7 +1,7 @@
 //! Ground points to a height grid that can be sampled anywhere, and to a mesh. Knows nothing of
 //! trees.
 //!
-//! Heights are cell-centred: the "cell-centred reading" of the two that [T15] allows. A cell takes
+//! Heights are cell-centred: the "cell-centred reading" of the two that T15 allows. A cell takes
 //! the height of the Delaunay triangulation of the ground points at its centre; cells outside the
 //! hull go on smoothly from the plane through all ground points.
 

@@ -67,7 +67,7 @@ fn lengths_scale_with_the_first_shoot() {
     }
 }
 
-/// [ABOP, p. 42, Figure 1.37].
+/// ABOP, p. 42, Figure 1.37.
 #[test]
 fn several_parameters_and_conditions() {
     let rule = rule(
@@ -81,7 +81,7 @@ fn several_parameters_and_conditions() {
     );
 }
 
-/// [ABOP, §1.8, p. 30]: a signal runs along a string.
+/// ABOP, §1.8, p. 30: a signal runs along a string.
 #[test]
 fn left_context_carries_a_signal() {
     let rule = rule(
@@ -91,7 +91,7 @@ fn left_context_carries_a_signal() {
     assert_eq!(strings(&rule, 4), ["baaaa", "abaaa", "aabaa", "aaaba", "aaaab"]);
 }
 
-/// [ABOP, §1.8, Figure 1.31]: a signal climbs into every branch; another comes down the axis.
+/// ABOP, §1.8, Figure 1.31: a signal climbs into every branch; another comes down the axis.
 #[test]
 fn contexts_see_past_branches_and_ignored_symbols() {
     let section = |productions: &str, axiom: &str| {

@@ -147,7 +147,7 @@ fn stems_of_a_stool_have_order_0() {
     assert_ne!(stems[0].0, stems[1].0);
 }
 
-/// [ABOP, §1.5] in words: + turns left, & pitches down, \ rolls left, | turns about.
+/// ABOP, §1.5 in words: + turns left, & pitches down, \ rolls left, | turns about.
 #[test]
 fn heading_turtle_turns_as_in_the_book() {
     let angles = "angles = { delta = 90 }";
@@ -180,7 +180,7 @@ fn level_puts_l_in_the_horizontal() {
     assert!(frame.z_axis.z >= 0.0);
 }
 
-/// The leaf of [ABOP, Figure 1.25]: a hexagon.
+/// The leaf of ABOP, Figure 1.25: a hexagon.
 #[test]
 fn polygons_are_leaves() {
     let scaffold = heading("F[{-f+f+f-|-f+f+f}]", "angles = { delta = 22.5 }");

@@ -1,7 +1,7 @@
 //! What the turtle makes of a symbol, in the two dialects a rule file may choose.
 //!
-//! `upright` is Table 2 of [T15]: growth along U, angles α, β, γ. `heading` is the turtle of
-//! [ABOP, ch. 1]: growth along H, one angle δ. There the printed matrices and the words beside
+//! `upright` is Table 2 of T15: growth along U, angles α, β, γ. `heading` is the turtle of
+//! ABOP, ch. 1: growth along H, one angle δ. There the printed matrices and the words beside
 //! them disagree: R_U(δ) turns H away from L, and + is to turn left. The words are followed (+ to
 //! the left, & down, \ rolls left), which is R transposed; the upright dialect keeps the matrices.
 
@@ -38,7 +38,7 @@ pub enum Action {
         axis: Axis,
         angle: f64,
     },
-    /// Rolls about H until L lies level ([ABOP, p. 57]).
+    /// Rolls about H until L lies level (ABOP, p. 57).
     Level,
     Push,
     Pop,

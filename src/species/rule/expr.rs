@@ -164,7 +164,7 @@ impl Two {
 const SIGN: u8 = 6;
 const IMPLICIT: u8 = 7;
 
-/// A stack program for one value; it needs at most [`STACK`] places.
+/// A stack program for one value; it needs at most `STACK` places.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Code {
     ops: Vec<Op>,

@@ -1,4 +1,4 @@
-//! L-system rules ([T15], Tables 2 and 3; [ABOP]) as compiled from the `[rule]` section of a rule
+//! L-system rules (T15, Tables 2 and 3; ABOP) as compiled from the `[rule]` section of a rule
 //! file: symbols as bytes, successors as templates, expressions as short stack programs.
 //!
 //! G = (V, T, S, ω, P). A production `F(a) -> F(a)[^F(0.5a)]` replaces every F by its successor,

@@ -1,10 +1,12 @@
 //! The text of an axiom or a production to modules with their expressions, each with its span.
 //!
-//!     production := [modules `<`] module [`>` modules] [`:` condition] (`->` | `→`) [`(`weight`)`] modules
-//!     module     := symbol [`(` expression {`,` expression} `)`]
+//! ```text
+//! production := [modules `<`] module [`>` modules] [`:` condition] (`->` | `→`) [`(`weight`)`] modules
+//! module     := symbol [`(` expression {`,` expression} `)`]
+//! ```
 //!
 //! A predecessor's parameters are names (`F(a)`), or multiples of names (`G(0.5a)`), as Table 3 of
-//! [T15] writes them: the name then stands for the module's parameter over that factor, so that
+//! T15 writes them: the name then stands for the module's parameter over that factor, so that
 //! every successor is relative to what it replaces. The contexts' parameters are names too and
 //! come first and last among the locals.
 
