@@ -29,22 +29,26 @@ pub(super) fn undergrowth_m(top_m: f32) -> f32 {
     (UNDERGROWTH_RELATIVE * top_m).clamp(0.3, UNDERGROWTH_M)
 }
 
-/// Voxel side that leaves about one point in a voxel of the canopy surface, 0.1 m to 0.5 m.
-pub(super) fn voxel_for_density(density_per_sq_m: f64) -> f32 {
-    (1.0 / density_per_sq_m.max(1e-9).sqrt()).clamp(0.1, 0.5) as f32
+/// What belongs to one tree.
+pub(super) struct Members<'a> {
+    pub points: &'a [Vec3],
+    /// Of the points, above the terrain under them.
+    pub heights: &'a [f32],
+    /// Centres of mass.
+    pub voxels: &'a [Vec3],
+    pub voxel_m: f32,
 }
 
-/// Middles of the region's cells; the tree's points and their heights above terrain, of equal
-/// length. `None` for no points, or an outline too small for f32 at its place.
+/// `cells`: middles of the region's cells. `None` for no points, or an outline too small for f32
+/// at its place.
 pub(super) fn crown(
     cells: &[Vec2],
     cell_m: f32,
-    points: &[Vec3],
-    heights: &[f32],
+    members: &Members<'_>,
     terrain: &Terrain,
-    voxel_m: f32,
     confidence: f32,
 ) -> Option<Crown> {
+    let &Members { points, heights, voxels, voxel_m } = members;
     let (apex_index, &apex_height) =
         heights.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1).then(b.0.cmp(&a.0)))?;
     let apex = *points.get(apex_index)?;
@@ -64,8 +68,7 @@ pub(super) fn crown(
     let root = foot.extend(ground);
     let height_m = apex.z - ground;
 
-    let voxels = centres_of_mass(points, voxel_m);
-    let base_height_m = base_height(&voxels, ground, height_m);
+    let base_height_m = base_height(voxels, ground, height_m);
     let mut attractors: Vec<Vec3> =
         voxels.iter().copied().filter(|v| v.z - ground >= base_height_m).collect();
     if attractors.is_empty() {
@@ -114,27 +117,6 @@ fn root_place(
     let middle = outline::centroid(outline);
     let near = middle + (mass - middle).clamp_length_max(0.25 * diameter_m);
     if outline::contains(outline, near) { near } else { middle }
-}
-
-/// Centre of mass of the points in each occupied voxel, in order of the voxels (TD17).
-fn centres_of_mass(points: &[Vec3], voxel_m: f32) -> Vec<Vec3> {
-    let voxel = |p: Vec3| {
-        let v = (p / voxel_m).floor();
-        [v.z as i32, v.y as i32, v.x as i32]
-    };
-    let mut sorted: Vec<([i32; 3], u32)> =
-        points.iter().enumerate().map(|(i, &p)| (voxel(p), i as u32)).collect();
-    sorted.sort_unstable();
-    sorted
-        .chunk_by(|a, b| a.0 == b.0)
-        .map(|same| {
-            let mut sum = glam::DVec3::ZERO;
-            for &(_, i) in same {
-                sum += points[i as usize].as_dvec3();
-            }
-            (sum / same.len() as f64).as_vec3()
-        })
-        .collect()
 }
 
 /// A layer of the vertical profile: voxels, and sums from which their spread follows.
@@ -214,13 +196,5 @@ mod tests {
         voxels.extend((0..12).map(|z| Vec3::new(0.0, 0.0, 100.0 + 0.5 * z as f32)));
         let base = base_height(&voxels, 100.0, 12.0);
         assert!((5.5..=6.75).contains(&base), "{base}");
-    }
-
-    #[test]
-    fn centres_of_mass_keep_the_mean() {
-        let points = [Vec3::new(0.1, 0.1, 0.1), Vec3::new(0.3, 0.1, 0.1), Vec3::new(1.2, 0.0, 0.0)];
-        let c = centres_of_mass(&points, 0.5);
-        assert_eq!(c.len(), 2);
-        assert!(c.iter().any(|v| (*v - Vec3::new(0.2, 0.1, 0.1)).length() < 1e-6));
     }
 }

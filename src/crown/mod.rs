@@ -22,6 +22,7 @@ use rayon::prelude::*;
 use crate::diagnostic::{Error, Result, Warned};
 use crate::ground::{Classified, Kind};
 use crate::terrain::Terrain;
+use crate::voxel::VoxelOctree;
 
 /// One tree as the scan shows it. Coordinates are local metres with absolute heights.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,16 +91,13 @@ pub struct CrownOptions {
     /// Regions less sure to be a tree are left out, 0…1. The default loses little of the canopy;
     /// 0.26 gives the best F1 on the annotated plots, 0 keeps all.
     pub min_confidence: f32,
-    /// Side of the voxels whose centres of mass are the attractors, metres; from the density where
-    /// not given.
-    pub voxel_m: Option<f32>,
     /// Cell of the canopy surface, metres; from the density where not given.
     pub cell_m: Option<f32>,
 }
 
 impl Default for CrownOptions {
     fn default() -> Self {
-        CrownOptions { min_height_m: 2.0, min_confidence: 0.15, voxel_m: None, cell_m: None }
+        CrownOptions { min_height_m: 2.0, min_confidence: 0.15, cell_m: None }
     }
 }
 
@@ -117,12 +115,12 @@ impl CrownOptions {
             return Err(Error::new(format!("the least confidence is {}", self.min_confidence))
                 .remedy("give a number from 0 to 1"));
         }
-        self.voxel_m.map_or(Ok(()), |v| length("the voxel size", v))?;
         self.cell_m.map_or(Ok(()), |v| length("the cell of the canopy surface", v))
     }
 }
 
-/// Finds the trees, sorted by key.
+/// Finds the trees, sorted by key. `voxels` are those of the vegetation: each belongs to the tree
+/// over which its centre of mass lies, and so to one tree at most.
 ///
 /// A key that two trees would share (roots in the same quarter metre) goes to the taller; the
 /// other takes the next greater key that is free. The same points give the same crowns on any
@@ -130,6 +128,7 @@ impl CrownOptions {
 pub fn detect(
     classified: &Classified,
     terrain: &Terrain,
+    voxels: &VoxelOctree,
     options: &CrownOptions,
 ) -> Result<Warned<Vec<Crown>>> {
     options.check()?;
@@ -201,21 +200,28 @@ pub fn detect(
     };
     let cells =
         grouped(chosen.len(), (0..geometry.len()).map(|cell| (tree_of_cell(cell), cell as u32)));
+    let tree_at = |p: Vec3, height_m: f32| {
+        let tree = geometry
+            .cell_of(f64::from(p.x), f64::from(p.y))
+            .map_or(basins::NONE, |(c, r)| tree_of_cell(geometry.index(c, r)));
+        let in_tree = chosen.get(tree as usize).is_some_and(|c| {
+            let top_m = regions.region[c.region as usize].extent.top_m;
+            height_m >= measure::undergrowth_m(top_m).min(options.min_height_m)
+        });
+        if in_tree { tree } else { basins::NONE }
+    };
     let members = grouped(
         chosen.len(),
-        vegetation().map(|i| {
-            let p = cloud.position[i];
-            let tree = geometry
-                .cell_of(f64::from(p.x), f64::from(p.y))
-                .map_or(basins::NONE, |(c, r)| tree_of_cell(geometry.index(c, r)));
-            let in_tree = chosen.get(tree as usize).is_some_and(|c| {
-                let top_m = regions.region[c.region as usize].extent.top_m;
-                height[i] >= measure::undergrowth_m(top_m).min(options.min_height_m)
-            });
-            (if in_tree { tree } else { basins::NONE }, i as u32)
-        }),
+        vegetation().map(|i| (tree_at(cloud.position[i], height[i]), i as u32)),
     );
-    let voxel_m = options.voxel_m.unwrap_or_else(|| measure::voxel_for_density(density));
+    let centres = voxels.centres_of_mass();
+    let voxels_of_tree = grouped(
+        chosen.len(),
+        centres
+            .iter()
+            .enumerate()
+            .map(|(i, &p)| (tree_at(p, p.z - terrain.height_at(p.truncate())), i as u32)),
+    );
     let mut crowns: Vec<Crown> = (0..chosen.len())
         .into_par_iter()
         .filter_map(|tree| {
@@ -230,8 +236,15 @@ pub fn detect(
             let points: Vec<Vec3> =
                 members[tree].iter().map(|&i| cloud.position[i as usize]).collect();
             let heights: Vec<f32> = members[tree].iter().map(|&i| height[i as usize]).collect();
-            let confidence = chosen[tree].chance;
-            measure::crown(&middle, cell_m, &points, &heights, terrain, voxel_m, confidence)
+            let own: Vec<Vec3> =
+                voxels_of_tree[tree].iter().map(|&i| centres[i as usize]).collect();
+            let members = measure::Members {
+                points: &points,
+                heights: &heights,
+                voxels: &own,
+                voxel_m: voxels.size_m(),
+            };
+            measure::crown(&middle, cell_m, &members, terrain, chosen[tree].chance)
         })
         .filter(|crown| crown.height_m >= options.min_height_m)
         .collect();

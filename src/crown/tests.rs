@@ -11,6 +11,7 @@ use crate::raster::{Grid, GridGeometry};
 use crate::scan::PointCloud;
 use crate::seed::Seed;
 use crate::terrain::Terrain;
+use crate::voxel::VoxelOctree;
 
 fn plane(p: Vec2) -> f32 {
     250.0 + 0.2 * p.x - 0.1 * p.y
@@ -101,8 +102,17 @@ fn scan(trees: &[Tree], size_m: f32, density: f32, ground: impl Fn(Vec2) -> f32)
     classified(points)
 }
 
+/// The vegetation in voxels of 0.4 m, larger where points are absurdly far apart.
+fn voxels(classified: &Classified) -> VoxelOctree {
+    let points = classified.cloud.position.iter().zip(&classified.kind);
+    let vegetation: Vec<Vec3> =
+        points.filter(|(p, k)| **k == Kind::Vegetation && p.is_finite()).map(|(p, _)| *p).collect();
+    let far = vegetation.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
+    VoxelOctree::build(&vegetation, (far * 4e-6).max(0.4)).unwrap()
+}
+
 fn crowns(classified: &Classified, terrain: &Terrain) -> Warned<Vec<Crown>> {
-    let found = detect(classified, terrain, &CrownOptions::default()).unwrap();
+    let found = detect(classified, terrain, &voxels(classified), &CrownOptions::default()).unwrap();
     let vegetation = classified.kind.iter().filter(|k| **k == Kind::Vegetation).count();
     let in_trees: usize = found.value.iter().map(|c| c.point_count as usize).sum();
     assert!(in_trees <= vegetation);
@@ -247,12 +257,13 @@ fn poor_clouds_do_not_stop_it() {
 #[test]
 fn options_that_make_no_sense_are_named() {
     let with = |options: CrownOptions| {
-        detect(&vegetation([Vec3::Z]), &terrain(|_| 0.0), &options).unwrap_err().to_string()
+        let one = vegetation([Vec3::Z]);
+        detect(&one, &terrain(|_| 0.0), &voxels(&one), &options).unwrap_err().to_string()
     };
     let d = CrownOptions::default;
     assert_eq!(
-        with(CrownOptions { voxel_m: Some(0.0), ..d() }),
-        "the voxel size is 0, which is no length"
+        with(CrownOptions { cell_m: Some(0.0), ..d() }),
+        "the cell of the canopy surface is 0, which is no length"
     );
     assert_eq!(
         with(CrownOptions { min_height_m: f32::NAN, ..d() }),

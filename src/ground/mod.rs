@@ -146,5 +146,25 @@ fn is_normalised(cloud: &PointCloud, candidates: &[Vec3]) -> bool {
     share(&|z| z.abs() < 0.15) >= 0.25 && share(&|z| z < -0.5) < 0.02
 }
 
+/// How thick the ground is: the RMS distance of ground points from the mean height of their 0.5 m
+/// cell, over cells that hold two or more; `None` without such cells. Noise, slope and what is
+/// wrongly ground all add to it.
+pub fn spread_m(classified: &Classified) -> Option<f64> {
+    let cell = |v: f32| (f64::from(v) * 2.0).floor() as i64;
+    let mut ground: Vec<(i64, i64, u32)> = (classified.cloud.position.iter().zip(&classified.kind))
+        .filter(|(_, k)| **k == Kind::Ground)
+        .map(|(p, _)| (cell(p.x), cell(p.y), p.z.to_bits()))
+        .collect();
+    ground.sort_unstable();
+    let (mut sum, mut count) = (0.0, 0usize);
+    for same in ground.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).filter(|c| c.len() > 1) {
+        let heights = || same.iter().map(|p| f64::from(f32::from_bits(p.2)));
+        let mean = heights().sum::<f64>() / same.len() as f64;
+        sum += heights().map(|z| (z - mean).powi(2)).sum::<f64>();
+        count += same.len();
+    }
+    (count > 0).then(|| (sum / count as f64).sqrt())
+}
+
 #[cfg(test)]
 mod tests;

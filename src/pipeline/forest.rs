@@ -10,7 +10,7 @@ use super::survey;
 use super::survey::{Survey, SurveyJob};
 use crate::diagnostic::Result;
 use crate::mesh::{self, MeshOptions, TreeMesh};
-use crate::raster::Picture;
+use crate::raster::{Grid, GridGeometry, Picture, inpaint};
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scene::sharing::{Build, Model, share};
@@ -377,7 +377,7 @@ fn add_terrain(
     scene.terrain = Some(Part { name: "terrain".into(), surface, material });
 }
 
-/// The photo over the terrain's extent, its mean colour where it does not reach; `None` where the
+/// The photo over the terrain's extent, going on smoothly where it does not reach; `None` where the
 /// two do not meet.
 fn drape(photo: &Photo, terrain: &Terrain) -> Option<Picture> {
     let g = &terrain.heights.geometry;
@@ -398,20 +398,28 @@ fn drape(photo: &Photo, terrain: &Terrain) -> Option<Picture> {
                 .collect()
         })
         .collect();
-    let seen: Vec<[f32; 3]> = rows.iter().flatten().copied().flatten().collect();
-    if seen.is_empty() {
+    let pixels: Vec<Option<[f32; 3]>> = rows.into_iter().flatten().collect();
+    let is_known: Vec<bool> = pixels.iter().map(Option::is_some).collect();
+    if !is_known.contains(&true) {
         return None;
     }
-    let mean =
-        [0, 1, 2].map(|k| seen.iter().map(|c| f64::from(c[k])).sum::<f64>() / seen.len() as f64);
-    let fallback = mean.map(|v| v as f32);
-    let data = rows
-        .into_iter()
-        .flatten()
-        .map(|c| {
-            let [r, g, b] = c.unwrap_or(fallback).map(|v| v.round().clamp(0.0, 255.0) as u8);
-            [r, g, b, 255]
-        })
+    let geometry = GridGeometry {
+        west: 0.0,
+        north: 0.0,
+        cell_x: 1.0,
+        cell_y: 1.0,
+        cols: width as usize,
+        rows: height as usize,
+    };
+    let bands = [0, 1, 2].map(|k| {
+        let data = pixels.iter().map(|c| c.map_or(0.0, |c| c[k])).collect();
+        let mut band = Grid { geometry, data };
+        inpaint::fill(&mut band, &is_known);
+        band.data
+    });
+    let byte = |v: f32| v.round().clamp(0.0, 255.0) as u8;
+    let data = (0..pixels.len())
+        .map(|i| [byte(bands[0][i]), byte(bands[1][i]), byte(bands[2][i]), 255])
         .collect();
     Some(Picture { width, height, data })
 }

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
 use crate::crown::{self, CrownOptions};
 use crate::diagnostic::{Error, Result};
@@ -17,6 +17,7 @@ use crate::seed::Seed;
 use crate::species::Species;
 use crate::species::photo::{self, How, Photo};
 use crate::terrain::{self, Terrain, TerrainOptions};
+use crate::voxel::{self, VoxelOctree};
 
 /// What to read and how.
 #[derive(Debug, Clone)]
@@ -47,8 +48,8 @@ pub struct Survey {
     pub species: Vec<usize>,
 }
 
-/// Reads the scans and finds the ground.
-fn classify(job: &SurveyJob, run: &mut Recorder) -> Result<Classified> {
+/// Reads the scans and finds the ground; gives the density beside it.
+fn classify(job: &SurveyJob, run: &mut Recorder) -> Result<(Classified, f32)> {
     let files = job.scans.len();
     let scan = run.stage("scan", |warnings| {
         let scan = scan::read(&job.scans, &ReadOptions::default())?.into_value(warnings);
@@ -76,10 +77,13 @@ fn classify(job: &SurveyJob, run: &mut Recorder) -> Result<Classified> {
         let classified = ground::classify(scan.cloud, &options)?.into_value(warnings);
         let ground = classified.kind.iter().filter(|&&k| k == Kind::Ground).count();
         let mut outcome = Outcome::items(points, "points", ground, "ground points");
+        if let Some(spread) = ground::spread_m(&classified) {
+            outcome = outcome.error(ErrorMeasure::new("spread in 0.5 m cells", spread, "m"));
+        }
         if classified.is_normalised {
             outcome = outcome.note("heights were already above ground");
         }
-        Ok((classified, outcome))
+        Ok(((classified, scan.density_per_m2), outcome))
     })
 }
 
@@ -107,7 +111,7 @@ fn place_photo(path: &Path, raster: Raster, classified: &Classified) -> Result<P
 /// # Errors
 /// Unreadable scans; no ground; a grid too large.
 pub fn terrain(job: &SurveyJob, run: &mut Recorder) -> Result<(Frame, Terrain)> {
-    let classified = classify(job, run)?;
+    let (classified, _) = classify(job, run)?;
     let terrain = build_terrain(job, &classified, run)?;
     Ok((classified.cloud.frame, terrain))
 }
@@ -129,6 +133,36 @@ fn build_terrain(job: &SurveyJob, classified: &Classified, run: &mut Recorder) -
     })
 }
 
+/// Crowns that voxels are meant for, metres across.
+const TYPICAL_CROWN_M: f32 = 4.0;
+
+/// The vegetation as voxels, one centre of mass each.
+fn voxelise(
+    job: &SurveyJob,
+    classified: &Classified,
+    density_per_m2: f32,
+    run: &mut Recorder,
+) -> Result<VoxelOctree> {
+    run.stage("voxel", |_| {
+        let points = classified.cloud.position.iter().zip(&classified.kind);
+        let vegetation: Vec<Vec3> =
+            points.filter(|(_, k)| **k == Kind::Vegetation).map(|(p, _)| *p).collect();
+        let size_m =
+            job.voxel_m.unwrap_or_else(|| voxel::choose_size_m(density_per_m2, TYPICAL_CROWN_M));
+        let octree = VoxelOctree::build(&vegetation, size_m)?;
+        let moved: f64 = vegetation
+            .iter()
+            .filter_map(|p| Some((p, octree.get(octree.index_of(*p)?)?)))
+            .map(|(p, v)| f64::from(v.centre_of_mass.distance_squared(*p)))
+            .sum();
+        let rms = (moved / vegetation.len().max(1) as f64).sqrt();
+        let outcome = Outcome::items(vegetation.len(), "points", octree.len(), "voxels")
+            .error(ErrorMeasure::new("point to centre RMS", rms, "m"))
+            .note(format!("voxel {size_m:.2} m, {} bytes", octree.memory_bytes()));
+        Ok((octree, outcome))
+    })
+}
+
 /// Scan to trees with species.
 ///
 /// # Errors
@@ -136,22 +170,30 @@ fn build_terrain(job: &SurveyJob, classified: &Classified, run: &mut Recorder) -
 pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
     // Read first: a photo that can't be used is told before the scan is read.
     let raster = job.photo.as_deref().map(photo_raster).transpose()?;
-    let classified = classify(job, run)?;
+    let (classified, density_per_m2) = classify(job, run)?;
     let photo = match (&job.photo, raster) {
         (Some(path), Some(raster)) => Some(place_photo(path, raster, &classified)?),
         _ => None,
     };
     let terrain = build_terrain(job, &classified, run)?;
+    let voxels = voxelise(job, &classified, density_per_m2, run)?;
     let crowns = run.stage("crown", |warnings| {
-        let options = CrownOptions {
-            voxel_m: job.voxel_m,
-            min_height_m: job.min_height_m,
-            ..CrownOptions::default()
-        };
-        let crowns = crown::detect(&classified, &terrain, &options)?.into_value(warnings);
-        let vegetation = classified.kind.iter().filter(|&&k| k == Kind::Vegetation).count();
-        let outcome = Outcome::items(vegetation, "points", crowns.len(), "trees");
-        Ok((crowns, outcome))
+        let options = CrownOptions { min_height_m: job.min_height_m, ..CrownOptions::default() };
+        let crowns = crown::detect(&classified, &terrain, &voxels, &options)?.into_value(warnings);
+        let tall = classified
+            .cloud
+            .position
+            .iter()
+            .zip(&classified.kind)
+            .filter(|(p, k)| {
+                let above = p.z - terrain.height_at(p.truncate());
+                **k == Kind::Vegetation && above >= job.min_height_m
+            })
+            .count();
+        let inside: usize = crowns.iter().map(|c| c.point_count as usize).sum();
+        let left = 100.0 * (1.0 - inside.min(tall) as f64 / tall.max(1) as f64);
+        let outcome = Outcome::items(voxels.len(), "voxels", crowns.len(), "trees");
+        Ok((crowns, outcome.error(ErrorMeasure::new("canopy points in no tree", left, "%"))))
     })?;
     let frame = classified.cloud.frame.clone();
     drop(classified.kind);
