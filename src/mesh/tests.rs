@@ -36,7 +36,8 @@ fn skeleton(steps: &[(usize, [i8; 3], f32, bool)], radius: f32) -> Skeleton {
         let axis = pick % tips.len();
         let parent = tips[axis];
         let step = Vec3::from_array(step.map(f32::from)) * 0.125;
-        if step == Vec3::ZERO {
+        // Two shoots in one place would be two tubes in one place, whose edges can't be told apart.
+        if s.position.contains(&(s.position[parent] + step)) {
             continue;
         }
         let node = s.position.len();

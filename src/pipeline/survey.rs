@@ -180,20 +180,11 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
     let crowns = run.stage("crown", |warnings| {
         let options = CrownOptions { min_height_m: job.min_height_m, ..CrownOptions::default() };
         let crowns = crown::detect(&classified, &terrain, &voxels, &options)?.into_value(warnings);
-        let tall = classified
-            .cloud
-            .position
-            .iter()
-            .zip(&classified.kind)
-            .filter(|(p, k)| {
-                let above = p.z - terrain.height_at(p.truncate());
-                **k == Kind::Vegetation && above >= job.min_height_m
-            })
-            .count();
+        let vegetation = classified.kind.iter().filter(|&&k| k == Kind::Vegetation).count();
         let inside: usize = crowns.iter().map(|c| c.point_count as usize).sum();
-        let left = 100.0 * (1.0 - inside.min(tall) as f64 / tall.max(1) as f64);
+        let left = 100.0 * (1.0 - inside as f64 / vegetation.max(1) as f64);
         let outcome = Outcome::items(voxels.len(), "voxels", crowns.len(), "trees");
-        Ok((crowns, outcome.error(ErrorMeasure::new("canopy points in no tree", left, "%"))))
+        Ok((crowns, outcome.error(ErrorMeasure::new("vegetation points in no tree", left, "%"))))
     })?;
     let frame = classified.cloud.frame.clone();
     drop(classified.kind);

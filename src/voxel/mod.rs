@@ -177,10 +177,10 @@ impl Grid {
 }
 
 impl VoxelOctree {
-    /// Puts points (local metres) into voxels of edge `size_m`.
+    /// Puts points (local metres) into voxels of edge `size_m`. No points make an empty octree.
     ///
     /// # Errors
-    /// No points, a point that is not finite, a size that is not positive, or one so small that
+    /// A point that is not finite, a size that is not positive, or one so small that
     /// the extent has more than [`MAX_SIDE`] voxels along an axis; more than 2³² points.
     pub fn build(points: &[Vec3], size_m: f32) -> Result<VoxelOctree> {
         if !(size_m.is_finite() && size_m > 0.0) {
@@ -188,7 +188,8 @@ impl VoxelOctree {
                 .remedy("give a voxel size above 0"));
         }
         if points.is_empty() {
-            return Err(Error::new("there are no points to put into voxels"));
+            let grid = Grid { size_m, first: [0; 3], sides: [0; 3] };
+            return Ok(VoxelOctree::from_occupied(grid, Occupied::default()));
         }
         if u32::try_from(points.len()).is_err() {
             return Err(Error::new(format!("{} points are too many", points.len()))

@@ -193,6 +193,9 @@ impl VoxelOctree {
         if self.centres_of_mass.len() != n || self.first_child.len() != self.masks.len() {
             return Err("columns of unequal length".into());
         }
+        if n == 0 && self.masks.is_empty() {
+            return Ok(());
+        }
         if let Some(i) = self.masks.iter().position(|mask| *mask == 0) {
             return Err(format!("node {i} has no children"));
         }

@@ -160,7 +160,9 @@ fn extreme_clouds() {
         assert!(VoxelOctree::build(&[Vec3::ONE], size_m).is_err());
         assert_eq!(centres_of_mass(&[Vec3::ONE], size_m), [Vec3::ONE]);
     }
-    assert!(VoxelOctree::build(&[], 1.0).is_err());
+    let empty = VoxelOctree::build(&[], 1.0).unwrap();
+    empty.check().unwrap();
+    assert!(empty.is_empty() && empty.get(VoxelIndex { r: 0, c: 0, l: 0 }).is_none());
     let error = VoxelOctree::build(&[Vec3::ONE, Vec3::NAN], 1.0).unwrap_err();
     assert_eq!(error.message(), "point 1 is not finite");
 }
