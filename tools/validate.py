@@ -54,8 +54,9 @@ require('gltf-validator')
 class Report:
     """Prints and remembers what was checked."""
 
-    def __init__(self, quiet=False):
+    def __init__(self, quiet=False, failures_alone=False):
         self.quiet = quiet
+        self.failures_alone = failures_alone
         self.checks = 0
         self.failed = []
 
@@ -65,7 +66,7 @@ class Report:
         self.checks += 1
         if faults:
             self.failed.append(name)
-        if not self.quiet:
+        if not self.quiet and (faults or not self.failures_alone):
             told = "; ".join(faults[:5]) + (f"; and {len(faults) - 5} more" if len(faults) > 5 else "")
             text = told if faults else detail
             print(f"{'FAIL' if faults else 'ok  '} {name}{': ' + text if text else ''}")
@@ -735,6 +736,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="+", type=Path)
     parser.add_argument("--inventory", type=Path, help="GeoJSON with one feature a tree")
+    parser.add_argument("--quiet", action="store_true", help="tell failures and the count alone")
     parser.add_argument("--self-test", action="store_true", help="seed defects in copies of a .glb and a .usda")
     options = parser.parse_args()
     known = (".glb", ".gltf", ".usda", ".usdc", ".usdz")
@@ -744,7 +746,7 @@ def main():
     for path in options.files:
         if path.suffix not in known:
             parser.error(f"{path}: not one of {', '.join(known)}")
-    report = Report()
+    report = Report(failures_alone=options.quiet)
     if options.self_test:
         if [path.suffix for path in options.files] != [".glb", ".usda"]:
             parser.error("--self-test takes a .glb and a .usda")

@@ -6,11 +6,12 @@ use std::f32::consts::TAU;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::drape::drape;
 use super::survey;
 use super::survey::{Survey, SurveyJob};
 use crate::diagnostic::Result;
 use crate::mesh::{self, MeshOptions, TreeMesh};
-use crate::raster::{Grid, GridGeometry, Picture, inpaint};
+use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scene::sharing::{Build, Model, share};
@@ -21,7 +22,6 @@ use crate::scene::{
 use crate::seed::Seed;
 use crate::skeleton::{self, Detail, Skeleton, Target};
 use crate::species::Species;
-use crate::species::photo::Photo;
 use crate::terrain::{Lattice, Terrain};
 use crate::texture::{self, TreeTextures};
 
@@ -54,8 +54,6 @@ pub struct Forest {
 
 /// Side of the square that one repeat of the forest floor covers, metres.
 const FLOOR_TILE_M: f32 = 4.0;
-/// Most pixels along a side of the photo on the terrain.
-const PHOTO_PX: u32 = 2048;
 /// Most triangles of the terrain.
 const TERRAIN_TRIANGLES: usize = 120_000;
 /// A shared model is widened or narrowed against its height by no more than this factor.
@@ -244,7 +242,7 @@ fn assemble(
         instances: Vec::new(),
     };
     let lattice = survey.terrain.lattice(TERRAIN_TRIANGLES);
-    add_terrain(&mut scene, &survey.terrain, &lattice, survey.photo.as_ref(), job.survey.seed);
+    add_terrain(&mut scene, &survey.terrain, &lattice, survey, job.survey.seed);
     let mut looks = Vec::new();
     for (s, t) in species.iter().zip(textures) {
         looks.push(t.map(|t| add_materials(&mut scene, s, t)));
@@ -347,11 +345,12 @@ fn add_terrain(
     scene: &mut Scene,
     terrain: &Terrain,
     lattice: &Lattice,
-    photo: Option<&Photo>,
+    survey: &Survey,
     seed: Seed,
 ) {
     let mut surface = lattice.surface();
-    let draped = photo.and_then(|p| drape(p, terrain));
+    let outlines: Vec<&[Vec2]> = survey.trees.iter().map(|t| &t.crown.outline[..]).collect();
+    let draped = survey.photo.as_ref().and_then(|p| drape(p, terrain, &outlines, seed));
     let picture = match draped {
         Some(picture) => picture,
         None => {
@@ -375,53 +374,6 @@ fn add_terrain(
     });
     let material = scene.materials.len() as u32 - 1;
     scene.terrain = Some(Part { name: "terrain".into(), surface, material });
-}
-
-/// The photo over the terrain's extent, going on smoothly where it does not reach; `None` where the
-/// two do not meet.
-fn drape(photo: &Photo, terrain: &Terrain) -> Option<Picture> {
-    let g = &terrain.heights.geometry;
-    let (width_m, height_m) = (g.east() - g.west, g.north - g.south());
-    let pixel_m = f64::from(photo.pixel_m()).max(width_m.max(height_m) / f64::from(PHOTO_PX));
-    let width = ((width_m / pixel_m).round() as u32).clamp(1, PHOTO_PX);
-    let height = ((height_m / pixel_m).round() as u32).clamp(1, PHOTO_PX);
-    let rows: Vec<Vec<Option<[f32; 3]>>> = (0..height)
-        .into_par_iter()
-        .map(|y| {
-            (0..width)
-                .map(|x| {
-                    photo.sample(Vec2::new(
-                        (g.west + (f64::from(x) + 0.5) / f64::from(width) * width_m) as f32,
-                        (g.north - (f64::from(y) + 0.5) / f64::from(height) * height_m) as f32,
-                    ))
-                })
-                .collect()
-        })
-        .collect();
-    let pixels: Vec<Option<[f32; 3]>> = rows.into_iter().flatten().collect();
-    let is_known: Vec<bool> = pixels.iter().map(Option::is_some).collect();
-    if !is_known.contains(&true) {
-        return None;
-    }
-    let geometry = GridGeometry {
-        west: 0.0,
-        north: 0.0,
-        cell_x: 1.0,
-        cell_y: 1.0,
-        cols: width as usize,
-        rows: height as usize,
-    };
-    let bands = [0, 1, 2].map(|k| {
-        let data = pixels.iter().map(|c| c.map_or(0.0, |c| c[k])).collect();
-        let mut band = Grid { geometry, data };
-        inpaint::fill(&mut band, &is_known);
-        band.data
-    });
-    let byte = |v: f32| v.round().clamp(0.0, 255.0) as u8;
-    let data = (0..pixels.len())
-        .map(|i| [byte(bands[0][i]), byte(bands[1][i]), byte(bands[2][i]), 255])
-        .collect();
-    Some(Picture { width, height, data })
 }
 
 /// RMS difference between the height of each tree's model in its place and the tree's own.

@@ -2,6 +2,7 @@
 //! line; takes resolved jobs, gives values, and records what each stage did.
 
 pub mod demo;
+mod drape;
 pub mod forest;
 pub mod survey;
 pub mod tree;
