@@ -46,7 +46,7 @@ pub fn run(cli: &Cli) -> Result<()> {
         }
     }
     if cli.json {
-        println!("{}", report.json);
+        print(&[report.json.to_string()])?;
     }
     Ok(())
 }
@@ -68,10 +68,18 @@ fn load_species(names: &[String]) -> Result<Vec<Species>> {
         names.iter().map(|n| n.trim()).collect()
     };
     let mut errors = Vec::new();
-    let mut out = Vec::new();
+    let mut out: Vec<Species> = Vec::new();
     for name in names {
         match species::load(name) {
-            Ok(s) => out.push(s),
+            Ok(s) => match out.iter().find(|o| o.name == s.name) {
+                // Named twice is meant once; two files of one name can't be told apart in a scene.
+                Some(same) if same.id == s.id => {}
+                Some(same) => errors.push(
+                    Error::new(format!("`{}` and `{}` are both named {}", same.id, s.id, s.name))
+                        .remedy("give one of them a `name` of its own"),
+                ),
+                None => out.push(s),
+            },
             Err(e) => errors.push(e),
         }
     }
@@ -321,16 +329,30 @@ fn demo(a: &args::Demo, run: &mut Recorder) -> Result<Told> {
 }
 
 fn list_species(quiet: bool) -> Result<()> {
+    let mut lines = Vec::new();
     for name in species::builtin_names() {
         if quiet {
-            println!("{name}");
+            lines.push(name.to_owned());
             continue;
         }
         let s = species::load(name)?;
         let base = s.builds_on.as_deref().map_or(String::new(), |b| format!("builds on {b}"));
-        println!("{name:<20} {:<24} {:<20} {base}", s.name, s.common);
+        lines.push(format!("{name:<20} {:<24} {:<20} {base}", s.name, s.common));
     }
-    Ok(())
+    print(&lines)
+}
+
+/// To standard output; a reader that has seen enough and closed it is no error.
+fn print(lines: &[String]) -> Result<()> {
+    use std::io::{ErrorKind, Write};
+    let mut out = std::io::stdout().lock();
+    let written = lines.iter().try_for_each(|line| writeln!(out, "{}", line.trim_end()));
+    match written.and_then(|()| out.flush()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
+            Err(Error::new(format!("standard output can't be written: {e}")))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn forest_lines(forest: &pipeline::Forest, run: &Recorder, dir: &Path) -> Vec<String> {

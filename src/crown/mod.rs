@@ -119,6 +119,9 @@ impl CrownOptions {
     }
 }
 
+/// The tallest tree known stands 116 m high.
+const TALLEST_M: f32 = 120.0;
+
 /// Finds the trees, sorted by key. `voxels` are those of the vegetation: each belongs to the tree
 /// over which its centre of mass lies, and so to one tree at most.
 ///
@@ -222,7 +225,7 @@ pub fn detect(
             .enumerate()
             .map(|(i, &p)| (tree_at(p, p.z - terrain.height_at(p.truncate())), i as u32)),
     );
-    let mut crowns: Vec<Crown> = (0..chosen.len())
+    let crowns: Vec<Crown> = (0..chosen.len())
         .into_par_iter()
         .filter_map(|tree| {
             let middle: Vec<Vec2> = cells[tree]
@@ -248,6 +251,15 @@ pub fn detect(
         })
         .filter(|crown| crown.height_m >= options.min_height_m)
         .collect();
+    let found = crowns.len();
+    let mut crowns: Vec<Crown> =
+        crowns.into_iter().filter(|crown| crown.height_m <= TALLEST_M).collect();
+    if crowns.len() < found {
+        warnings.push(format!(
+            "{} places are higher than {TALLEST_M} m and no trees: masts, birds or clouds?",
+            found - crowns.len()
+        ));
+    }
 
     let outside =
         vegetation().count() - crowns.iter().map(|c| c.point_count as usize).sum::<usize>();
@@ -257,7 +269,7 @@ pub fn detect(
     if outside > 0 {
         let lower = vegetation().filter(|&i| height[i] < options.min_height_m).count();
         warnings.push(format!(
-            "{outside} of {} vegetation points belong to no tree; {lower} are lower than {} m",
+            "{outside} of {} vegetation points belong to no tree; of all points {lower} are lower than {} m",
             vegetation().count(),
             options.min_height_m
         ));

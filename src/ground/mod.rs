@@ -71,7 +71,7 @@ pub fn classify(cloud: PointCloud, options: &GroundOptions) -> Result<Warned<Cla
         candidates = cloud.position.clone();
     }
     if candidates.len() < 3 {
-        return Err(Error::new(format!("{} points are too few to find the ground", cloud.len()))
+        return Err(Error::new(format!("too few points to find the ground: {}", cloud.len()))
             .remedy("give a whole scan: at least a few points that reached the ground"));
     }
     let is_normalised = is_normalised(&cloud, &candidates);

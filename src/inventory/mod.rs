@@ -15,7 +15,7 @@ pub struct Tree {
     pub crown: Crown,
     /// Scientific name.
     pub species: String,
-    /// `photo`, `requested`, `default mix`.
+    /// `photo`, `the species named`, `default mix`.
     pub species_from: String,
     /// Mean luminance of the crown in the photo, 0…255.
     pub luminance: Option<f32>,

@@ -78,6 +78,71 @@ impl TreeMesh {
             .unwrap_or_default()
     }
 
+    /// Diameter of the circle whose area is that of the crown seen from above: a star of 16 rays
+    /// from the crown's middle, each as long as nine tenths of the leaves (shoots, where bare) in
+    /// its sixteenth are near. The outermost tenth is the tips of twigs, which an outline passes by.
+    pub fn crown_diameter_m(&self) -> f32 {
+        const SECTORS: usize = 16;
+        const WITHIN: f32 = 0.9;
+        let crown = if self.foliage.is_empty() { &self.wood } else { &self.foliage };
+        let sum = crown.position.iter().fold(glam::DVec2::ZERO, |s, p| s + p.truncate().as_dvec2());
+        let middle = (sum / crown.position.len().max(1) as f64).as_vec2();
+        let mut distance_sq = vec![Vec::new(); SECTORS];
+        for p in &crown.position {
+            let d = p.truncate() - middle;
+            let turn = (d.to_angle() / std::f32::consts::TAU).rem_euclid(1.0);
+            let sector = ((turn * SECTORS as f32) as usize).min(SECTORS - 1);
+            distance_sq[sector].push(d.length_squared());
+        }
+        let rays = distance_sq.iter_mut().map(|d| {
+            d.sort_unstable_by(f32::total_cmp);
+            let last = d.len().saturating_sub(1) as f32;
+            d.get((last * WITHIN) as usize).copied().unwrap_or(0.0)
+        });
+        2.0 * (rays.sum::<f32>() / SECTORS as f32).sqrt()
+    }
+
+    /// Scales the tree about its root collar until its highest leaf or shoot is at `height_m`. A
+    /// skeleton of the right height bears twigs that reach beyond it.
+    pub fn fit_height(&mut self, height_m: f32) {
+        let top = self.bounds().1.z;
+        if top > 0.0 && height_m > 0.0 {
+            let factor = height_m / top;
+            for surface in [&mut self.wood, &mut self.upper_wood, &mut self.foliage] {
+                surface.position.iter_mut().for_each(|p| *p *= factor);
+            }
+        }
+    }
+
+    /// Drops the triangles of leaves that hang into the ground, which is z = 0.
+    pub fn clear_ground(&mut self) {
+        let foliage = &mut self.foliage;
+        let is_above = |i: u32| foliage.position.get(i as usize).is_some_and(|p| p.z >= 0.0);
+        if foliage.position.iter().all(|p| p.z >= 0.0) {
+            return;
+        }
+        let kept: Vec<u32> = foliage
+            .index
+            .chunks_exact(3)
+            .filter(|t| t.iter().all(|&i| is_above(i)))
+            .flatten()
+            .copied()
+            .collect();
+        let mut place = vec![u32::MAX; foliage.position.len()];
+        let mut out = Surface::default();
+        for i in kept {
+            let i = i as usize;
+            if place[i] == u32::MAX {
+                place[i] = out.position.len() as u32;
+                out.position.push(foliage.position[i]);
+                out.normal.push(foliage.normal[i]);
+                out.uv.push(foliage.uv[i]);
+            }
+            out.index.push(place[i]);
+        }
+        *foliage = out;
+    }
+
     /// All surfaces sound, and the wood closed.
     pub fn check(&self) -> Result<()> {
         self.wood.check()?;

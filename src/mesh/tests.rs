@@ -323,3 +323,37 @@ fn speed() {
     }
     println!("hero from {} nodes: {:?}", skeleton.len(), start.elapsed() / 20);
 }
+
+#[test]
+fn a_fitted_tree_has_the_height_asked_for_and_stays_closed() {
+    let s = skeleton(&[(0, [0, 0, 3], 0.9, false), (0, [1, 0, 3], 0.9, false)], 0.05);
+    let mut tree = build(
+        &s,
+        &oak(),
+        &Atlas::whole(0.4),
+        &MeshOptions { foliage: true, ..bare(1e-3) },
+        Seed::new(1),
+    )
+    .unwrap();
+    assert!(tree.bounds().1.z > s.height_m());
+    tree.fit_height(12.0);
+    assert!((tree.bounds().1.z - 12.0).abs() < 1e-4);
+    tree.check().unwrap();
+    tree.foliage.position.iter_mut().for_each(|p| p.z -= 11.0);
+    let before = tree.foliage.triangles();
+    tree.clear_ground();
+    assert!(tree.foliage.bounds().0.z >= 0.0 && tree.foliage.triangles() < before);
+    tree.foliage.check().unwrap();
+}
+
+#[test]
+fn the_crown_of_a_disc_of_leaves_is_as_wide_as_the_disc() {
+    let leaf = |k: u32| Vec3::new((k as f32 * 0.1).cos(), (k as f32 * 0.1).sin(), 5.0) * 2.0;
+    let foliage = Surface {
+        position: (0..63).map(leaf).collect(),
+        index: vec![0, 1, 2],
+        ..Surface::default()
+    };
+    let tree = TreeMesh { foliage, ..TreeMesh::default() };
+    assert!((tree.crown_diameter_m() - 4.0).abs() < 0.05, "{}", tree.crown_diameter_m());
+}

@@ -70,10 +70,9 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
     let textures = paint(job, &models, run)?;
     let meshes = build_meshes(job, &survey, &models, &skeletons, &textures, run)?;
     let scene = run.stage("scene", |warnings| {
-        let mut scene = assemble(job, &survey, &models, meshes, textures)?;
+        let (mut scene, fit) = assemble(job, &survey, &models, meshes, textures)?;
         let left_out = scene.prune();
         let scene = scene.validate()?;
-        let fit = fit_rms_m(&scene);
         if survey.trees.is_empty() {
             warnings.push("no trees were found: the scene holds the terrain alone".into());
         }
@@ -87,7 +86,7 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
         .note(format!("{} models, {} unique triangles", stats.prototypes, stats.unique_triangles))
         .note(format!("left out: {left_out}"));
         if let Some(fit) = fit {
-            outcome = outcome.error(ErrorMeasure::new("model height RMSE", fit, "m"));
+            outcome = outcome.error(ErrorMeasure::new("model crown width RMSE", fit, "m"));
         }
         Ok((scene, outcome))
     })?;
@@ -191,9 +190,13 @@ fn build_meshes(
             .zip(skeletons)
             .filter_map(|(m, s)| textures[m.species].as_ref().map(|t| (m, s, t)))
             .map(|(m, s, t)| {
-                let key = survey.trees[m.exemplar].crown.key;
-                let seed = job.survey.seed.derive("mesh", key);
-                mesh::build(s, &job.survey.species[m.species], &t.atlas, &options, seed)
+                let crown = &survey.trees[m.exemplar].crown;
+                let seed = job.survey.seed.derive("mesh", crown.key);
+                let species = &job.survey.species[m.species];
+                let mut mesh = mesh::build(s, species, &t.atlas, &options, seed)?;
+                mesh.fit_height(crown.height_m);
+                mesh.clear_ground();
+                Ok(mesh)
             })
             .collect::<Result<_>>()?;
         let nodes = skeletons.iter().map(Skeleton::len).sum();
@@ -224,14 +227,17 @@ fn paint(
     })
 }
 
+/// The scene, and the RMS difference between the trees' crown diameters and those of their models
+/// in their places.
 fn assemble(
     job: &ForestJob,
     survey: &Survey,
     models: &[Model],
     meshes: Vec<TreeMesh>,
     textures: Vec<Option<TreeTextures>>,
-) -> Result<Scene> {
+) -> Result<(Scene, Option<f64>)> {
     let species = &job.survey.species;
+    let mut off_sq = Vec::new();
     let mut scene = Scene {
         name: job.name.clone(),
         frame: survey.frame.clone(),
@@ -252,6 +258,7 @@ fn assemble(
         let Some(Some(look)) = looks.get(model.species) else { continue };
         numbers[model.species] += 1;
         let s = &species[model.species];
+        let width_m = mesh.crown_diameter_m();
         let name = format!("{}_{:02}", identifier(&s.name), numbers[model.species]);
         scene.prototypes.push(prototype(name, s, mesh, *look));
         let exemplar = &survey.trees[model.exemplar].crown;
@@ -259,14 +266,15 @@ fn assemble(
             let tree = &survey.trees[i];
             let crown = &tree.crown;
             let up = crown.height_m / exemplar.height_m;
-            let out = (crown.diameter_m / exemplar.diameter_m)
-                .clamp(up / MOST_STRETCH, up * MOST_STRETCH);
+            let out =
+                (crown.diameter_m / width_m.max(0.01)).clamp(up / MOST_STRETCH, up * MOST_STRETCH);
             // A model grown from this very crown keeps its azimuth.
             let yaw_rad = if i == model.exemplar {
                 0.0
             } else {
                 job.survey.seed.derive("yaw", crown.key).draws().between(0.0, TAU)
             };
+            off_sq.push(f64::from(width_m * out - crown.diameter_m).powi(2));
             scene.instances.push(Instance {
                 name: format!("{}_{}", identifier(&s.name), tree.id),
                 prototype: m as u32,
@@ -286,7 +294,9 @@ fn assemble(
             });
         }
     }
-    Ok(scene)
+    let fit =
+        (!off_sq.is_empty()).then(|| (off_sq.iter().sum::<f64>() / off_sq.len() as f64).sqrt());
+    Ok((scene, fit))
 }
 
 /// Indices of a species' materials.
@@ -374,21 +384,6 @@ fn add_terrain(
     });
     let material = scene.materials.len() as u32 - 1;
     scene.terrain = Some(Part { name: "terrain".into(), surface, material });
-}
-
-/// RMS difference between the height of each tree's model in its place and the tree's own.
-fn fit_rms_m(scene: &ValidScene) -> Option<f64> {
-    let tops: Vec<f32> = scene
-        .prototypes()
-        .iter()
-        .map(|p| p.parts.iter().map(|p| p.surface.bounds().1.z).fold(0.0, f32::max))
-        .collect();
-    let instances = scene.instances();
-    let sum: f64 = instances
-        .iter()
-        .map(|i| f64::from(tops[i.prototype as usize] * i.scale.z - i.facts.height_m).powi(2))
-        .sum();
-    (!instances.is_empty()).then(|| (sum / instances.len() as f64).sqrt())
 }
 
 /// A bird's-eye picture of the whole scene.

@@ -74,7 +74,9 @@ fn classify(job: &SurveyJob, run: &mut Recorder) -> Result<(Classified, f32)> {
     run.stage("ground", |warnings| {
         let points = scan.cloud.len();
         let options = GroundOptions { method: job.ground };
-        let classified = ground::classify(scan.cloud, &options)?.into_value(warnings);
+        let classified = ground::classify(scan.cloud, &options)
+            .map_err(|e| e.in_file(&job.scans[0]))?
+            .into_value(warnings);
         let ground = classified.kind.iter().filter(|&&k| k == Kind::Ground).count();
         let mut outcome = Outcome::items(points, "points", ground, "ground points");
         if let Some(spread) = ground::spread_m(&classified) {
@@ -116,6 +118,10 @@ pub fn terrain(job: &SurveyJob, run: &mut Recorder) -> Result<(Frame, Terrain)> 
     Ok((classified.cloud.frame, terrain))
 }
 
+/// Ground points that predict each other worse than this are no ground. Real scans of steep forest
+/// stay under a quarter of it.
+const NO_SURFACE_M: f64 = 1.0;
+
 fn build_terrain(job: &SurveyJob, classified: &Classified, run: &mut Recorder) -> Result<Terrain> {
     run.stage("terrain", |warnings| {
         let options = TerrainOptions { cell_m: job.cell_m };
@@ -125,6 +131,17 @@ fn build_terrain(job: &SurveyJob, classified: &Classified, run: &mut Recorder) -
         let mut outcome = Outcome::items(ground, "ground points", cells, "cells")
             .note(format!("cell {} m", terrain.heights.geometry.cell_x));
         if let Some(held_out) = terrain::held_out_error(classified, &options)? {
+            if held_out.rmse_m > NO_SURFACE_M {
+                return Err(Error::new(format!(
+                    "no ground surface is found: the lowest points lie {:.1} m off each other's surface",
+                    held_out.rmse_m
+                ))
+                .in_file(&job.scans[0])
+                .remedy(
+                    "give a scan whose pulses reach the ground, or one with its ground classified \
+                     and --ground file",
+                ));
+            }
             outcome = outcome
                 .error(ErrorMeasure::new("held-out RMSE", held_out.rmse_m, "m"))
                 .note(format!("worst held-out error {:.2} m", held_out.max_m));
@@ -212,6 +229,12 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
             .collect();
         let kinds = (0..job.species.len()).filter(|i| species.contains(i)).count();
         let mut outcome = Outcome::items(trees.len(), "trees", kinds, "species");
+        for source in [How::Photo, How::Requested, How::DefaultMix] {
+            let count = assigned.iter().filter(|a| a.how == source).count();
+            if count > 0 {
+                outcome = outcome.note(format!("species of {count} trees from: {}", how(source)));
+            }
+        }
         let off: Vec<f32> =
             assigned.iter().filter(|a| a.luminance.is_some()).map(|a| a.distance).collect();
         if !off.is_empty() {
@@ -226,7 +249,7 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
 fn how(how: How) -> &'static str {
     match how {
         How::Photo => "photo",
-        How::Requested => "requested",
+        How::Requested => "the species named",
         How::DefaultMix => "default mix",
     }
 }

@@ -49,7 +49,9 @@ pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<ValidScene> {
     let mesh = run.stage("mesh", |_| {
         let options = MeshOptions { foliage: !job.is_bare, ..mesh_options(job.triangles) };
         let seed = job.seed.derive("mesh", 0);
-        let mesh = mesh::build(&skeleton, species, &textures.atlas, &options, seed)?;
+        let mut mesh = mesh::build(&skeleton, species, &textures.atlas, &options, seed)?;
+        mesh.fit_height(skeleton.height_m());
+        mesh.clear_ground();
         let triangles = mesh.triangles();
         let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles")
             .error(ErrorMeasure::new("sagitta bound", options.tolerance_m.into(), "m"));

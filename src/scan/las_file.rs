@@ -213,7 +213,9 @@ fn layout(header: &las::raw::Header, file_bytes: u64) -> Result<Layout> {
     let scale = DVec3::new(header.x_scale_factor, header.y_scale_factor, header.z_scale_factor);
     let offset = DVec3::new(header.x_offset, header.y_offset, header.z_offset);
     let reach = scale.abs() * f64::from(i32::MAX) + offset.abs();
-    if !reach.is_finite() || scale.to_array().contains(&0.0) {
+    // An offset so large that neighbouring f64 values lie farther apart than points.
+    let is_coarse = (offset.abs() * f64::EPSILON).cmpgt(scale.abs()).any();
+    if !reach.is_finite() || is_coarse || scale.to_array().contains(&0.0) {
         return Err(damaged(format!("its scale {scale} or offset {offset} gives no coordinates")));
     }
     Ok(Layout {

@@ -80,7 +80,7 @@ pub(super) fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Sc
                 census.in_files,
                 reasons(&census.removed)
             ))
-            .remedy("give a scan whose points are not all marked as noise"),
+            .remedy("give a scan with finite coordinates whose points are not all marked as noise"),
         ));
     };
     let extent_m = (max_m - min_m).max_element();
