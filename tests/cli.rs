@@ -123,8 +123,51 @@ fn bad_scans_are_refused_in_words() {
     forest(&write(d, "nan.xyz", "nan nan nan\n"), &["nan.xyz", "help:"]);
     forest(&write(d, "words.xyz", "these are words\n"), &["words.xyz", "help:"]);
     forest(&write(d, "scan.docx", b"x"), &["scan.docx", "help:"]);
-    forest(&write(d, "one.xyz", "1 2 3\n"), &["help:"]);
+    forest(&write(d, "one.xyz", "1 2 3\n"), &["one.xyz", "help:"]);
     assert!(!d.join("out/forest.glb").exists());
+}
+
+#[test]
+fn a_canopy_without_ground_is_refused_and_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut points = String::new();
+    let mut state = 1u64;
+    let mut unit = || {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 40) as f64 / (1u64 << 24) as f64
+    };
+    for _ in 0..8000 {
+        let (x, y, z) = (30.0 * unit(), 30.0 * unit(), 12.0 + 10.0 * unit());
+        points += &format!("{x:.3} {y:.3} {z:.3}\n");
+    }
+    let scan = write(dir.path(), "canopy.xyz", points);
+    let out = dir.path().join("o").to_string_lossy().into_owned();
+    refused(&["forest", &scan, "-o", &out], &["canopy.xyz", "no ground", "--ground file"]);
+}
+
+#[test]
+fn a_species_named_twice_counts_once_and_a_balloon_is_no_tree() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut points = String::new();
+    for i in 0..60 {
+        for j in 0..60 {
+            points += &format!("{} {} 50\n", f64::from(i) * 0.5, f64::from(j) * 0.5);
+        }
+    }
+    // A cone of points as a balloon might return them.
+    for k in 0..2000 {
+        let k = f64::from(k);
+        let (r, turn) = (3.0 * (k * 0.618).fract().sqrt(), k * 2.4);
+        let (x, y) = (15.0 + r * turn.cos(), 15.0 + r * turn.sin());
+        points += &format!("{x:.3} {y:.3} {:.3}\n", 250.0 - 3.0 * r);
+    }
+    let scan = write(dir.path(), "balloon.xyz", points);
+    let out = dir.path().join("o").to_string_lossy().into_owned();
+    let twice = "betula_pendula,betula_pendula";
+    let done = larix(&["forest", &scan, "-o", &out, "--species", twice]);
+    let err = text(&done.stderr);
+    assert!(done.status.success(), "{err}");
+    assert!(err.contains("no trees: masts"), "{err}");
 }
 
 #[test]

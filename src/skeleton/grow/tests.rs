@@ -218,3 +218,19 @@ proptest! {
         judge(&s, NAMES[which], height_m, nodes.max(*NODES.start()));
     }
 }
+
+#[test]
+fn the_thirteen_rules_grow_thirteen_different_trees() {
+    let trees: Vec<Skeleton> = (1..=13)
+        .map(|i| {
+            let species = crate::species::load(&format!("table3/{i:02}")).unwrap();
+            let target = Target::FromSpecies { height_m: None };
+            grow(&species, target, Detail::FOREST, Seed::new(1)).unwrap()
+        })
+        .collect();
+    for (i, a) in trees.iter().enumerate() {
+        for (j, b) in trees.iter().enumerate().skip(i + 1) {
+            assert!(a != b, "rules {} and {} grow one tree", i + 1, j + 1);
+        }
+    }
+}
