@@ -70,7 +70,7 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
     let textures = paint(job, &models, run)?;
     let meshes = build_meshes(job, &survey, &models, &skeletons, &textures, run)?;
     let scene = run.stage("scene", |warnings| {
-        let (mut scene, fit) = assemble(job, &survey, &models, meshes, textures)?;
+        let (mut scene, stretch) = assemble(job, &survey, &models, meshes, textures)?;
         let left_out = scene.prune();
         let scene = scene.validate()?;
         if survey.trees.is_empty() {
@@ -85,8 +85,8 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
         )
         .note(format!("{} models, {} unique triangles", stats.prototypes, stats.unique_triangles))
         .note(format!("left out: {left_out}"));
-        if let Some(fit) = fit {
-            outcome = outcome.error(ErrorMeasure::new("model crown width RMSE", fit, "m"));
+        if let Some(stretch) = stretch {
+            outcome = outcome.error(ErrorMeasure::new("model stretch RMS", stretch, "%"));
         }
         Ok((scene, outcome))
     })?;
@@ -227,8 +227,8 @@ fn paint(
     })
 }
 
-/// The scene, and the RMS difference between the trees' crown diameters and those of their models
-/// in their places.
+/// The scene, and by how much models are widened or narrowed against their height to fit their
+/// trees, RMS in percent.
 fn assemble(
     job: &ForestJob,
     survey: &Survey,
@@ -237,7 +237,7 @@ fn assemble(
     textures: Vec<Option<TreeTextures>>,
 ) -> Result<(Scene, Option<f64>)> {
     let species = &job.survey.species;
-    let mut off_sq = Vec::new();
+    let mut stretch_sq = Vec::new();
     let mut scene = Scene {
         name: job.name.clone(),
         frame: survey.frame.clone(),
@@ -274,7 +274,7 @@ fn assemble(
             } else {
                 job.survey.seed.derive("yaw", crown.key).draws().between(0.0, TAU)
             };
-            off_sq.push(f64::from(width_m * out - crown.diameter_m).powi(2));
+            stretch_sq.push(f64::from(out / up - 1.0).powi(2));
             scene.instances.push(Instance {
                 name: format!("{}_{}", identifier(&s.name), tree.id),
                 prototype: m as u32,
@@ -294,9 +294,9 @@ fn assemble(
             });
         }
     }
-    let fit =
-        (!off_sq.is_empty()).then(|| (off_sq.iter().sum::<f64>() / off_sq.len() as f64).sqrt());
-    Ok((scene, fit))
+    let count = stretch_sq.len() as f64;
+    let stretch = (count > 0.0).then(|| 100.0 * (stretch_sq.iter().sum::<f64>() / count).sqrt());
+    Ok((scene, stretch))
 }
 
 /// Indices of a species' materials.
