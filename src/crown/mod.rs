@@ -256,7 +256,7 @@ pub fn detect(
         crowns.into_iter().filter(|crown| crown.height_m <= TALLEST_M).collect();
     if crowns.len() < found {
         warnings.push(format!(
-            "{} places are higher than {TALLEST_M} m and no trees: masts, birds or clouds?",
+            "higher than {TALLEST_M} m and left out as no trees: {} (masts, birds, clouds?)",
             found - crowns.len()
         ));
     }

@@ -216,7 +216,10 @@ fn layout(header: &las::raw::Header, file_bytes: u64) -> Result<Layout> {
     // An offset so large that neighbouring f64 values lie farther apart than points.
     let is_coarse = (offset.abs() * f64::EPSILON).cmpgt(scale.abs()).any();
     if !reach.is_finite() || is_coarse || scale.to_array().contains(&0.0) {
-        return Err(damaged(format!("its scale {scale} or offset {offset} gives no coordinates")));
+        let (scale, offset) = (scale.to_array(), offset.to_array());
+        return Err(damaged(format!(
+            "its scale {scale:?} or offset {offset:?} gives no coordinates"
+        )));
     }
     Ok(Layout {
         file_bytes,

@@ -368,17 +368,22 @@ fn bad_files_give_one_clear_error() {
         (
             "scale.las",
             patched(131, &nan),
-            "its scale [NaN, 0.001, 0.001] or offset [0, 0, 0] gives no coordinates",
+            "its scale [NaN, 0.001, 0.001] or offset [0.0, 0.0, 0.0] gives no coordinates",
         ),
         (
             "zero.las",
             patched(139, &[0; 8]),
-            "its scale [0.001, 0, 0.001] or offset [0, 0, 0] gives no coordinates",
+            "its scale [0.001, 0.0, 0.001] or offset [0.0, 0.0, 0.0] gives no coordinates",
+        ),
+        (
+            "offset_far.las",
+            patched(155, &1e300f64.to_le_bytes()),
+            "its scale [0.001, 0.001, 0.001] or offset [1e300, 0.0, 0.0] gives no coordinates",
         ),
         (
             "offset_nan.las",
             patched(155, &nan),
-            "its scale [0.001, 0.001, 0.001] or offset [NaN, 0, 0] gives no coordinates",
+            "its scale [0.001, 0.001, 0.001] or offset [NaN, 0.0, 0.0] gives no coordinates",
         ),
         (
             "cut.laz",
