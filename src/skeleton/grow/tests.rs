@@ -234,3 +234,42 @@ fn the_thirteen_rules_grow_thirteen_different_trees() {
         }
     }
 }
+
+/// A species with other decay factors than its own.
+fn with_decay(name: &str, keys: &str) -> Species {
+    let text = format!("extends = '{name}'\n[growth]\ndecay = [1.0, 0.5]\ndecay_by = {{ {keys} }}");
+    species::load_text("mine", &text).unwrap()
+}
+
+/// Wood of branches, metres: to the east and to the west of the stem, and in the lower and the
+/// upper half of the crown.
+fn branch_wood_m(species: &Species) -> [f32; 4] {
+    let target = Target::FromSpecies { height_m: None };
+    let detail = Detail { max_nodes: 2500, attractor_spacing_m: None };
+    let mut sum = [0.0; 4];
+    for seed in 0..3 {
+        let s = grow(species, target, detail, Seed::new(seed)).unwrap();
+        let middle = s.height_m() * (0.5 + 0.5 * species.size.crown_base);
+        for i in (0..s.len()).filter(|&i| s.order[i] > 0) {
+            let (at, wood_m) = (s.position[i], s.internode_m(i as u32));
+            sum[usize::from(at.x < 0.0)] += wood_m;
+            sum[2 + usize::from(at.z > middle)] += wood_m;
+        }
+    }
+    sum
+}
+
+#[test]
+fn decay_may_differ_over_the_crown() {
+    let even = branch_wood_m(&with_decay("picea_obovata", ""));
+    let sheltered = "azimuth_deg = [[0, 1], [90, 4], [180, 1], [270, 0], [359, 1]]";
+    let windward = branch_wood_m(&with_decay("picea_obovata", sheltered));
+    let west_share = |w: &[f32; 4]| w[1] / (w[0] + w[1]);
+    assert!((west_share(&even) - 0.5).abs() < 0.1, "{even:?}");
+    assert!(west_share(&windward) > 0.6, "{windward:?}");
+    let lower = branch_wood_m(&with_decay("picea_obovata", "height = [[0.0, 3.0], [0.5, 1.0]]"));
+    let low_share = |w: &[f32; 4]| w[2] / (w[2] + w[3]);
+    assert!(low_share(&lower) < 0.9 * low_share(&even), "{lower:?} {even:?}");
+    let shaded = branch_wood_m(&with_decay("picea_obovata", "light = [[0.0, 5.0], [0.9, 1.0]]"));
+    assert!(low_share(&shaded) < 0.95 * low_share(&even), "{shaded:?} {even:?}");
+}
