@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::skeleton::STAGES;
+
 /// From a laser scan of a forest to a forest scene an artist can open.
 #[derive(Debug, Parser)]
 #[command(name = "larix", version, max_term_width = 100, arg_required_else_help = true)]
@@ -96,6 +98,13 @@ fn positive(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
         _ => Err("give a number greater than 0, in metres".into()),
+    }
+}
+
+fn years(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
+        _ => Err("give a number of years greater than 0".into()),
     }
 }
 
@@ -204,6 +213,12 @@ pub struct Tree {
     /// Height in metres; the species' typical height where absent.
     #[arg(long, value_name = "M", value_parser = positive)]
     pub height: Option<f32>,
+    /// Height by the species' growth in so many years.
+    #[arg(long, value_name = "YEARS", value_parser = years, conflicts_with = "height")]
+    pub age: Option<f32>,
+    /// The same tree as it stood at stage 1 to 12 of its life; each stage holds the one before.
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u16).range(1..=i64::from(STAGES)))]
+    pub stage: Option<u16>,
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Most triangles.

@@ -87,8 +87,7 @@ pub fn grow(species: &Species, target: Target, detail: Detail, seed: Seed) -> Re
             (Envelope::of_crown(&species.size, crown, &seen), seen)
         }
     };
-    let max_nodes = detail.max_nodes.clamp(*NODES.start(), *NODES.end());
-    let spacing_m = spacing_m(&envelope, growth, detail, max_nodes);
+    let (max_nodes, spacing_m) = fineness(&envelope, species, detail);
     let mut tree = Tree::new(species, &envelope, seed, spacing_m, max_nodes);
     tree.add_stem_and_branches()?;
     tree.colonize(&seen);
@@ -106,14 +105,26 @@ fn checked_height(height_m: f32) -> Result<f32> {
     )))
 }
 
-/// Attractor spacing at which the part of the crown that bears twigs takes the nodes left to it.
-fn spacing_m(envelope: &Envelope, growth: &Growth, detail: Detail, max_nodes: u32) -> f32 {
-    let least = 1e-3 * envelope.height_m;
-    let wished = detail.attractor_spacing_m.filter(|s| s.is_finite() && *s > 0.0);
+/// Least attractor spacing over the length of a leafy twig: what is finer is a card's own picture.
+const TWIG_SHARE: f32 = 0.3;
+
+/// The nodes the tree may take, and the attractor spacing at which the part of the crown that
+/// bears twigs takes those left to it. A small tree needs fewer than it may have.
+fn fineness(e: &Envelope, species: &Species, detail: Detail) -> (u32, f32) {
+    let growth = &species.growth;
+    let max_nodes = detail.max_nodes.clamp(*NODES.start(), *NODES.end());
     let twiggy = 1.0 - growth.bare.clamp(0.0, 0.9).powi(2);
     let share = growth.fill.clamp(0.1, 1.0);
-    let per_node = envelope.volume_m3() * twiggy * share / (0.75 * max_nodes as f32);
-    wished.unwrap_or_else(|| per_node.cbrt()).max(least)
+    let volume_m3 = e.volume_m3() * twiggy * share / 0.75;
+    let least_m = (TWIG_SHARE * species.foliage.twig_length_m).max(1e-3 * e.height_m);
+    let wished = detail.attractor_spacing_m.filter(|s| s.is_finite() && *s > 0.0);
+    match wished {
+        Some(spacing_m) => (max_nodes, spacing_m.max(1e-3 * e.height_m)),
+        None => {
+            let most = (volume_m3 / least_m.powi(3)).clamp(*NODES.start() as f32, max_nodes as f32);
+            (most as u32, (volume_m3 / most).cbrt())
+        }
+    }
 }
 
 /// A branch of the scaffold that has been drawn, to hang its laterals on.

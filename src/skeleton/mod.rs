@@ -138,6 +138,13 @@ impl Skeleton {
         self.position.iter().map(|p| p.z).fold(0.0, f32::max)
     }
 
+    /// Height of the lowest place at which a branch leaves a stem, metres; 0 without branches.
+    pub fn crown_base_m(&self) -> f32 {
+        let is_stem = self.is_stem();
+        let bases = (1..self.len()).filter(|&i| !is_stem[i]).map(|i| self.parent[i] as usize);
+        bases.filter(|&p| is_stem[p]).map(|p| self.position[p].z).reduce(f32::min).unwrap_or(0.0)
+    }
+
     /// Mean calliper width of the nodes seen from above over 16 directions, metres.
     pub fn width_m(&self) -> f32 {
         const DIRECTIONS: usize = 16;

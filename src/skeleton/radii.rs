@@ -83,7 +83,9 @@ pub fn radii(position: &[Vec3], parent: &[u32], is_stem: &[bool], pipes: &Pipes)
         if parent[i] != NO_PARENT {
             let mut along = per_m * internode_m(position, parent, i);
             if is_stem[i] {
-                along += shed_per_m * internode_m(position, parent, i);
+                // The older the part of a stem, the more it has shed; the top nothing.
+                let depth = 1.0 - f64::from(position[i].z) / top_m;
+                along += 2.0 * depth.max(0.0) * shed_per_m * internode_m(position, parent, i);
             }
             carried[parent[i] as usize] += carried[i] + along;
         }

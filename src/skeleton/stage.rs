@@ -1,8 +1,9 @@
 //! Stages of growth (P18: one iteration is one stage): when each node of a grown tree came, and
 //! the tree as it stood then.
 //!
-//! The stem rises with the species' growth in height (Richards 1959); from where a branch leaves
-//! its parent, every way out to a tip is walked evenly until today. So a stage holds every node of
+//! The stem rises with the species' growth in height (Richards 1959). From where a branch leaves
+//! the stem, each way out to a tip is walked until today, ever more slowly: its length goes with
+//! the root of its age, as increments of ageing branches fall. So a stage holds every node of
 //! the stages before it at the same place, and no wood of it is thinner than it was.
 //!
 //! Limit: a grown tree has lost the lower branches of its youth, and so has every stage of it. A
@@ -28,7 +29,9 @@ pub(super) fn births(s: &Skeleton, size: &Size) -> Vec<u16> {
     }
     let is_stem = s.is_stem();
     let height_m = s.height_m().max(1e-6);
-    // Share of the tree's life.
+    // When the node's branch left the stem, as a share of the tree's life, and how far out it is.
+    let mut left = vec![0.0f32; n];
+    let mut out_m = vec![0.0f32; n];
     let mut time = vec![0.0f32; n];
     let mut birth = vec![0u16; n];
     for i in 1..n {
@@ -36,8 +39,10 @@ pub(super) fn births(s: &Skeleton, size: &Size) -> Vec<u16> {
         let grown = if is_stem[i] {
             size.age_share(s.position[i].z / height_m)
         } else {
-            let own_m = s.internode_m(i as u32);
-            time[p] + (1.0 - time[p]) * own_m / (own_m + ahead_m[i]).max(1e-9)
+            left[i] = if is_stem[p] { time[p] } else { left[p] };
+            out_m[i] = out_m[p] + s.internode_m(i as u32);
+            let way = out_m[i] / (out_m[i] + ahead_m[i]).max(1e-9);
+            left[i] + (1.0 - left[i]) * way * way
         };
         time[i] = grown.clamp(time[p], 1.0);
         birth[i] = match p {

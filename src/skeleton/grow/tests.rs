@@ -273,3 +273,21 @@ fn decay_may_differ_over_the_crown() {
     let shaded = branch_wood_m(&with_decay("picea_obovata", "light = [[0.0, 5.0], [0.9, 1.0]]"));
     assert!(low_share(&shaded) < 0.95 * low_share(&even), "{shaded:?} {even:?}");
 }
+
+/// Between forks wood narrows little by little: no step within an axis.
+#[test]
+fn taper_is_continuous() {
+    for name in NAMES {
+        let s = tree(name, species::load(name).unwrap().size.height_m, 2500, 2);
+        let children = s.children();
+        let mut worst: f32 = 1.0;
+        for i in 1..s.len() {
+            let p = s.parent[i] as usize;
+            let is_tip = children.of(i as u32).is_empty();
+            if children.of(p as u32).len() == 1 && !is_tip && p != 0 {
+                worst = worst.min(s.radius_m[i] / s.radius_m[p]);
+            }
+        }
+        assert!(worst > 0.75, "{name}: {worst}");
+    }
+}
