@@ -277,6 +277,7 @@ mod tests {
 
     fn size() -> Size {
         Size {
+            age_years: 60.0,
             height_m: 20.0,
             crown_diameter_m: 6.0,
             crown_base: 0.25,

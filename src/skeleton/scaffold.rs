@@ -42,11 +42,16 @@ impl Shoot {
 }
 
 /// The rule's shoots on a stem of `internodes` repetitions of its axiom, each rewritten by the
-/// productions. An axiom all in brackets stands for several stems and is not repeated.
+/// productions; `constants`: other values for those of the rule. An axiom all in brackets stands for several stems and is not repeated.
 ///
 /// # Errors
 /// A rule that derives to nothing drawn, or fails to derive.
-pub fn scaffold(rule: &Rule, internodes: u32, seed: Seed) -> Result<Vec<Shoot>> {
+pub fn scaffold(
+    rule: &Rule,
+    internodes: u32,
+    constants: &[(&str, f64)],
+    seed: Seed,
+) -> Result<Vec<Shoot>> {
     let mut rule = rule.clone();
     if has_stem(&rule) {
         let axiom = rule.axiom.clone();
@@ -55,7 +60,8 @@ pub fn scaffold(rule: &Rule, internodes: u32, seed: Seed) -> Result<Vec<Shoot>> 
             rule.axiom.arguments.extend_from_slice(&axiom.arguments);
         }
     }
-    let mut inputs = Inputs { module_limit: MODULE_LIMIT, ..Inputs::new(seed) };
+    let constants = constants.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
+    let mut inputs = Inputs { module_limit: MODULE_LIMIT, constants, ..Inputs::new(seed) };
     let mut string = derive(&rule, &inputs);
     let mut iterations = rule.iterations;
     while string.is_err() && iterations > 1 {
@@ -124,7 +130,7 @@ mod tests {
     use crate::species;
 
     fn of(name: &str, internodes: u32) -> Vec<Shoot> {
-        scaffold(&species::load(name).unwrap().rule, internodes, Seed::new(1)).unwrap()
+        scaffold(&species::load(name).unwrap().rule, internodes, &[], Seed::new(1)).unwrap()
     }
 
     #[test]

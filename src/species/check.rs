@@ -77,6 +77,7 @@ pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut 
     let s = &species.size;
     r.above_zero("size", "height_m", s.height_m, 150.0);
     r.above_zero("size", "crown_diameter_m", s.crown_diameter_m, 100.0);
+    r.above_zero("size", "age_years", s.age_years, 5000.0);
     r.within("size", "crown_base", s.crown_base, 0.0, 0.95);
     r.above_zero("size", "stem_diameter_m", s.stem_diameter_m, 20.0);
     let unit = |x: &f32| (0.0..=1.0).contains(x);

@@ -165,7 +165,10 @@ fn build_reporting(
     let foliage: Option<Foliage> = section.read("foliage");
     let bark: Option<Bark> = section.read("bark");
     let rule = match (merged.get("rule"), defaults.get("rule")) {
-        (Some(rule), Some(defaults)) => rule::compile(rule, defaults, &sources, errors),
+        (Some(rule), Some(defaults)) => {
+            let of_tree = size.as_ref().map_or([f64::NAN; 3], Size::of_tree);
+            rule::compile(rule, of_tree, defaults, &sources, errors)
+        }
         _ => None,
     };
     let name = name.unwrap_or_else(|| id.to_owned());

@@ -54,7 +54,7 @@ const CASES: &[(&str, &str, &str)] = &[
     ("second arrow", "[&F", "-> [&F"),
     ("no successor", "F(a) -> F(a)[^F(0.5a)][&F(0.5a)]", "F(a) ->"),
     ("two predecessors", "F(a) -> ", "F(a)F(b) -> "),
-    ("command replaced", "F(a) -> ", "^ -> "),
+    ("bracket replaced", "F(a) -> ", "[ -> "),
     ("number before the arrow", "F(a) -> ", "F(0.5) -> "),
     ("one name twice", "F(a) -> ", "F(a, a) -> "),
     ("never comes up", "(0.5a)]',", "(0.5a)]',\n    'G(a) -> F(a)',"),

@@ -32,6 +32,8 @@ pub enum Branching {
 pub struct Size {
     pub height_m: f32,
     pub crown_diameter_m: f32,
+    /// Age at that height.
+    pub age_years: f32,
     /// Crown base over height, 0…1.
     pub crown_base: f32,
     /// Stem diameter at 1.3 m.
@@ -42,6 +44,18 @@ pub struct Size {
 }
 
 impl Size {
+    /// What a rule may read of the typical tree: the values of [`OF_TREE`].
+    ///
+    /// [`OF_TREE`]: crate::species::rule::OF_TREE
+    pub fn of_tree(&self) -> [f64; 3] {
+        [self.height_m, self.crown_diameter_m, self.age_years].map(f64::from)
+    }
+
+    /// Age of a tree of another height, years: as if height grew evenly.
+    pub fn age_at(&self, height_m: f32) -> f32 {
+        self.age_years * height_m / self.height_m.max(0.1)
+    }
+
     /// Stem diameter of a tree of another height, metres: it goes with height^1.5 (elastic
     /// similarity, McMahon 1973).
     pub fn stem_diameter_at(&self, height_m: f32) -> f32 {

@@ -29,6 +29,11 @@ pub struct Place {
 }
 
 impl Place {
+    /// Whether it lies in no file of the author's.
+    pub fn is_nowhere(&self) -> bool {
+        self.source == usize::MAX
+    }
+
     fn holds(&self, other: &Place) -> bool {
         self.source == other.source
             && self.span.start <= other.span.start
@@ -131,12 +136,14 @@ impl Node {
         // TOML bounds its own nesting, so this recursion is shallow.
         match (self.value, base.value) {
             (Value::Table(own), Value::Table(mut entries)) => {
+                let below = entries.len();
                 for entry in own {
-                    match entries.iter().position(|e| e.key == entry.key) {
-                        Some(i) => {
-                            let below = entries.remove(i);
-                            let node = entry.node.over(below.node);
-                            entries.insert(i, Entry { node, ..entry });
+                    let mut known = entries.iter_mut().take(below);
+                    match known.find(|e| e.key == entry.key) {
+                        Some(slot) => {
+                            let nothing = Node { place: entry.node.place.clone(), value: Value::Date };
+                            let base = std::mem::replace(&mut slot.node, nothing);
+                            *slot = Entry { node: entry.node.over(base), ..entry };
                         }
                         None => entries.push(entry),
                     }
