@@ -162,4 +162,21 @@ mod tests {
         assert_eq!(stems(&of("table3/07", 7)), 2);
         assert_eq!(stems(&of("table3/04", 3)), 1);
     }
+
+    #[test]
+    fn a_rule_reads_the_tree_it_grows() {
+        let text = "[rule]\naxiom = 'F(a)'\niterations = 1\nangles = { alpha = 30 }
+            productions = ['F(a) : age > 20 -> F(a)[^F(0.1*height/crown)]', 'F(a) -> F(a)']";
+        let species = species::load_text("aging", text).unwrap();
+        let tilted = |constants: &[(&str, f64)]| {
+            let shoots = scaffold(&species.rule, 1, constants, Seed::new(1)).unwrap();
+            let laterals = shoots.iter().filter(|s| !s.is_in_line());
+            laterals.map(|s| (s.ratio * 1e4).round() / 1e4).collect::<Vec<f32>>()
+        };
+        // The typical tree: 12 m, 6 m across, 60 years.
+        assert_eq!(tilted(&[]), [0.2]);
+        assert_eq!(tilted(&[("age", 20.0)]), [] as [f32; 0]);
+        assert_eq!(tilted(&[("height", 30.0), ("crown", 10.0)]), [0.3]);
+        assert!(scaffold(&species.rule, 1, &[("girth", 1.0)], Seed::new(1)).is_err());
+    }
 }

@@ -505,7 +505,8 @@ impl Compiler<'_> {
                         "add a production `{s} -> …`, or `draws = '{s}'`, or `markers = '{s}'` if it is meant to do nothing"
                     ),
                 };
-                let message = format!("unknown symbol `{s}`: it draws nothing and nothing replaces it");
+                let message =
+                    format!("unknown symbol `{s}`: it draws nothing and nothing replaces it");
                 let slip = Slip::new(m.span.clone(), message, remedy);
                 self.slip(text, slip);
             }

@@ -15,7 +15,7 @@ pub mod expr;
 pub mod parse;
 mod text;
 
-pub use compile::compile;
+pub use compile::{Section, compile};
 pub use dialect::{Action, Axis, Dialect};
 use expr::Code;
 

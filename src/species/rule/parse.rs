@@ -141,7 +141,12 @@ fn is_bare(symbol: char, dialect: Dialect) -> bool {
     matches!(
         dialect.command(symbol),
         Some(Command::Fixed(
-            Action::Push | Action::Pop | Action::Open | Action::Close | Action::Corner | Action::Cut
+            Action::Push
+                | Action::Pop
+                | Action::Open
+                | Action::Close
+                | Action::Corner
+                | Action::Cut
         ))
     )
 }
@@ -307,7 +312,9 @@ fn head(cursor: &mut Cursor<'_>, dialect: Dialect) -> Result<Head, Slip> {
                     span,
                     format!("`{c}` can't stand before the arrow"),
                     match c {
-                        '[' | ']' => "brackets stay as they are; only a right context may have them",
+                        '[' | ']' => {
+                            "brackets stay as they are; only a right context may have them"
+                        }
                         _ => "write a production as `F(a) -> …`: what is replaced, then what by",
                     },
                 ));
@@ -357,8 +364,7 @@ fn head(cursor: &mut Cursor<'_>, dialect: Dialect) -> Result<Head, Slip> {
 
 /// What looks like an arrow and is none.
 fn wrong_arrow(cursor: &Cursor<'_>) -> Result<(), Slip> {
-    const WRONG: [&str; 11] =
-        ["=>", ":=", "-->", "==>", "−>", "–>", "—>", "⇒", "⟶", "⟹", "="];
+    const WRONG: [&str; 11] = ["=>", ":=", "-->", "==>", "−>", "–>", "—>", "⇒", "⟶", "⟹", "="];
     match WRONG.iter().find(|w| cursor.rest().starts_with(**w)) {
         Some(w) => Err(Slip::new(
             cursor.at..cursor.at + w.len(),
