@@ -318,10 +318,10 @@ mod tests {
 
     fn size() -> Size {
         Size {
+            age_years: 60.0,
             height_m: 20.0,
             crown_diameter_m: 6.0,
             crown_base: 0.25,
-            age_years: 60.0,
             stem_diameter_m: 0.3,
             profile: vec![[0.0, 0.5], [0.4, 1.0], [1.0, 0.0]],
         }

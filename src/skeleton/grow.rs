@@ -28,6 +28,7 @@ use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::species::Species;
 use crate::species::model::{Growth, Habit, is_level};
+use crate::species::rule::OF_TREE;
 
 /// Heights a tree may have, metres.
 pub const HEIGHTS_M: std::ops::RangeInclusive<f32> = 0.1..=130.0;
@@ -188,6 +189,18 @@ impl<'a> Tree<'a> {
         self.position.len() as u32 - 1
     }
 
+    /// What the rule may read of this tree.
+    fn of_tree(&self) -> [(&'static str, f64); OF_TREE.len()] {
+        let (size, envelope) = (&self.species.size, self.envelope);
+        let age_years = size.age_at(envelope.height_m);
+        let values = [envelope.height_m, 2.0 * envelope.radius_m, age_years];
+        let mut named = OF_TREE.map(|name| (name, 0.0));
+        for ((_, slot), value) in named.iter_mut().zip(values) {
+            *slot = f64::from(value);
+        }
+        named
+    }
+
     /// Habit of branches of an order, 1 the first.
     fn habit(&self, order: u8) -> Habit {
         let index = usize::from(order.max(1)) - 1;
@@ -211,7 +224,9 @@ impl<'a> Tree<'a> {
             0 | 1 => 1,
             n => ((n as f32 * fineness * tallness).round() as u32).max(3),
         };
-        let shoots = scaffold(&self.species.rule, internodes, self.seed.derive("rule", 0))?;
+        let of_tree = self.of_tree();
+        let seed = self.seed.derive("rule", 0);
+        let shoots = scaffold(&self.species.rule, internodes, &of_tree, seed)?;
         let mut drawn: Vec<Drawn> = vec![Drawn::default(); shoots.len()];
         let mut whorl = vec![0u32; shoots.len()];
         let mut is_continued = vec![false; shoots.len()];

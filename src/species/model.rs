@@ -69,6 +69,13 @@ impl Size {
         (self.age_at(height_share.clamp(0.0, 1.0) * self.height_m) / self.age_years).min(1.0)
     }
 
+    /// What a rule may read of the typical tree: the values of [`OF_TREE`].
+    ///
+    /// [`OF_TREE`]: crate::species::rule::OF_TREE
+    pub fn of_tree(&self) -> [f64; 3] {
+        [self.height_m, self.crown_diameter_m, self.age_years].map(f64::from)
+    }
+
     /// Stem diameter of a tree of another height, metres: it goes with height^1.5 (elastic
     /// similarity, McMahon 1973).
     pub fn stem_diameter_at(&self, height_m: f32) -> f32 {

@@ -291,3 +291,23 @@ fn taper_is_continuous() {
         assert!(worst > 0.75, "{name}: {worst}");
     }
 }
+
+/// The age of a smaller tree follows the species' growth in height.
+#[test]
+fn a_rule_grows_otherwise_when_the_tree_is_young() {
+    let grown = |condition: &str, height_m: f32| {
+        let text = format!(
+            "extends = 'table3/13'\n[size]\nheight_m = 20\nage_years = 80
+            [rule]\nproductions = ['F(a) {condition} -> F(a)[^F(0.5a)][&F(0.5a)][/F(0.5a)][\\F(0.5a)]']"
+        );
+        let species = species::load_text("aging", &text).unwrap();
+        let detail = Detail { max_nodes: 600, attractor_spacing_m: None };
+        let target = Target::FromSpecies { height_m: Some(height_m) };
+        grow(&species, target, detail, Seed::new(1)).unwrap().position
+    };
+    // 28 years at 10 metres.
+    assert_eq!(grown(": age > 28", 10.0), grown("", 10.0));
+    assert_ne!(grown(": age > 29", 10.0), grown("", 10.0));
+    assert_eq!(grown(": age > 79", 20.0), grown("", 20.0));
+    assert_ne!(grown(": height < 9", 10.0), grown("", 10.0));
+}
