@@ -151,6 +151,9 @@ pub struct SceneArgs {
     /// Most triangles of one tree model.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
     pub triangles: Option<u32>,
+    /// How near the terrain's triangles keep to its heights, in metres.
+    #[arg(long, value_name = "M", default_value = "0.05", allow_negative_numbers = true, value_parser = positive)]
+    pub terrain_error: f32,
     /// Side of the tree textures in pixels.
     #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,

@@ -129,6 +129,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs) -> ForestJob {
         sharing,
         triangles: scene.triangles.map_or(FOREST_TRIANGLES, |n| n as usize),
         texture_px: scene.texture,
+        terrain_error_m: scene.terrain_error,
         name: "forest".into(),
     }
 }
