@@ -202,7 +202,10 @@ fn widths_follow_the_brackets() {
 fn a_leaf_is_a_diamond() {
     let scaffold = heading("F[+~(2)L]", "angles = { delta = 90 }");
     assert_eq!(scaffold.len(), 2);
-    assert_eq!((scaffold.polygon_end.as_slice(), scaffold.polygon_node.as_slice()), (&[4][..], &[1][..]));
+    assert_eq!(
+        (scaffold.polygon_end.as_slice(), scaffold.polygon_node.as_slice()),
+        (&[4][..], &[1][..])
+    );
     // The branch heads west; its left is down.
     let corners = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.5], [-2.0, 0.0, 1.0], [-1.0, 0.0, 1.5]];
     for (p, q) in scaffold.polygon.iter().zip(corners) {
