@@ -26,7 +26,7 @@ fn part(section: &str) -> &'static str {
 fn line(section: &str, key: &str) -> Option<Vec<&'static str>> {
     let start = format!("| `{key}` |");
     let line = part(section).lines().find(|l| l.starts_with(&start))?;
-    Some(line.trim_matches('|').split(" | ").map(str::trim).collect())
+    Some(line.trim_matches('|').split('|').map(str::trim).collect())
 }
 
 const HEADS: [&str; 5] = ["rule", "size", "growth", "foliage", "bark"];
@@ -51,18 +51,14 @@ fn defaults_are_the_program_s() {
     let defaults: toml::Table = DEFAULTS.parse().unwrap();
     let plain = |value: &toml::Value| match value {
         toml::Value::Float(x) => format!("{x}"),
-        toml::Value::Array(items) => {
-            let items: Vec<String> = items
-                .iter()
-                .map(|v| v.as_float().map_or_else(|| v.to_string(), |x| format!("{x}")))
-                .collect();
-            format!("[{}]", items.join(", "))
-        }
+        // 1.0 is said as 1.
+        toml::Value::Array(_) => value.to_string().replace(".0", ""),
         toml::Value::String(s) => format!("`{s}`"),
         other => other.to_string(),
     };
     let mut tables: Vec<(&str, &toml::Table)> = vec![("", &defaults)];
     tables.extend(HEADS.map(|h| (h, defaults[h].as_table().unwrap())));
+    tables.push(("growth.decay_by", defaults["growth"]["decay_by"].as_table().unwrap()));
     tables.push(("growth.order", defaults["growth"]["order"][0].as_table().unwrap()));
     let mut checked = 0;
     for (section, table) in tables {
