@@ -16,6 +16,6 @@ mod node;
 pub mod photo;
 pub mod rule;
 
-pub use load::{Listed, builtin_names, check_file, list, load, load_text};
+pub use load::{Listed, builtin_names, check_file, list, load, load_text, sections};
 pub use model::Species;
 pub use rule::Rule;
