@@ -9,6 +9,7 @@ mod limb;
 mod polish;
 pub mod radii;
 mod scaffold;
+pub mod surroundings;
 pub mod turtle;
 
 use glam::Vec3;
