@@ -10,6 +10,7 @@ mod polish;
 pub mod radii;
 mod scaffold;
 pub mod stage;
+pub mod surroundings;
 pub mod turtle;
 
 use glam::Vec3;
