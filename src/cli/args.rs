@@ -204,6 +204,9 @@ pub struct Tree {
     /// Height in metres; the species' typical height where absent.
     #[arg(long, value_name = "M", value_parser = positive)]
     pub height: Option<f32>,
+    /// A scan of one tree, from the ground or the air, to fit the tree to (.las, .laz, .xyz).
+    #[arg(long, value_name = "SCAN", conflicts_with = "height")]
+    pub cloud: Option<PathBuf>,
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Most triangles.

@@ -337,7 +337,7 @@ fn grown(
     // What lies on the stem or in it needs no branch.
     free.retain(|p| {
         wood.nearest(*p).is_none_or(|(cone, d)| {
-            d > (0.2 * cone.radius_m[0].max(cone.radius_m[1])).max(0.012).max(edge_m)
+            d > (0.3 * cone.radius_m[0].max(cone.radius_m[1])).max(0.015).max(edge_m)
         })
     });
     let near = Points::new(&free);
@@ -376,7 +376,7 @@ fn grown(
             heir[parent] = i as u32;
         }
     }
-    trace::centre(&mut nodes, known, &free, &heir);
+    trace::centre(&mut nodes, &start.radius_m, &free, &heir, limits.coarse_m);
     let radius_m = thickness(species, &nodes, &axis, start, height_m);
     Ok(Skeleton { position: nodes.position, parent: nodes.parent, radius_m, axis, order })
 }

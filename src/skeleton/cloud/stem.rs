@@ -17,12 +17,25 @@ const TRIES: usize = 80;
 const MOST_POINTS: usize = 300;
 const LEAST_POINTS: usize = 10;
 /// Slices without a sound circle after which the stem is lost.
-const MOST_LOST: u32 = 6;
+const MOST_LOST: u32 = 12;
 /// Sound circles that make a stem.
 const LEAST_SLICES: usize = 5;
 /// Sectors of a circle, and how many must be seen.
 const SECTORS: usize = 24;
 const LEAST_SECTORS: u32 = 6;
+
+/// What makes a circle sound: the least share of points near it that lie on it, and the greatest
+/// that lie well inside.
+#[derive(Debug, Clone, Copy)]
+struct Strictness {
+    on: f32,
+    inside: f32,
+}
+
+/// Where nothing else speaks for a stem.
+const STRICT: Strictness = Strictness { on: 0.6, inside: 0.17 };
+/// Where the slices below do.
+const LENIENT: Strictness = Strictness { on: 0.4, inside: 0.3 };
 
 /// A cross-section.
 #[derive(Debug, Clone, Copy)]
@@ -84,7 +97,7 @@ impl Circle {
         self
     }
 
-    fn is_sound(&self, points: &[Vec2]) -> bool {
+    fn is_sound(&self, points: &[Vec2], strictness: Strictness) -> bool {
         if !RADII_M.contains(&self.radius_m) || !self.centre.is_finite() {
             return false;
         }
@@ -101,14 +114,14 @@ impl Circle {
             }
         }
         on >= LEAST_POINTS
-            && 10 * on >= 6 * near
-            && 6 * inside <= near
+            && on as f32 >= strictness.on * near as f32
+            && inside as f32 <= strictness.inside * near as f32
             && seen.count_ones() >= LEAST_SECTORS
     }
 }
 
-/// The best sound circle.
-fn circle(points: &[Vec2], draws: &mut Draws) -> Option<Circle> {
+/// The best circle, if it is sound.
+fn circle(points: &[Vec2], strictness: Strictness, draws: &mut Draws) -> Option<Circle> {
     if points.len() < LEAST_POINTS {
         return None;
     }
@@ -129,7 +142,7 @@ fn circle(points: &[Vec2], draws: &mut Draws) -> Option<Circle> {
             best = Some((on, found));
         }
     }
-    best.map(|(_, c)| c.refined(&some)).filter(|c| c.is_sound(&some))
+    best.map(|(_, c)| c.refined(&some)).filter(|c| c.is_sound(&some, strictness))
 }
 
 /// What a stem is looked for in.
@@ -142,7 +155,13 @@ struct Search<'a> {
 
 impl Search<'_> {
     /// The cross-section about `centre` at right angles to `ahead`, of points within `reach_m`.
-    fn slice(&self, centre: Vec3, ahead: Vec3, reach_m: f32) -> Option<Slice> {
+    fn slice(
+        &self,
+        centre: Vec3,
+        ahead: Vec3,
+        reach_m: f32,
+        strictness: Strictness,
+    ) -> Option<Slice> {
         let (x, y) = ahead.any_orthonormal_pair();
         let ball_m = reach_m.hypot(0.5 * self.slice_m);
         let mut flat: Vec<(u32, Vec2)> = self
@@ -158,7 +177,7 @@ impl Search<'_> {
         flat.sort_unstable_by_key(|e| e.0);
         let flat: Vec<Vec2> = flat.into_iter().map(|e| e.1).collect();
         let key = u64::from(centre.z.to_bits());
-        let found = circle(&flat, &mut self.seed.derive("circle", key).draws())?;
+        let found = circle(&flat, strictness, &mut self.seed.derive("circle", key).draws())?;
         let at = centre + x * found.centre.x + y * found.centre.y;
         Some(Slice { centre: at, radius_m: found.radius_m })
     }
@@ -175,7 +194,7 @@ impl Search<'_> {
             radii.sort_unstable_by(f32::total_cmp);
             let usual_m = radii.get(radii.len() / 2).copied().unwrap_or(from.radius_m);
             let reach_m = 1.6 * usual_m + 0.03 * (1.0 + lost as f32);
-            let slice = self.slice(at, ahead, reach_m).filter(|s| {
+            let slice = self.slice(at, ahead, reach_m, LENIENT).filter(|s| {
                 let ratio = s.radius_m / usual_m;
                 // Roots widen a stem downwards.
                 let range = if sign > 0.0 { 0.6..=1.15 } else { 0.8..=1.6 };
@@ -215,7 +234,10 @@ pub(super) fn stem(points: &[Vec3], floor_m: f32, height_m: f32, seed: Seed) -> 
             if best.iter().any(|s| (s.centre.z - z).abs() < slice_m) {
                 continue;
             }
-            let Some(start) = search.slice(column.extend(z), Vec3::Z, reach_m) else { continue };
+            let Some(start) = search.slice(column.extend(z), Vec3::Z, reach_m, STRICT)
+            else {
+                continue;
+            };
             let mut all = search.follow(start, -1.0);
             all.reverse();
             all.push(start);
@@ -314,7 +336,7 @@ mod tests {
         for _ in 0..25 {
             points.push(Vec2::new(draws.between(0.5, 0.9), draws.between(-0.2, 0.6)));
         }
-        let found = circle(&points, &mut draws).unwrap();
+        let found = circle(&points, STRICT, &mut draws).unwrap();
         assert!((found.radius_m - 0.1).abs() < 0.004, "{found:?}");
         assert!(found.centre.distance(Vec2::new(0.3, 0.2)) < 0.005, "{found:?}");
     }
@@ -324,9 +346,9 @@ mod tests {
         let mut draws = Seed::new(5).draws();
         let cloud: Vec<Vec2> =
             (0..200).map(|_| Vec2::new(draws.between(-0.5, 0.5), draws.between(-0.5, 0.5))).collect();
-        assert!(circle(&cloud, &mut draws).is_none());
+        assert!(circle(&cloud, LENIENT, &mut draws).is_none());
         let line: Vec<Vec2> = (0..50).map(|i| Vec2::splat(i as f32 * 0.01)).collect();
-        assert!(circle(&line, &mut draws).is_none());
-        assert!(circle(&[Vec2::ONE; 40], &mut draws).is_none());
+        assert!(circle(&line, LENIENT, &mut draws).is_none());
+        assert!(circle(&[Vec2::ONE; 40], LENIENT, &mut draws).is_none());
     }
 }

@@ -71,7 +71,7 @@ pub(super) fn trace(
         near,
         ways,
         bounds,
-        limb_m: limbs(ways, n, k, bounds.limb_m),
+        limb_m: limbs(vertices, near, ways, k, bounds.limb_m),
         nodes: known,
         node_at: (0..n as u32).map(|i| if (i as usize) < k { i } else { NO_PARENT }).collect(),
         apart_m: first.iter().map(|f| f.0).collect(),
@@ -94,8 +94,10 @@ pub(super) fn trace(
     tracing.nodes
 }
 
-/// Radius of the limb through each vertex, from the vertices whose ways lead through it.
-fn limbs(ways: &Ways, n: usize, known: usize, whole_m: f32) -> Vec<f32> {
+/// Radius of the limb through each vertex, from the vertices whose ways lead through it or beside
+/// it: ways along several sides of a limb are of one limb.
+fn limbs(vertices: &[Vec3], near: &Points, ways: &Ways, known: usize, whole_m: f32) -> Vec<f32> {
+    let n = vertices.len();
     let mut carried = vec![1.0f32; n];
     for &i in ways.order.iter().rev() {
         let next = ways.next[i as usize];
@@ -104,7 +106,22 @@ fn limbs(ways: &Ways, n: usize, known: usize, whole_m: f32) -> Vec<f32> {
         }
     }
     let all = (n - known).max(1) as f32;
-    carried.into_iter().map(|c| whole_m * (c / all).powf(0.45)).collect()
+    let radius_m = |carried: f32| whole_m * (carried / all).min(1.0).powf(0.45);
+    // As far as the limb is thick, all that crosses the same distance from the stem.
+    let through = |i: usize| {
+        let at_m = ways.length_m[i];
+        let mut limb_m = whole_m;
+        for _ in 0..3 {
+            let crossing = near.within(vertices[i], 2.0 * limb_m).filter_map(|(j, _)| {
+                let j = j as usize + known;
+                let below_m = ways.length_m[ways.next[j] as usize];
+                (below_m < at_m && at_m <= ways.length_m[j]).then_some(carried[j])
+            });
+            limb_m = radius_m(crossing.sum::<f32>().max(carried[i]));
+        }
+        limb_m
+    };
+    (0..n).into_par_iter().map(|i| if i < known { whole_m } else { through(i) }).collect()
 }
 
 impl Tracing<'_> {
@@ -126,7 +143,7 @@ impl Tracing<'_> {
             if self.node_at[i] != NO_PARENT {
                 break self.node_at[i];
             }
-            let claim_m = (1.5 * self.bounds.spacing_m).max(1.3 * self.limb_m[i]).min(allowed_m);
+            let claim_m = (1.5 * self.bounds.spacing_m).max(1.6 * self.limb_m[i]).min(allowed_m);
             if self.apart_m[i] <= claim_m {
                 break self.lower(self.nearest[i], self.vertices[i]);
             }
@@ -191,16 +208,24 @@ impl Tracing<'_> {
     }
 }
 
-/// Draws the nodes from `fixed` on to the middle of the points nearest to them, and evens them.
-pub(super) fn centre(nodes: &mut Nodes, fixed: usize, points: &[Vec3], heir: &[u32]) {
-    let n = nodes.position.len();
+/// Draws the nodes after the known ones to the middle of the points nearest to them, and evens
+/// them. Points farther than `reach_m` do not draw.
+pub(super) fn centre(
+    nodes: &mut Nodes,
+    known_radius_m: &[f32],
+    points: &[Vec3],
+    heir: &[u32],
+    reach_m: f32,
+) {
+    let (n, fixed) = (nodes.position.len(), known_radius_m.len());
     for _ in 0..ROUNDS {
-        let cones = cones(nodes, None).into_iter().filter(|c| c.node as usize >= fixed).collect();
-        let wood = Wood::new(cones);
+        let wood = Wood::new(cones(nodes, Some(known_radius_m)));
         let pulls: Vec<Option<(u32, f32, Vec3)>> = points
             .par_iter()
             .map(|p| {
-                let (cone, _) = wood.nearest(*p)?;
+                let (cone, _) = wood
+                    .nearest(*p)
+                    .filter(|(c, d)| c.node as usize >= fixed && d.abs() <= reach_m)?;
                 let (t, _) = cone.distance_m(*p);
                 Some((cone.node, t, *p - cone.from.lerp(cone.to, t)))
             })
