@@ -222,6 +222,9 @@ pub struct Tree {
     /// The same tree as it stood at stage 1 to 12 of its life; each stage holds the one before.
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=i64::from(STAGES)))]
     pub stage: Option<u16>,
+    /// A scan of one tree, from the ground or the air, to fit the tree to (.las, .laz, .xyz).
+    #[arg(long, value_name = "SCAN", conflicts_with_all = ["height", "age", "stage"])]
+    pub cloud: Option<PathBuf>,
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Most triangles.

@@ -1,6 +1,7 @@
 //! Species, and a crown if there is one, to a skeleton: L-system, turtle, space colonization,
 //! radii. Knows nothing of meshes.
 
+pub mod cloud;
 pub mod colonize;
 pub mod derive;
 pub mod envelope;
