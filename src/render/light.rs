@@ -198,6 +198,14 @@ impl Light {
         out * clear + self.haze(direction) * (1.0 - clear)
     }
 
+    /// What shadows leave of the light on white ground, a colour: they are cool, as the sky is.
+    pub fn on_paper(&self, p: Vec3, turn: u32) -> Vec3 {
+        let lit = self.sunlit(p, Vec3::Z, 0.0);
+        let open = self.canopy.visibility(p, Vec3::Z, turn);
+        let shade = Vec3::new(0.56, 0.59, 0.63).lerp(Vec3::ONE, lit);
+        shade * (0.72 + 0.28 * open)
+    }
+
     fn haze(&self, direction: Vec3) -> Vec3 {
         let toward = direction.normalize_or_zero().dot(self.sun).max(0.0);
         Vec3::new(0.62, 0.74, 0.88) + Vec3::new(0.35, 0.26, 0.12) * toward.powi(6)

@@ -15,6 +15,7 @@ pub mod expr;
 pub mod parse;
 mod text;
 
+pub(super) use compile::Section;
 pub use compile::compile;
 pub use dialect::{Action, Axis, Dialect};
 use expr::Code;
