@@ -103,10 +103,7 @@ fn the_table_stands_beside_that_of_the_source() {
     let table = said(&["species", "derive", "--all"]);
     let row = table.lines().find(|l| l.starts_with("table3/06")).unwrap();
     let numbers: Vec<&str> = row.split_whitespace().collect();
-    assert_eq!(
-        numbers,
-        ["table3/06", "337", "85", "84", "22.6600", "86", "│", "102", "64", "164"]
-    );
+    assert_eq!(numbers, ["table3/06", "337", "85", "84", "22.6600", "86", "│", "102", "64", "164"]);
     assert!(table.contains("no target"), "{table}");
     let bare = said(&["species", "derive", "--all", "--quiet"]);
     assert_eq!(bare.lines().count(), 13);
@@ -137,7 +134,8 @@ fn chance_goes_with_the_seed() {
                 'F(a) -> (1) F(a)']\nangles = { alpha = 30 }\niterations = 6\n";
     write(dir.path(), "chance.toml", rule);
     let derive = |seed: &str| {
-        let out = larix_in(dir.path(), &["species", "derive", "chance.toml", "--text", "--seed", seed]);
+        let out =
+            larix_in(dir.path(), &["species", "derive", "chance.toml", "--text", "--seed", seed]);
         assert!(out.status.success(), "{}", text(&out.stderr));
         text(&out.stdout)
     };
@@ -162,7 +160,11 @@ fn the_list_has_three_forms() {
 fn check_tells_sound_files_from_broken_ones() {
     let dir = tempfile::tempdir().unwrap();
     write(dir.path(), "sound.toml", SOUND);
-    write(dir.path(), "broken.toml", "extends = 'table3/13'\n[size]\nhieght_m = 5\ncrown_base = 2\n");
+    write(
+        dir.path(),
+        "broken.toml",
+        "extends = 'table3/13'\n[size]\nhieght_m = 5\ncrown_base = 2\n",
+    );
     write(dir.path(), "torn.toml", "[rule\n");
     let files = ["species", "check", "sound.toml", "broken.toml", "torn.toml"];
     let out = larix_in(dir.path(), &files);

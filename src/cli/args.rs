@@ -48,10 +48,8 @@ pub enum Command {
     )]
     Tree(Tree),
     /// Write rule files: begin one, check it, see it, derive it; list those built in.
-    #[command(
-        after_help = "Example:\n  larix species new my_birch --from betula_pendula\n  \
-                      larix species check --watch my_birch.toml"
-    )]
+    #[command(after_help = "Example:\n  larix species new my_birch --from betula_pendula\n  \
+                      larix species check --watch my_birch.toml")]
     Species(Species),
 }
 
@@ -235,10 +233,8 @@ pub enum SpeciesCommand {
     #[command(after_help = "Example:\n  larix species list --quiet")]
     List,
     /// What a rule derives to: modules, draws, brackets, length, nodes.
-    #[command(
-        after_help = "Example:\n  larix species derive table3/05 --json\n  \
-                      larix species derive --all"
-    )]
+    #[command(after_help = "Example:\n  larix species derive table3/05 --json\n  \
+                      larix species derive --all")]
     Derive(Derive),
     /// Check rule files: that they read, derive and grow a tree. Exit code 1 if any does not.
     #[command(after_help = "Example:\n  larix species check --watch my_birch.toml")]

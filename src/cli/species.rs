@@ -47,8 +47,7 @@ fn list(cli: &Cli) -> Result<()> {
     let all = species::list()?;
     let lines: Vec<String> = (all.iter())
         .map(|s| {
-            let base =
-                s.builds_on.as_deref().map_or(String::new(), |b| format!("builds on {b}"));
+            let base = s.builds_on.as_deref().map_or(String::new(), |b| format!("builds on {b}"));
             format!("{:<20} {:<24} {:<20} {base}", s.id, s.name, s.common)
         })
         .collect();

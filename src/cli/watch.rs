@@ -183,11 +183,8 @@ fn examine(watched: &mut Watched, seed: u64, cli: &Cli) -> Result<bool> {
 
 /// The tree in leaf and bare.
 fn draw(sound: &Sound, seed: u64, picture: &Path) -> Result<()> {
-    let job = SheetJob {
-        seeds: vec![seed],
-        size_px: PICTURE_PX,
-        ..SheetJob::new(sound.species.clone())
-    };
+    let job =
+        SheetJob { seeds: vec![seed], size_px: PICTURE_PX, ..SheetJob::new(sound.species.clone()) };
     let sheet = sheet::sheet(&job, &mut Recorder::new(&Silent))?;
     let (dir, name) = place(picture)?;
     export::write_all(&dir, &[file(&name, sheet.picture.to_png()?)])

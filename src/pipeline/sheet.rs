@@ -85,9 +85,8 @@ pub fn sheet(job: &SheetJob, run: &mut Recorder) -> Result<Sheet> {
     let species = &job.species;
     let target = Target::FromSpecies { height_m: job.height_m };
     let skeletons = run.stage("skeleton", |_| {
-        let grow = |&seed: &u64| {
-            skeleton::grow(species, target, detail(job.triangles), Seed::new(seed))
-        };
+        let grow =
+            |&seed: &u64| skeleton::grow(species, target, detail(job.triangles), Seed::new(seed));
         let skeletons = job.seeds.par_iter().map(grow).collect::<Result<Vec<_>>>()?;
         let nodes = skeletons.iter().map(|s| s.len()).sum();
         Ok((skeletons, Outcome::items(job.seeds.len(), "seeds", nodes, "nodes")))
@@ -265,8 +264,8 @@ fn draw(job: &SheetJob, scene: &mut Scene, trees: &[Shown]) -> Result<Picture> {
         let shown: Vec<usize> =
             (0..trees.len()).filter(|i| layout.rows == 1 || i % 2 == row).collect();
         let placements = (shown.iter().enumerate()).flat_map(|(column, &tree)| {
-            let x = (layout.axis_px(column, &room) - 0.5 * layout.width_px as f32)
-                / layout.px_per_m;
+            let x =
+                (layout.axis_px(column, &room) - 0.5 * layout.width_px as f32) / layout.px_per_m;
             let stand = |model: usize, x: f32, y: f32| Placement {
                 model: model as u32,
                 position: Vec3::new(x, y, 0.0),
@@ -309,7 +308,7 @@ fn photograph(view: &View<'_>, layout: &Layout, room: &Room) -> Picture {
         supersample: 3,
         sun: SUN,
         haze_per_m: 0.0,
-        backdrop: Backdrop::Paper { horizon: 1.0 - below_m(room) * 1.5 / height_m },
+        backdrop: Backdrop::Paper { horizon: 1.0 - below_m(room) * 1.9 / height_m },
         ..RenderOptions::default()
     };
     render::picture(view, &camera, &options)

@@ -59,7 +59,13 @@ impl Pen {
             };
             let bounds = outline.px_bounds();
             outline.draw(|dx, dy, coverage| {
-                blend(picture, bounds.min.x + dx as f32, bounds.min.y + dy as f32, colour, coverage);
+                blend(
+                    picture,
+                    bounds.min.x + dx as f32,
+                    bounds.min.y + dy as f32,
+                    colour,
+                    coverage,
+                );
             });
         }
     }

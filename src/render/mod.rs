@@ -128,8 +128,14 @@ impl Backdrop {
         const WALL: Vec3 = Vec3::new(0.905, 0.905, 0.89);
         const FLOOR: Vec3 = Vec3::new(0.76, 0.755, 0.725);
         let Backdrop::Paper { horizon } = self else { return None };
-        let below = ((down - horizon) / 0.03).clamp(0.0, 1.0);
-        Some(WALL.lerp(FLOOR, below * below * (3.0 - 2.0 * below)))
+        let step = |x: f32| {
+            let x = x.clamp(0.0, 1.0);
+            x * x * (3.0 - 2.0 * x)
+        };
+        // The floor ends as softly as it begins, so that the picture can go over into a page.
+        let depth = (1.0 - horizon).max(1e-3);
+        let floor = step((down - horizon) / (0.4 * depth)) * step((1.0 - down) / (0.5 * depth));
+        Some(WALL.lerp(FLOOR, floor))
     }
 }
 
@@ -182,7 +188,7 @@ pub fn picture(view: &View<'_>, camera: &Camera, options: &RenderOptions) -> Pic
         .filter(|(lo, hi)| lo.is_finite() && hi.is_finite() && eye.cover(*lo, *hi).is_some())
         .flat_map(|(lo, hi)| (0..8).map(move |i| camera::corner(lo, hi, i)))
         .collect();
-    let light = Light::new(
+    let mut light = Light::new(
         &stage,
         options.sun,
         &seen,
@@ -191,6 +197,9 @@ pub fn picture(view: &View<'_>, camera: &Camera, options: &RenderOptions) -> Pic
         options.haze_per_m,
         options.exposure,
     );
+    if options.backdrop != Backdrop::Sky {
+        light.fill = 0.5;
+    }
     const PIXEL_ROWS: usize = 24;
     let rows = PIXEL_ROWS * per_pixel;
     let list = stage.list(&eye, rows, options.triangle_budget);

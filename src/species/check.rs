@@ -86,10 +86,9 @@ impl Range {
     /// What is wrong with the numbers outside, and what to give instead.
     fn words(self) -> (String, String) {
         match self {
-            Within(low, high) => (
-                format!("outside {low} to {high}"),
-                format!("give a number from {low} to {high}"),
-            ),
+            Within(low, high) => {
+                (format!("outside {low} to {high}"), format!("give a number from {low} to {high}"))
+            }
             AboveZero(high) => (
                 format!("not above 0 and up to {high}"),
                 format!("give a number above 0, at most {high}"),

@@ -142,8 +142,7 @@ mod tests {
         let validator = validator();
         for (name, text) in builtin::FILES {
             let file = toml_as_json(text);
-            let errors: Vec<String> =
-                validator.iter_errors(&file).map(|e| e.to_string()).collect();
+            let errors: Vec<String> = validator.iter_errors(&file).map(|e| e.to_string()).collect();
             assert!(errors.is_empty(), "{name}: {errors:?}");
         }
         assert!(validator.is_valid(&toml_as_json(include_str!("defaults.toml"))));

@@ -34,7 +34,9 @@ pub fn template(name: &str, base: &str) -> Result<String> {
          to what the file extends, and that to the defaults."
     ));
     out.line("#");
-    out.line(&format!("#   larix species check --watch {name}.toml    checks and draws on every save"));
+    out.line(&format!(
+        "#   larix species check --watch {name}.toml    checks and draws on every save"
+    ));
     out.line(&format!("#   larix species show {name}.toml -o sheet.png"));
     out.line(&format!("#   larix tree {name}.toml -o {name}.glb"));
     out.line("");
@@ -292,7 +294,10 @@ mod tests {
             let base = load(base).unwrap();
             assert_eq!(own.name, "Own tree");
             assert_eq!(own.builds_on.as_deref(), Some(base.id.as_str()));
-            assert_eq!((own.kind, own.branching, own.luminance), (base.kind, base.branching, base.luminance));
+            assert_eq!(
+                (own.kind, own.branching, own.luminance),
+                (base.kind, base.branching, base.luminance)
+            );
             assert_eq!((own.size, own.growth), (base.size, base.growth));
             assert_eq!((own.foliage, own.bark, own.rule), (base.foliage, base.bark, base.rule));
         }
@@ -306,8 +311,12 @@ mod tests {
         for (key, about) in top {
             let keys = about.get("properties").and_then(Json::as_object);
             for key in keys.map_or(vec![key], |k| k.keys().collect()) {
-                let says = |line: &str| line.trim_start_matches("# ").starts_with(&format!("{key} ="));
-                assert!(text.lines().any(says) || text.contains(&format!(".{key}]]")), "{key}\n{text}");
+                let says =
+                    |line: &str| line.trim_start_matches("# ").starts_with(&format!("{key} ="));
+                assert!(
+                    text.lines().any(says) || text.contains(&format!(".{key}]]")),
+                    "{key}\n{text}"
+                );
             }
         }
         assert!(text.lines().all(|l| l.chars().count() <= WIDTH), "{text}");
@@ -316,7 +325,8 @@ mod tests {
 
     #[test]
     fn names_are_file_names_and_free() {
-        for name in ["", "a b", "../up", "a/b", ".hidden", "-o", "ель", "larix_sibirica", "x.toml"] {
+        for name in ["", "a b", "../up", "a/b", ".hidden", "-o", "ель", "larix_sibirica", "x.toml"]
+        {
             let error = template(name, BASE).unwrap_err();
             assert!(error.remedy_text().is_some(), "{name}");
         }
@@ -328,7 +338,10 @@ mod tests {
     fn texts_survive_their_quotes() {
         for text in ["", "plain", r"F[\F]", "it's", "a\"b\\c'd", "tab\there"] {
             let file = format!("name = {}", quoted(text));
-            assert_eq!(load_text("x", &format!("extends = 'table3/13'\n{file}")).unwrap().name, text);
+            assert_eq!(
+                load_text("x", &format!("extends = 'table3/13'\n{file}")).unwrap().name,
+                text
+            );
         }
     }
 }
