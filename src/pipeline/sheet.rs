@@ -46,7 +46,7 @@ impl SheetJob {
             seeds: vec![1, 2, 3],
             triangles: 20_000,
             texture_px: 512,
-            size_px: 2000,
+            size_px: 1600,
         }
     }
 }

@@ -220,22 +220,23 @@ pub fn picture(view: &View<'_>, camera: &Camera, options: &RenderOptions) -> Pic
                     let x = px * per_pixel + k % per_pixel;
                     let y = py * per_pixel + k / per_pixel;
                     let sample = &samples[y * width * per_pixel + x];
+                    let is_hit = sample.nearness > f32::MIN;
+                    if let Some(paper) = paper.filter(|_| !is_hit) {
+                        sum += paper;
+                        continue;
+                    }
                     let at = Vec2::new(x as f32 + 0.5, (first_row + y) as f32 + 0.5);
                     let ray = eye.ray(at);
                     let depth = 1.0 / sample.nearness;
                     let place = eye.eye() + ray * depth;
                     let turn = (k + (px & 1) * 2 + (py & 1) * 3) as u32 % 4;
-                    let is_hit = sample.nearness > f32::MIN;
-                    sum += match paper {
-                        Some(paper) if is_hit && sample.is_floor => {
-                            paper * light.on_paper(place, turn)
-                        }
-                        Some(paper) if !is_hit => paper,
-                        _ if is_hit => {
+                    sum += match paper.filter(|_| sample.is_floor) {
+                        Some(paper) => paper * light.on_paper(place, turn),
+                        None if is_hit => {
                             let distance = depth * ray.length();
                             light.film(light.shade(sample, place, distance, ray, turn))
                         }
-                        _ => light.film(light.sky(ray)),
+                        None => light.film(light.sky(ray)),
                     };
                 }
                 let mean = sum / (per_pixel * per_pixel) as f32;

@@ -27,8 +27,13 @@ pub enum Range {
     Within(f64, f64),
     /// Above 0, up to a greatest.
     AboveZero(f64),
+    /// Pairs (place, factor): places from 0 to this, factors from 0 to [`MAX_FACTOR`].
+    Factors(f64),
 }
-use Range::{AboveZero, Within};
+use Range::{AboveZero, Factors, Within};
+
+/// Greatest factor of a decay.
+pub const MAX_FACTOR: f64 = 100.0;
 
 /// The range of every number outside `[rule]`, by its way through the file. Keys of a list hold
 /// for each number in it. The schema shows the same.
@@ -36,10 +41,14 @@ pub const RANGES: &[(&str, Range)] = &[
     ("luminance", Within(0.0, 255.0)),
     ("size.height_m", AboveZero(150.0)),
     ("size.crown_diameter_m", AboveZero(100.0)),
+    ("size.age_years", AboveZero(5000.0)),
     ("size.crown_base", Within(0.0, 0.95)),
     ("size.stem_diameter_m", AboveZero(20.0)),
     ("size.profile", Within(0.0, 1.0)),
     ("growth.decay", Within(-1000.0, 1000.0)),
+    ("growth.decay_by.height", Factors(1.0)),
+    ("growth.decay_by.azimuth_deg", Factors(360.0)),
+    ("growth.decay_by.light", Factors(1.0)),
     ("growth.tropism", Within(-360.0, 360.0)),
     ("growth.wander", Within(0.0, 360.0)),
     ("growth.step", AboveZero(100.0)),
@@ -76,24 +85,22 @@ pub const RANGES: &[(&str, Range)] = &[
 ];
 
 impl Range {
-    fn holds(self, x: f64) -> bool {
-        match self {
-            Within(low, high) => (low..=high).contains(&x),
-            AboveZero(high) => x > 0.0 && x <= high,
-        }
-    }
-
-    /// What is wrong with the numbers outside, and what to give instead.
-    fn words(self) -> (String, String) {
-        match self {
-            Within(low, high) => {
-                (format!("outside {low} to {high}"), format!("give a number from {low} to {high}"))
-            }
+    /// What is wrong with a number outside, and what to give instead.
+    fn fault(self, x: f64) -> Option<(String, String)> {
+        let (is_inside, wrong, remedy) = match self {
+            Within(low, high) => (
+                (low..=high).contains(&x),
+                format!("outside {low} to {high}"),
+                format!("give a number from {low} to {high}"),
+            ),
             AboveZero(high) => (
+                x > 0.0 && x <= high,
                 format!("not above 0 and up to {high}"),
                 format!("give a number above 0, at most {high}"),
             ),
-        }
+            Factors(_) => return None,
+        };
+        (x.is_finite() && !is_inside).then_some((wrong, remedy))
     }
 }
 
@@ -119,22 +126,23 @@ pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut 
     for (way, range) in RANGES {
         let key = way.rsplit('.').next().unwrap_or(way);
         for node in reached(merged, way) {
-            if let Some(x) = node.as_number().filter(|x| x.is_finite() && !range.holds(*x)) {
-                let (wrong, remedy) = range.words();
+            if let Some(x) = node.as_number()
+                && let Some((wrong, remedy)) = range.fault(x)
+            {
                 let message = format!("`{key}` is {x}, {wrong}");
                 errors.push(sources.error(&node.place, message, "here").remedy(remedy));
             }
         }
     }
-    let mut fail = |way: [&str; 2], message: String, remedy: &str| {
-        let node = merged.get(way[0]).map(|n| n.get(way[1]).unwrap_or(n)).unwrap_or(merged);
+    let mut fail = |way: &str, message: String, remedy: &str| {
+        let node = way.split('.').try_fold(merged, |node, key| node.get(key)).unwrap_or(merged);
         errors.push(sources.error(&node.place, message, "here").remedy(remedy));
     };
     if let Some([low, high]) = species.luminance
         && low > high
     {
         fail(
-            ["luminance", ""],
+            "luminance",
             format!("`luminance` [{low}, {high}] is not a range"),
             "give the least and the greatest luminance, 0 to 255",
         );
@@ -142,30 +150,70 @@ pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut 
     let profile = &species.size.profile;
     if profile.len() < 2 || !profile.iter().any(|p| p[1] > 0.0) {
         fail(
-            ["size", "profile"],
+            "size.profile",
             "`profile` needs two points or more, one with a radius above 0".into(),
             "give pairs [height, radius] from [0.0, …] to [1.0, …]",
         );
     }
     if let Some(w) = profile.windows(2).find(|w| w[1][0] <= w[0][0]) {
         fail(
-            ["size", "profile"],
+            "size.profile",
             format!("`profile` does not rise: height {} follows {}", w[1][0], w[0][0]),
             "order the pairs [height, radius] from the crown's base to its top",
         );
     }
     if species.growth.decay.is_empty() {
         fail(
-            ["growth", "decay"],
+            "growth.decay",
             "`decay` is empty".into(),
             "give one number an iteration; `[0.0]` for no decay",
         );
     }
+    let by = &species.growth.decay_by;
+    for (key, pairs) in
+        [("height", &by.height), ("azimuth_deg", &by.azimuth_deg), ("light", &by.light)]
+    {
+        let way = format!("growth.decay_by.{key}");
+        let end = RANGES.iter().find_map(|(w, range)| match range {
+            Factors(end) if *w == way => Some(*end),
+            _ => None,
+        });
+        if let Some((message, remedy)) = fault_of_factors(key, pairs, end.unwrap_or(1.0)) {
+            fail(&way, message, &remedy);
+        }
+    }
     if species.growth.order.is_empty() {
         fail(
-            ["growth", "order"],
+            "growth.order",
             "`order` is empty".into(),
             "give one [[growth.order]] for each branching order, at least one",
         );
     }
+}
+
+/// What is wrong with pairs (place, factor), whose places must rise within 0 to `end`.
+fn fault_of_factors(key: &str, pairs: &[[f32; 2]], end: f64) -> Option<(String, String)> {
+    let outside = |p: &&[f32; 2]| {
+        let [place, factor] = p.map(f64::from);
+        place.is_finite()
+            && factor.is_finite()
+            && !((0.0..=end).contains(&place) && (0.0..=MAX_FACTOR).contains(&factor))
+    };
+    if pairs.is_empty() {
+        return Some((
+            format!("`{key}` is empty"),
+            "give pairs [place, factor]; `[[0.0, 1.0]]` for no change".into(),
+        ));
+    }
+    if let Some([place, factor]) = pairs.iter().find(outside) {
+        return Some((
+            format!("`{key}` has a pair out of range: [{place}, {factor}]"),
+            format!("give places from 0 to {end} and factors from 0 to {MAX_FACTOR}"),
+        ));
+    }
+    let w = pairs.windows(2).find(|w| w[1][0] <= w[0][0])?;
+    Some((
+        format!("`{key}` does not rise: {} follows {}", w[1][0], w[0][0]),
+        "order the pairs [place, factor] by their places".into(),
+    ))
 }

@@ -7,7 +7,7 @@
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 
-use super::check::{RANGES, Range};
+use super::check::{MAX_FACTOR, RANGES, Range};
 use super::load::{Top, read_defaults};
 use super::node::{self, Node};
 
@@ -17,11 +17,7 @@ pub fn schema() -> Value {
     let mut schema = settings.into_generator().into_root_schema_for::<Top>().to_value();
     if let Some(root) = schema.as_object_mut() {
         root.insert("title".into(), "Larix species".into());
-        // What a file leaves unsaid comes from what it extends and from the defaults.
-        root.remove("required");
-        for section in properties(root) {
-            section.remove("required");
-        }
+        make_optional(root);
     }
     tidy(&mut schema);
     for (way, range) in RANGES {
@@ -35,9 +31,14 @@ pub fn schema() -> Value {
     schema
 }
 
-fn properties(schema: &mut Map<String, Value>) -> impl Iterator<Item = &mut Map<String, Value>> {
-    let properties = schema.get_mut("properties").and_then(Value::as_object_mut);
-    properties.into_iter().flat_map(|p| p.values_mut()).filter_map(Value::as_object_mut)
+/// What a file leaves unsaid comes from what it extends and from the defaults. Items of lists are
+/// taken whole, so their keys stay required.
+fn make_optional(table: &mut Map<String, Value>) {
+    table.remove("required");
+    let properties = table.get_mut("properties").and_then(Value::as_object_mut);
+    for key in properties.into_iter().flat_map(|p| p.values_mut()) {
+        key.as_object_mut().into_iter().for_each(make_optional);
+    }
 }
 
 /// Takes out what TOML has not (null) and what says nothing to an author (widths of numbers).
@@ -75,10 +76,18 @@ fn reached<'a>(schema: &'a mut Value, way: &str) -> Option<&'a mut Value> {
 
 /// Bounds a number, or the numbers of a list.
 fn narrow(mut schema: &mut Value, range: Range) {
+    if let Range::Factors(end) = range {
+        let pair = &mut schema["items"];
+        let number = |high| json!({ "type": "number", "minimum": 0, "maximum": number(high) });
+        pair["prefixItems"] = json!([number(end), number(MAX_FACTOR)]);
+        pair.as_object_mut().and_then(|p| p.remove("items"));
+        return;
+    }
     while schema.get("items").is_some() {
         schema = &mut schema["items"];
     }
     match range {
+        Range::Factors(_) => {}
         Range::Within(low, high) => {
             schema["minimum"] = number(low);
             schema["maximum"] = number(high);
@@ -166,6 +175,9 @@ mod tests {
             "[size]\nheight_m = 'tall'",
             "[size]\nprofile = [[0, 2], [1, 0.5]]",
             "[growth]\nwhorl = 0",
+            "[growth]\ndecay_by = { height = [[0, 101]] }",
+            "[growth]\ndecay_by = { height = [[2, 1]] }",
+            "[growth]\ndecay_by = { hieght = [[0, 1]] }",
             "[growth]\nwhorl = 1.5",
             "[[growth.order]]\nkeep = 1",
             "[foliage]\nshape = 'star'",

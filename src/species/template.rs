@@ -174,6 +174,11 @@ impl Writer {
             words = format!("{words} One of {}.", choices.join(", "));
         }
         self.comment(&words);
+        for (name, about) in about.get("properties").and_then(Json::as_object).into_iter().flatten()
+        {
+            let words = about.get("description").and_then(Json::as_str).unwrap_or("");
+            self.comment(&format!("· {name}: {words}"));
+        }
         match value {
             Some(value) => self.line(&format!("{key} = {}", toml(value))),
             None => {
