@@ -63,11 +63,14 @@ impl Error {
         self
     }
 
-    /// Several errors found in one pass; `errors` must not be empty.
-    pub fn several(mut errors: Vec<Error>) -> Self {
-        let mut first =
-            if errors.is_empty() { Error::new("unknown error") } else { errors.remove(0) };
-        first.0.others.extend(errors);
+    /// Several errors found in one pass, as one flat list; `errors` must not be empty.
+    pub fn several(errors: Vec<Error>) -> Self {
+        let mut flat = errors.into_iter().flat_map(|mut e| {
+            let others = std::mem::take(&mut e.0.others);
+            std::iter::once(e).chain(others)
+        });
+        let mut first = flat.next().unwrap_or_else(|| Error::new("unknown error"));
+        first.0.others.extend(flat);
         first
     }
 
@@ -78,6 +81,19 @@ impl Error {
 
     pub fn remedy_text(&self) -> Option<&str> {
         self.0.remedy.as_deref()
+    }
+
+    /// Line and column of the first caret, from 1.
+    pub fn line_and_column(&self) -> Option<(usize, usize)> {
+        let text = self.0.source.as_ref()?.inner();
+        let before = text.get(..self.0.labels.first()?.offset())?;
+        let line = before.rfind('\n').map_or(before, |i| &before[i + 1..]);
+        Some((before.matches('\n').count() + 1, line.chars().count() + 1))
+    }
+
+    /// Each thing wrong, this one first.
+    pub fn each(&self) -> impl Iterator<Item = &Error> {
+        std::iter::once(self).chain(&self.0.others)
     }
 
     /// Whether every caret stands under whole characters of its source.
@@ -226,6 +242,7 @@ mod tests {
         let shown = render(&error);
         assert!(shown.contains("birch.toml: unknown key `angel`"), "{shown}");
         assert!(shown.contains("birch.toml:2:1"), "{shown}");
+        assert_eq!(error.line_and_column(), Some((2, 1)));
         assert!(shown.contains("did you mean `angle`?"), "{shown}");
     }
 
@@ -243,6 +260,10 @@ mod tests {
     fn several_errors_are_counted_and_all_shown() {
         let error = Error::several(vec![Error::new("one"), Error::new("two"), Error::new("three")]);
         assert_eq!(error.count(), 3);
+        let nested = Error::several(vec![Error::new("zero"), error]);
+        let messages: Vec<&str> = nested.each().map(Error::message).collect();
+        assert_eq!(messages, ["zero", "one", "two", "three"]);
+        let error = nested;
         let shown = render(&error);
         assert!(shown.contains("one") && shown.contains("two") && shown.contains("three"));
     }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
@@ -22,19 +23,33 @@ const MAX_SYMBOLS: usize = 250;
 /// Productions, and constants, of one rule.
 const MAX_LINES: usize = 1000;
 
-#[derive(Debug, Deserialize)]
+/// The L-system: how a shoot becomes a shoot with laterals, iteration by iteration.
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Section {
+    /// The turtle that reads the string.
     turtle: Dialect,
+    /// The string to begin with.
     axiom: String,
+    /// What each symbol becomes in one iteration, such as `F(a) -> F(a)[^F(0.5a)][&F(0.5a)]`.
     productions: Vec<String>,
+    /// How often the productions are applied; a tree needs 2 to 8.
+    #[schemars(range(max = MAX_ITERATIONS))]
     iterations: u32,
+    /// Length of the first shoot, metres; a grown tree is scaled to its size.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     a: f64,
+    /// Degrees of the turns, by Greek letter (`alpha = 30`) or by symbol (`'^&' = 30`).
     #[serde(default)]
     #[allow(dead_code)]
+    #[schemars(with = "BTreeMap<String, f64>", extend("additionalProperties" = {
+        "type": "number", "minimum": -360, "maximum": 360
+    }))]
     angles: Option<IgnoredAny>,
+    /// Numbers by name, for use in productions.
     #[serde(default)]
     #[allow(dead_code)]
+    #[schemars(with = "BTreeMap<String, f64>", extend("examples" = [{ "k": 0.5 }]))]
     constants: Option<IgnoredAny>,
     /// Letters that draw beside the dialect's own.
     draws: String,
