@@ -159,5 +159,6 @@ pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut 
     r.within("foliage", "twigs_per_m", f.twigs_per_m, 0.0, 1000.0);
     r.within("foliage", "droop", f.droop, -1.0, 1.0);
     r.within("foliage", "bearing_radius_m", f.bearing_radius_m, 0.0, 10.0);
+    r.within("foliage", "cover", f.cover, 0.0, 1.0);
     r.within("bark", "relief_m", species.bark.relief_m, 0.0, 0.5);
 }
