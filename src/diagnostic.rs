@@ -4,6 +4,7 @@
 use std::fmt;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use miette::{LabeledSpan, NamedSource, SourceSpan};
 
@@ -17,7 +18,7 @@ struct Inner {
     message: String,
     file: Option<PathBuf>,
     remedy: Option<String>,
-    source: Option<NamedSource<String>>,
+    source: Option<NamedSource<Arc<str>>>,
     labels: Vec<LabeledSpan>,
     others: Vec<Error>,
 }
@@ -40,9 +41,23 @@ impl Error {
         self
     }
 
-    /// Shows `text` of the source called `name` with a caret under the bytes `span`.
-    pub fn at(mut self, name: &str, text: &str, span: Range<usize>, label: &str) -> Self {
-        self.0.source = Some(NamedSource::new(name, text.to_owned()));
+    /// Shows `text` of the source called `name` with a caret under the bytes `span`. Where lines
+    /// are too long to show, line and column stand behind the name instead.
+    pub fn at(
+        mut self,
+        name: &str,
+        text: impl Into<Arc<str>>,
+        span: Range<usize>,
+        label: &str,
+    ) -> Self {
+        let text: Arc<str> = text.into();
+        if !is_shown(&text, &span) {
+            let before = text.get(..span.start).unwrap_or("");
+            let line = before.matches('\n').count() + 1;
+            let column = before.rsplit('\n').next().unwrap_or("").chars().count() + 1;
+            return self.in_file(format!("{name}:{line}:{column}"));
+        }
+        self.0.source = Some(NamedSource::new(name, text));
         let span = SourceSpan::new(span.start.into(), span.end.saturating_sub(span.start));
         self.0.labels.push(LabeledSpan::new_with_span(Some(label.to_owned()), span));
         self
@@ -65,10 +80,27 @@ impl Error {
         self.0.remedy.as_deref()
     }
 
+    /// Whether every caret stands under whole characters of its source.
+    pub fn labels_lie_within(&self) -> bool {
+        let lies = |label: &LabeledSpan| {
+            let span = label.offset()..label.offset() + label.len();
+            self.0.source.as_ref().is_some_and(|s| s.inner().get(span).is_some())
+        };
+        self.0.labels.iter().all(lies) && self.0.others.iter().all(Error::labels_lie_within)
+    }
+
     /// The number of things wrong.
     pub fn count(&self) -> usize {
         1 + self.0.others.iter().map(Error::count).sum::<usize>()
     }
+}
+
+/// Whether the lines of `span` and those beside it are short enough to be shown.
+fn is_shown(text: &str, span: &Range<usize>) -> bool {
+    const LONGEST: usize = 4000;
+    let before = text.get(..span.start).unwrap_or("").rsplit('\n').take(2);
+    let after = text.get(span.end.max(span.start)..).unwrap_or("").split('\n').take(2);
+    span.len() <= LONGEST && before.chain(after).map(str::len).max().unwrap_or(0) <= LONGEST
 }
 
 impl fmt::Display for Error {
@@ -165,6 +197,16 @@ mod tests {
         assert!(shown.contains("birch.toml: unknown key `angel`"), "{shown}");
         assert!(shown.contains("birch.toml:2:1"), "{shown}");
         assert!(shown.contains("did you mean `angle`?"), "{shown}");
+    }
+
+    #[test]
+    fn lines_too_long_to_show_are_named() {
+        let text = format!("a = 1\nb = '{}", "é".repeat(70_000));
+        let shown = render(&Error::new("no end").at("birch.toml", text.as_str(), 6..7, "here"));
+        assert!(shown.contains("birch.toml:2:1: no end"), "{shown}");
+        let last = text.len() - 2..text.len();
+        let shown = render(&Error::new("no end").at("birch.toml", text, last, "here"));
+        assert!(shown.contains("birch.toml:2:70005: no end"), "{shown}");
     }
 
     #[test]

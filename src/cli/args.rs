@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::skeleton::STAGES;
+
 /// From a laser scan of a forest to a forest scene an artist can open.
 #[derive(Debug, Parser)]
 #[command(name = "larix", version, max_term_width = 100, arg_required_else_help = true)]
@@ -15,7 +17,7 @@ pub struct Cli {
     #[command(subcommand)]
     pub command: Command,
     /// Worker threads; all cores where absent. The output does not depend on it.
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, global = true, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..))]
     pub threads: Option<u16>,
     /// Print errors only.
     #[arg(long, short, global = true)]
@@ -99,6 +101,13 @@ fn positive(text: &str) -> Result<f32, String> {
     }
 }
 
+fn years(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
+        _ => Err("give a number of years greater than 0".into()),
+    }
+}
+
 /// The scans, and how they are read as terrain.
 #[derive(Debug, Args)]
 pub struct ScanArgs {
@@ -109,7 +118,7 @@ pub struct ScanArgs {
     #[arg(long, value_enum, default_value = "smrf")]
     pub ground: Ground,
     /// Terrain cell in metres; from the density where absent.
-    #[arg(long, value_name = "M", value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub cell: Option<f32>,
 }
 
@@ -123,10 +132,10 @@ pub struct TreeArgs {
     #[arg(long, value_name = "A,B,…", value_delimiter = ',')]
     pub species: Vec<String>,
     /// Voxel in metres; from the density where absent.
-    #[arg(long, value_name = "M", value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub voxel: Option<f32>,
     /// Trees lower than this are left out.
-    #[arg(long, value_name = "M", default_value = "2", value_parser = positive)]
+    #[arg(long, value_name = "M", default_value = "2", allow_negative_numbers = true, value_parser = positive)]
     pub min_height: f32,
     /// Same seed, same bytes.
     #[arg(long, default_value_t = 1)]
@@ -140,10 +149,10 @@ pub struct SceneArgs {
     #[arg(long, value_name = "N|all", value_parser = unique, default_value = "5")]
     pub unique: Unique,
     /// Most triangles of one tree model.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
     pub triangles: Option<u32>,
     /// Side of the tree textures in pixels.
-    #[arg(long, value_name = "PX", default_value_t = 512, value_parser = clap::value_parser!(u32).range(64..=4096))]
+    #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
     /// Files to write, comma separated.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "glb,usda")]
@@ -156,7 +165,7 @@ pub struct Demo {
     #[arg(short, long, value_name = "DIR", default_value = "output/demo")]
     pub output: PathBuf,
     /// Trees of the stand.
-    #[arg(long, default_value_t = 240, value_parser = clap::value_parser!(u32).range(1..=20_000))]
+    #[arg(long, default_value_t = 240, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=20_000))]
     pub trees: u32,
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -202,15 +211,21 @@ pub struct Tree {
     /// A name from `larix species list`, or a rule file.
     pub species: String,
     /// Height in metres; the species' typical height where absent.
-    #[arg(long, value_name = "M", value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub height: Option<f32>,
+    /// Height by the species' growth in so many years.
+    #[arg(long, value_name = "YEARS", allow_negative_numbers = true, value_parser = years, conflicts_with = "height")]
+    pub age: Option<f32>,
+    /// The same tree as it stood at stage 1 to 12 of its life; each stage holds the one before.
+    #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=i64::from(STAGES)))]
+    pub stage: Option<u16>,
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Most triangles.
-    #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 20_000, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
     pub triangles: u32,
     /// Side of the textures in pixels.
-    #[arg(long, value_name = "PX", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(64..=4096))]
+    #[arg(long, value_name = "PX", default_value_t = 1024, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
     /// Without leaves.
     #[arg(long)]

@@ -257,9 +257,11 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
 
 fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
     let extension = extension(&a.output, &["glb", "gltf", "usda", "png"])?;
+    let species = species::load(&a.species)?;
     let job = TreeJob {
-        species: species::load(&a.species)?,
-        height_m: a.height,
+        height_m: a.height.or(a.age.map(|years| species.size.height_at(years))),
+        species,
+        stage: a.stage,
         seed: seed(a.seed),
         triangles: a.triangles as usize,
         texture_px: a.texture,

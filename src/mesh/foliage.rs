@@ -264,8 +264,9 @@ fn place(
     let roll = draws.between(-stance.roll, stance.roll);
     let facing = Quat::from_axis_angle(heading, roll) * facing;
 
-    let size_m =
-        f.twig_length_m.clamp(1e-3, 20.0) * draws.between(0.8, 1.2) * hull.scale(spot.at, enlarge);
+    let size_m = f.twig_length_m.min(0.6 * hull.half.max_element()).clamp(1e-3, 20.0)
+        * draws.between(0.8, 1.2)
+        * hull.scale(spot.at, enlarge);
     let cells = atlas.nearest(size_m);
     let pick = draws.index(cells.clone().count());
     let Some(id) = cells.clone().nth(pick) else { return };

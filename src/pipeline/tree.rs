@@ -11,7 +11,7 @@ use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scene::{Instance, Scene, TreeFacts, ValidScene, identifier};
 use crate::seed::Seed;
-use crate::skeleton::{self, Skeleton, Target};
+use crate::skeleton::{self, STAGES, Skeleton, Target};
 use crate::species::Species;
 use crate::texture;
 
@@ -21,6 +21,8 @@ pub struct TreeJob {
     pub species: Species,
     /// The species' typical height where `None`.
     pub height_m: Option<f32>,
+    /// The tree as it stood at a stage of its life; grown where `None`.
+    pub stage: Option<u16>,
     pub seed: Seed,
     pub triangles: usize,
     pub texture_px: u32,
@@ -38,8 +40,16 @@ pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<ValidScene> {
         let skeleton = skeleton::grow(species, target, detail(job.triangles), job.seed)?;
         let wanted = job.height_m.unwrap_or(species.size.height_m);
         let off = f64::from((skeleton.height_m() - wanted).abs());
-        let outcome = Outcome::items(1, "rule file", skeleton.len(), "nodes")
-            .error(ErrorMeasure::new("height error", off, "m"));
+        let skeleton = match job.stage {
+            Some(stage) => skeleton::at_stage(&skeleton, species, stage)?,
+            None => skeleton,
+        };
+        let mut outcome = Outcome::items(1, "rule file", skeleton.len(), "nodes")
+            .error(ErrorMeasure::new("height error", off, "m"))
+            .note(format!("about {:.0} years old", age_years(job, &skeleton)));
+        if let Some(stage) = job.stage {
+            outcome = outcome.note(format!("stage {stage} of {STAGES}"));
+        }
         Ok((skeleton, outcome))
     })?;
     let textures = run.stage("texture", |_| {
@@ -90,6 +100,17 @@ pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<ValidScene> {
     })
 }
 
+/// Years the tree has stood; those of a stage are its share of the grown tree's.
+fn age_years(job: &TreeJob, skeleton: &Skeleton) -> f32 {
+    let size = &job.species.size;
+    let share = f32::from(job.stage.unwrap_or(STAGES)) / f32::from(STAGES);
+    let grown_m = match job.stage {
+        Some(_) => job.height_m.unwrap_or(size.height_m),
+        None => skeleton.height_m(),
+    };
+    share * size.age_at(grown_m)
+}
+
 fn facts(species: &Species, skeleton: &Skeleton) -> TreeFacts {
     let height_m = skeleton.height_m();
     TreeFacts {
@@ -97,7 +118,7 @@ fn facts(species: &Species, skeleton: &Skeleton) -> TreeFacts {
         species: species.name.clone(),
         height_m,
         crown_diameter_m: skeleton.width_m(),
-        crown_base_height_m: species.size.crown_base * height_m,
+        crown_base_height_m: skeleton.crown_base_m(),
         stem_diameter_m: species.size.stem_diameter_at(height_m),
         confidence: 1.0,
     }

@@ -21,6 +21,9 @@ pub fn finite(node: &Node, sources: &Sources, errors: &mut Vec<Error>) {
     }
 }
 
+/// Greatest factor of a decay.
+const MAX_FACTOR: f32 = 100.0;
+
 struct Ranges<'a> {
     merged: &'a Node,
     sources: &'a Sources,
@@ -46,6 +49,31 @@ impl Ranges<'_> {
                 &[section, key],
                 format!("`{key}` is {value}, outside {low} to {high}"),
                 &format!("give a number from {low} to {high}"),
+            );
+        }
+    }
+
+    /// Pairs (place, factor) with places rising within 0 to `end`.
+    fn factors(&mut self, path: &[&str], pairs: &[[f32; 2]], end: f32) {
+        let key = path.last().copied().unwrap_or_default();
+        let outside = |p: &&[f32; 2]| {
+            p.iter().all(|x| x.is_finite())
+                && !((0.0..=end).contains(&p[0]) && (0.0..=MAX_FACTOR).contains(&p[1]))
+        };
+        if pairs.is_empty() {
+            let remedy = "give pairs [place, factor]; `[[0.0, 1.0]]` for no change";
+            self.fail(path, format!("`{key}` is empty"), remedy);
+        } else if let Some([place, factor]) = pairs.iter().find(outside) {
+            self.fail(
+                path,
+                format!("`{key}` has a pair out of range: [{place}, {factor}]"),
+                &format!("give places from 0 to {end} and factors from 0 to {MAX_FACTOR}"),
+            );
+        } else if let Some(w) = pairs.windows(2).find(|w| w[1][0] <= w[0][0]) {
+            self.fail(
+                path,
+                format!("`{key}` does not rise: {} follows {}", w[1][0], w[0][0]),
+                "order the pairs [place, factor] by their places",
             );
         }
     }
@@ -77,6 +105,7 @@ pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut 
     let s = &species.size;
     r.above_zero("size", "height_m", s.height_m, 150.0);
     r.above_zero("size", "crown_diameter_m", s.crown_diameter_m, 100.0);
+    r.above_zero("size", "age_years", s.age_years, 5000.0);
     r.within("size", "crown_base", s.crown_base, 0.0, 0.95);
     r.above_zero("size", "stem_diameter_m", s.stem_diameter_m, 20.0);
     let unit = |x: &f32| (0.0..=1.0).contains(x);
@@ -109,6 +138,10 @@ pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut 
             "give one number an iteration; `[0.0]` for no decay",
         );
     }
+    let by = &g.decay_by;
+    r.factors(&["growth", "decay_by", "height"], &by.height, 1.0);
+    r.factors(&["growth", "decay_by", "azimuth_deg"], &by.azimuth_deg, 360.0);
+    r.factors(&["growth", "decay_by", "light"], &by.light, 1.0);
     r.within("growth", "tropism", g.tropism, -360.0, 360.0);
     r.within("growth", "wander", g.wander, 0.0, 360.0);
     r.above_zero("growth", "step", g.step, 100.0);

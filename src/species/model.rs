@@ -32,6 +32,8 @@ pub enum Branching {
 pub struct Size {
     pub height_m: f32,
     pub crown_diameter_m: f32,
+    /// Age at which a tree is that tall.
+    pub age_years: f32,
     /// Crown base over height, 0…1.
     pub crown_base: f32,
     /// Stem diameter at 1.3 m.
@@ -41,7 +43,39 @@ pub struct Size {
     pub profile: Vec<[f32; 2]>,
 }
 
+/// Shape of the growth in height: h(A) ∝ (1 − e^(−cA))^p, A in units of `age_years`
+/// (Richards 1959). With these a tree of `age_years` has 0.83 of the height it may reach.
+const RICHARDS: (f32, f32) = (2.0, 1.3);
+
 impl Size {
+    /// Height of a tree of that age, metres.
+    pub fn height_at(&self, age_years: f32) -> f32 {
+        let (c, p) = RICHARDS;
+        let age = (age_years / self.age_years).max(0.0);
+        self.height_m * ((-c * age).exp_m1() / (-c).exp_m1()).powf(p)
+    }
+
+    /// Age of a tree of that height, years; four times `age_years` for what it never reaches.
+    pub fn age_at(&self, height_m: f32) -> f32 {
+        let (c, p) = RICHARDS;
+        let grown = (height_m / self.height_m).max(0.0).powf(1.0 / p);
+        let left = 1.0 + grown * (-c).exp_m1();
+        let age = if left > 0.0 { -left.ln() / c } else { f32::INFINITY };
+        self.age_years * age.min(4.0)
+    }
+
+    /// Share of its life in which a tree reached a share of its height, both 0…1.
+    pub fn age_share(&self, height_share: f32) -> f32 {
+        (self.age_at(height_share.clamp(0.0, 1.0) * self.height_m) / self.age_years).min(1.0)
+    }
+
+    /// What a rule may read of the typical tree: the values of [`OF_TREE`].
+    ///
+    /// [`OF_TREE`]: crate::species::rule::OF_TREE
+    pub fn of_tree(&self) -> [f64; 3] {
+        [self.height_m, self.crown_diameter_m, self.age_years].map(f64::from)
+    }
+
     /// Stem diameter of a tree of another height, metres: it goes with height^1.5 (elastic
     /// similarity, McMahon 1973).
     pub fn stem_diameter_at(&self, height_m: f32) -> f32 {
@@ -57,6 +91,8 @@ pub struct Growth {
     /// α_i of the length decay, one an iteration, as a fraction of L_apex squared per metre of
     /// crown length; the last holds for the rest. 0: no decay.
     pub decay: Vec<f32>,
+    /// How the decay differs over the crown.
+    pub decay_by: DecayBy,
     /// Upward (+) or downward (−) turn of a shoot, degrees a metre at horizontal.
     pub tropism: f32,
     /// Random bend of an axis, degrees a metre.
@@ -97,6 +133,31 @@ pub struct Growth {
     pub hang: f32,
     /// The habit of branches, one an order from 1 on; the last holds for the rest.
     pub order: Vec<Habit>,
+}
+
+/// Factors of the decay rates α_i, as pairs (place, factor) rising in the place, linear between
+/// them; the three multiply.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DecayBy {
+    /// By height in the crown, 0 its base to 1 its top.
+    pub height: Vec<[f32; 2]>,
+    /// By the compass bearing a branch leaves to: 0 north, 90 east; goes round.
+    pub azimuth_deg: Vec<[f32; 2]>,
+    /// By the light at the branch's tip, 0 dark to 1 the open sky.
+    pub light: Vec<[f32; 2]>,
+}
+
+impl DecayBy {
+    /// Whether the decay is the same all over the crown.
+    pub fn is_even(&self) -> bool {
+        [&self.height, &self.azimuth_deg, &self.light].into_iter().all(|c| is_level(c))
+    }
+}
+
+/// Whether a curve has one value everywhere.
+pub fn is_level(pairs: &[[f32; 2]]) -> bool {
+    pairs.windows(2).all(|w| w[0][1] == w[1][1])
 }
 
 /// How branches of one order grow. Pairs hold at the base and at the top of the crown (for order
