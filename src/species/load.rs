@@ -2,10 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::model::{Bark, Branching, Foliage, Growth, Habit, Kind, Size, Species};
+use super::model::{Bark, Branching, DecayBy, Foliage, Growth, Habit, Kind, Size, Species};
 use super::near::suggest;
 use super::node::{self, Node, Source, Sources, Value};
 use super::{builtin, check, rule};
@@ -18,35 +19,49 @@ const MAX_EXTENDS: usize = 16;
 /// Errors shown of one file; a broken file repeats itself.
 const MAX_ERRORS: usize = 40;
 
-/// The keys outside sections, and the sections by name.
-#[derive(Debug, Deserialize)]
+/// A species of tree: the rule it branches by, its size, growth and looks.
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(dead_code)]
-struct Top {
-    #[serde(default)]
-    name: Option<String>,
-    #[serde(default)]
-    common: Option<String>,
+pub(super) struct Top {
+    /// The file that this one is laid over, key by key: a built-in name such as `table3/13`, or a
+    /// file beside this one with its `.toml`.
     #[serde(default)]
     extends: Option<String>,
-    kind: Kind,
-    branching: Branching,
+    /// Scientific name.
     #[serde(default)]
+    name: Option<String>,
+    /// Name in plain words.
+    #[serde(default)]
+    common: Option<String>,
+    /// The class that a photo shows it as.
+    kind: Kind,
+    /// How the main axis goes on.
+    branching: Branching,
+    /// Least and greatest luminance of its crowns in an aerial photo.
+    #[serde(default)]
+    #[schemars(extend("examples" = [[167, 171]]))]
     luminance: Option<[f32; 2]>,
+    #[schemars(with = "rule::Section")]
     rule: IgnoredAny,
+    #[schemars(with = "Size")]
     size: IgnoredAny,
+    #[schemars(with = "Growth")]
     growth: IgnoredAny,
+    #[schemars(with = "Foliage")]
     foliage: IgnoredAny,
+    #[schemars(with = "Bark")]
     bark: IgnoredAny,
 }
 
 /// The sections of a rule file with their keys; the first, without a name, is the top.
-pub fn sections() -> [(&'static str, &'static [&'static str]); 7] {
+pub fn sections() -> [(&'static str, &'static [&'static str]); 8] {
     [
         ("", node::keys_of::<Top>()),
         ("rule", node::keys_of::<rule::Section>()),
         ("size", node::keys_of::<Size>()),
         ("growth", node::keys_of::<Growth>()),
+        ("growth.decay_by", node::keys_of::<DecayBy>()),
         ("growth.order", node::keys_of::<Habit>()),
         ("foliage", node::keys_of::<Foliage>()),
         ("bark", node::keys_of::<Bark>()),
@@ -121,9 +136,45 @@ pub fn load_text(name: &str, text: &str) -> Result<Species> {
     build(name, &format!("{name}.toml"), text, None)
 }
 
-/// Checks a rule file: what [`load`] would say of it.
-pub fn check_file(path: &Path) -> Result<()> {
-    load(&path.to_string_lossy()).map(|_| ())
+/// A rule file and the files it extends, as far as they can be read: those whose change changes
+/// the species. Built-in files are not among them.
+pub fn files(path: &Path) -> Vec<PathBuf> {
+    let mut files = vec![path.to_path_buf()];
+    if let Ok(text) = std::fs::read_to_string(path) {
+        let shown = path.to_string_lossy().into_owned();
+        let mut sources = Sources(vec![Source { name: shown, text: text.into() }]);
+        read_chain("", Some(path.parent().unwrap_or(Path::new(""))), &mut sources, &mut Vec::new());
+        let bases = sources.0.iter().skip(1).map(|s| s.name.as_str());
+        let written = bases.filter(|name| builtin::text(name.trim_end_matches(".toml")).is_none());
+        files.extend(written.map(PathBuf::from));
+    }
+    files
+}
+
+/// All keys of a loadable species with their values: its files laid over each other and over the
+/// defaults.
+pub(super) fn merged(name_or_path: &str) -> Result<Node> {
+    load(name_or_path)?;
+    let text = match builtin::text(name_or_path) {
+        Some(text) => text.to_owned(),
+        None => read_file(Path::new(name_or_path))?,
+    };
+    let folder = match builtin::text(name_or_path) {
+        Some(_) => None,
+        None => Path::new(name_or_path).parent(),
+    };
+    let mut sources = Sources(vec![Source { name: name_or_path.to_owned(), text: text.into() }]);
+    let mut errors = Vec::new();
+    let chain = read_chain(name_or_path, folder, &mut sources, &mut errors);
+    match (chain, read_defaults(&mut errors)) {
+        (Some(chain), Some(defaults)) if errors.is_empty() => Ok(lay(chain, defaults)),
+        _ => Err(Error::several(errors)),
+    }
+}
+
+/// The file over what it extends, nearest first, over the defaults.
+fn lay(chain: Vec<Node>, defaults: Node) -> Node {
+    chain.into_iter().rev().fold(defaults, |base, node| node.over(base))
 }
 
 fn unknown(name: &str) -> String {
@@ -189,8 +240,7 @@ fn build_reporting(
         chain.first().and_then(|n| n.get(key)).and_then(Node::as_text).map(str::to_owned)
     };
     let (name, common) = (own("name"), own("common"));
-    // The file over what it extends, nearest first, over the defaults.
-    let merged = chain.into_iter().rev().fold(defaults.clone(), |base, node| node.over(base));
+    let merged = lay(chain, defaults.clone());
 
     check::finite(&merged, &sources, errors);
     let top: Top = node::typed(&merged, &defaults, &sources, errors)?;
@@ -239,7 +289,7 @@ impl Sections<'_> {
     }
 }
 
-fn read_defaults(errors: &mut Vec<Error>) -> Option<Node> {
+pub(super) fn read_defaults(errors: &mut Vec<Error>) -> Option<Node> {
     let sources = Sources(vec![Source {
         name: "defaults.toml".into(),
         text: include_str!("defaults.toml").into(),

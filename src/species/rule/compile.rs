@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
@@ -22,19 +23,33 @@ const MAX_SYMBOLS: usize = 250;
 /// Productions, and constants, of one rule.
 const MAX_LINES: usize = 1000;
 
-#[derive(Debug, Deserialize)]
+/// The L-system: how a shoot becomes a shoot with laterals, iteration by iteration.
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Section {
+    /// The turtle that reads the string.
     turtle: Dialect,
+    /// The string to begin with.
     axiom: String,
+    /// What each symbol becomes in one iteration, such as `F(a) -> F(a)[^F(0.5a)][&F(0.5a)]`.
     productions: Vec<String>,
+    /// How often the productions are applied; a tree needs 2 to 8.
+    #[schemars(range(max = MAX_ITERATIONS))]
     iterations: u32,
+    /// Length of the first shoot, metres; a grown tree is scaled to its size.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     a: f64,
+    /// Degrees of the turns, by Greek letter (`alpha = 30`) or by symbol (`'^&' = 30`).
     #[serde(default)]
     #[allow(dead_code)]
+    #[schemars(with = "BTreeMap<String, f64>", extend("additionalProperties" = {
+        "type": "number", "minimum": -360, "maximum": 360
+    }))]
     angles: Option<IgnoredAny>,
+    /// Numbers by name, for use in productions.
     #[serde(default)]
     #[allow(dead_code)]
+    #[schemars(with = "BTreeMap<String, f64>", extend("examples" = [{ "k": 0.5 }]))]
     constants: Option<IgnoredAny>,
     /// Letters that draw beside the dialect's own.
     draws: String,
@@ -155,13 +170,14 @@ impl Compiler<'_> {
         self.errors.push(self.sources.error(place, message, "here").remedy(remedy));
     }
 
-    /// Refuses a control character that an escape has made: `"[\f(2)F]"` holds a form feed.
-    fn check_escapes(&mut self, text: &Text<'_>) {
+    /// Reports a control character that an escape has made: `"[\f(2)F]"` holds a form feed.
+    fn has_escapes(&mut self, text: &Text<'_>) -> bool {
         if let Some((span, c)) = text.escaped_control.clone() {
             let message = format!("this became the control character U+{:04X}", u32::from(c));
             let remedy = r"write the text between single quotes, where `\` stands for itself";
             self.slip(text, Slip::new(span, message, remedy));
         }
+        text.escaped_control.is_some()
     }
 
     fn slip(&mut self, text: &Text<'_>, slip: Slip) {
@@ -322,7 +338,9 @@ impl Compiler<'_> {
         let mut written = Vec::new();
         for (text, place) in texts.iter().zip(&places) {
             let text = Text::new(text, place, self.sources);
-            self.check_escapes(&text);
+            if self.has_escapes(&text) {
+                continue;
+            }
             let mut slips = Vec::new();
             let parsed = parse::production(text.text, self.dialect, &self.constants, &mut slips);
             for slip in slips {
@@ -349,7 +367,9 @@ impl Compiler<'_> {
     fn parse_axiom<'t>(&mut self, axiom: &'t str) -> (Vec<Module>, Text<'t>) {
         let place = self.key("axiom");
         let text = Text::new(axiom, &place, self.sources);
-        self.check_escapes(&text);
+        if self.has_escapes(&text) {
+            return (Vec::new(), text);
+        }
         let scope_constants = self.constants.clone();
         let scope = Scope { locals: &[], globals: &scope_constants };
         let mut slips = Vec::new();
@@ -361,8 +381,9 @@ impl Compiler<'_> {
         // With other mistakes about, an axiom that is not there may be one misnamed.
         let is_absent = place.is_nowhere() && !self.errors.is_empty();
         if modules.is_empty() && self.errors.len() == before && !is_absent {
+            let section = self.rule.place.clone();
             self.error(
-                &place,
+                if place.is_nowhere() { &section } else { &place },
                 "the axiom is empty".into(),
                 "write what growth begins with, for example `axiom = 'F(a)'`",
             );

@@ -5,13 +5,16 @@
 //! them disagree: R_U(δ) turns H away from L, and + is to turn left. The words are followed (+ to
 //! the left, & down, \ rolls left), which is R transposed; the upright dialect keeps the matrices.
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// The turtle that reads a rule.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Dialect {
+    /// Grows along U; angles alpha, beta, gamma (T15).
     Upright,
+    /// Grows along H; one angle delta (ABOP).
     Heading,
 }
 
