@@ -258,7 +258,7 @@ fn place(
     // Smaller towards the top, where shoots are young.
     let height = ((spot.at.z - hull.centre.z) / (1.5 * hull.half.z)).clamp(0.0, 1.0);
     let young = 1.0 - 0.4 * height * height;
-    let size_m = f.twig_length_m.clamp(1e-3, 20.0)
+    let size_m = f.twig_length_m.min(0.6 * hull.half.max_element()).clamp(1e-3, 20.0)
         * draws.between(0.8, 1.2)
         * young
         * (1.0 + (enlarge - 1.0) * (1.0 - 0.45 * height));
