@@ -85,7 +85,7 @@ impl Error {
 
     /// Line and column of the first caret, from 1.
     pub fn line_and_column(&self) -> Option<(usize, usize)> {
-        let text = self.0.source.as_ref()?.inner();
+        let text = &self.0.source.as_ref()?.text;
         let before = text.get(..self.0.labels.first()?.offset())?;
         let line = before.rfind('\n').map_or(before, |i| &before[i + 1..]);
         Some((before.matches('\n').count() + 1, line.chars().count() + 1))
