@@ -10,6 +10,7 @@ mod limb;
 mod polish;
 pub mod radii;
 mod scaffold;
+pub mod stability;
 pub mod stage;
 pub mod surroundings;
 pub mod turtle;

@@ -7,7 +7,8 @@
 //!
 //! The frame is a unit quaternion in f64, drawn back to unit length at every turn, so that it
 //! stays orthonormal however long the string. Brackets use a stack on the heap: nesting is limited
-//! by memory alone.
+//! by memory alone. Most brackets of a tree are its last shoots, `[^F]`: one turn and one shoot.
+//! Those are drawn from the frame they spring from, which is neither copied nor turned.
 //!
 //! A shoot of length ≤ 0 is not grown: no node, no move. `f` moves without drawing; the next
 //! segment then spans the gap. The decay of lengths with distance from the apex is left to the
@@ -18,7 +19,7 @@ use glam::{DMat3, DQuat, DVec3, Vec3};
 use super::NO_PARENT;
 use super::derive::ModuleString;
 use crate::diagnostic::{Error, Result};
-use crate::species::rule::{Action, Axis, Dialect, Rule};
+use crate::species::rule::{Action, Axis, Dialect, Rule, Symbol};
 
 /// What the turtle drew, as flat columns; a node and its parent span one segment. Metres, the
 /// origin is node 0, parents come before children.
@@ -144,6 +145,13 @@ impl Pose {
         }
     }
 
+    /// A direction of the frame in world terms.
+    fn world(&self, v: DVec3) -> DVec3 {
+        let axis = DVec3::new(self.rotation.x, self.rotation.y, self.rotation.z);
+        let t = 2.0 * axis.cross(v);
+        v + self.rotation.w * t + axis.cross(t)
+    }
+
     /// Turns about an axis of the frame as R_H, R_L, R_U do.
     pub fn turn(&mut self, axis: Axis, angle_rad: f64) {
         self.apply(quaternion(axis, angle_rad));
@@ -190,8 +198,31 @@ struct State {
 /// What a symbol makes the turtle do, with everything that is fixed worked out.
 #[derive(Clone, Copy)]
 enum Step {
-    Do(Action),
-    Turn(DQuat),
+    /// A turn by a fixed angle, and where it takes the direction of growth.
+    Turn(DQuat, DVec3),
+    /// A shoot of the first shoot's length.
+    First,
+    /// A shoot of the length its one parameter gives.
+    Shoot,
+    Push,
+    Pop,
+    Else(Action, usize),
+}
+
+impl Step {
+    fn new(symbol: &Symbol, dialect: Dialect) -> Step {
+        match (symbol.action, usize::from(symbol.parameters)) {
+            (Action::Turn { axis, angle }, 0) => {
+                let turn = quaternion(axis, angle);
+                Step::Turn(turn, Pose { rotation: turn }.growth(dialect))
+            }
+            (Action::Draw, 0) => Step::First,
+            (Action::Draw, 1) => Step::Shoot,
+            (Action::Push, 0) => Step::Push,
+            (Action::Pop, 0) => Step::Pop,
+            (action, parameters) => Step::Else(action, parameters),
+        }
+    }
 }
 
 /// Runs the turtle over a derived string. `rule` must be the one it was derived from.
@@ -199,31 +230,54 @@ enum Step {
 /// # Errors
 /// A position that is not finite, or brackets that do not match.
 pub fn draw(rule: &Rule, string: &ModuleString) -> Result<Scaffold> {
-    let steps: Vec<(Step, usize)> = rule
-        .symbols
-        .iter()
-        .map(|s| {
-            let step = match s.action {
-                Action::Turn { axis, angle } if s.parameters == 0 => {
-                    Step::Turn(quaternion(axis, angle))
-                }
-                action => Step::Do(action),
-            };
-            (step, usize::from(s.parameters))
-        })
-        .collect();
-    let draws =
-        |id: &&u8| matches!(steps.get(usize::from(**id)), Some((Step::Do(a), _)) if a.draws());
-    let mut turtle = Turtle::new(rule, string.symbols.iter().filter(draws).count() + 1);
+    // A step for every byte, so that none is out of range.
+    let mut steps = [Step::Else(Action::Nothing, 0); 256];
+    for (step, symbol) in steps.iter_mut().zip(&rule.symbols) {
+        *step = Step::new(symbol, rule.dialect);
+    }
+    let draws = steps.map(|s| match s {
+        Step::First | Step::Shoot => 1,
+        Step::Else(action, _) => usize::from(action.draws()),
+        _ => 0,
+    });
+    let nodes = string.symbols.iter().map(|&id| draws[usize::from(id)]).sum::<usize>() + 1;
+    let mut turtle = Turtle::new(rule, nodes);
     let mut parameters = string.parameters.as_slice();
-    for &id in &string.symbols {
-        let Some(&(step, count)) = steps.get(usize::from(id)) else { continue };
-        let (own, rest) = parameters.split_at_checked(count).unwrap_or((&[], &[]));
-        parameters = rest;
-        match step {
-            Step::Turn(turn) => turtle.state.pose.apply(turn),
-            Step::Do(action) => {
-                turtle.act(id, action, own.first().copied(), string.first_shoot_m)?;
+    let mut symbols = string.symbols.as_slice();
+    while let [id, rest @ ..] = symbols {
+        let id = *id;
+        symbols = rest;
+        match steps[usize::from(id)] {
+            Step::Turn(turn, _) => turtle.state.pose.apply(turn),
+            Step::First => turtle.shoot(id, string.first_shoot_m),
+            Step::Shoot => turtle.shoot(id, next(&mut parameters, 1).unwrap_or(0.0)),
+            Step::Push => {
+                if let [turn, shoot, pop, beyond @ ..] = rest
+                    && let Step::Turn(_, growth) = steps[usize::from(*turn)]
+                    && let drawn @ (Step::First | Step::Shoot) = steps[usize::from(*shoot)]
+                    && let Step::Pop = steps[usize::from(*pop)]
+                    && turtle.open.is_empty()
+                {
+                    let length_m = match drawn {
+                        Step::First => string.first_shoot_m,
+                        _ => next(&mut parameters, 1).unwrap_or(0.0),
+                    };
+                    turtle.side_shoot(*shoot, growth, length_m);
+                    symbols = beyond;
+                } else {
+                    turtle.stack.push(turtle.state);
+                    turtle.state.axis = PENDING;
+                }
+            }
+            Step::Pop => match turtle.stack.pop() {
+                Some(state) => turtle.state = state,
+                None => {
+                    return Err(Error::new("the derived string closes a bracket too many")
+                        .remedy("balance the brackets of every production"));
+                }
+            },
+            Step::Else(action, count) => {
+                turtle.act(id, action, next(&mut parameters, count), string.first_shoot_m);
             }
         }
     }
@@ -236,6 +290,13 @@ pub fn draw(rule: &Rule, string: &ModuleString) -> Result<Scaffold> {
         scaffold.width_m.resize(scaffold.position.len(), 0.0);
     }
     Ok(scaffold)
+}
+
+/// The first of the next `count` parameters, which are taken.
+fn next(parameters: &mut &[f64], count: usize) -> Option<f64> {
+    let (own, rest) = parameters.split_at_checked(count)?;
+    *parameters = rest;
+    own.first().copied()
 }
 
 struct Turtle {
@@ -289,14 +350,16 @@ impl Turtle {
         }
     }
 
-    fn act(&mut self, id: u8, action: Action, own: Option<f64>, first_shoot_m: f64) -> Result<()> {
+    fn act(&mut self, id: u8, action: Action, own: Option<f64>, first_shoot_m: f64) {
         match action {
-            Action::Nothing => {}
-            Action::Draw | Action::Edge | Action::Move => {
+            // Brackets take no parameters, and are steps of their own; a cut is the derivation's.
+            Action::Nothing | Action::Push | Action::Pop | Action::Cut => {}
+            Action::Draw => self.shoot(id, own.unwrap_or(first_shoot_m)),
+            Action::Edge | Action::Move => {
                 let has_moved = self.advance(own.unwrap_or(first_shoot_m));
-                match self.open.is_empty() {
-                    true if has_moved && action != Action::Move => self.node(id),
-                    false if has_moved && action != Action::Edge => self.corner(),
+                match (action, self.open.is_empty()) {
+                    (Action::Edge, true) if has_moved => self.drawn(id),
+                    (Action::Move, false) if has_moved => self.corner(),
                     _ => {}
                 }
             }
@@ -305,17 +368,6 @@ impl Turtle {
                 self.state.pose.turn(axis, angle);
             }
             Action::Level => self.state.pose.level(),
-            Action::Push => {
-                self.stack.push(self.state);
-                self.state.axis = PENDING;
-            }
-            Action::Pop => match self.stack.pop() {
-                Some(state) => self.state = state,
-                None => {
-                    return Err(Error::new("the derived string closes a bracket too many")
-                        .remedy("balance the brackets of every production"));
-                }
-            },
             Action::Open => self.open.push(Vec::new()),
             Action::Corner => self.corner(),
             Action::Close => {
@@ -333,10 +385,49 @@ impl Turtle {
                 };
             }
             Action::Leaf => self.leaf(own.unwrap_or(first_shoot_m)),
-            // The derivation has carried it out.
-            Action::Cut => {}
         }
-        Ok(())
+    }
+
+    /// Moves and draws; inside a polygon a shoot is an edge of it.
+    fn shoot(&mut self, id: u8, length_m: f64) {
+        if self.advance(length_m) {
+            match self.open.is_empty() {
+                true => self.drawn(id),
+                false => self.corner(),
+            }
+        }
+    }
+
+    /// A node where the turtle has come to.
+    fn drawn(&mut self, id: u8) {
+        if self.state.axis == PENDING {
+            self.state.axis = self.next_axis;
+            self.state.order = self.next_order();
+            self.next_axis += 1;
+        }
+        let State { position, axis, order, .. } = self.state;
+        self.node(position, axis, order, id);
+        self.state.node = (self.out.position.len() - 1) as u32;
+    }
+
+    /// A bracket with one turn, which takes growth to `growth` of the frame, and one shoot.
+    fn side_shoot(&mut self, id: u8, growth: DVec3, length_m: f64) {
+        if length_m > 0.0 {
+            let position = self.state.position + self.state.pose.world(growth) * length_m;
+            self.max_reach = self.max_reach.max(position.abs().max_element());
+            let (axis, order) = (self.next_axis, self.next_order());
+            self.next_axis += 1;
+            self.node(position, axis, order, id);
+        }
+    }
+
+    /// The order of an axis that begins here: one more than the node's; at the origin stems stand
+    /// side by side.
+    fn next_order(&self) -> u16 {
+        match self.state.node {
+            0 => 0,
+            _ => self.state.order.saturating_add(1),
+        }
     }
 
     /// Moves along the axis of growth; false for a length ≤ 0.
@@ -369,27 +460,17 @@ impl Turtle {
         }
     }
 
-    fn node(&mut self, symbol: u8) {
-        let state = &mut self.state;
-        if state.axis == PENDING {
-            state.axis = self.next_axis;
-            self.next_axis += 1;
-            // The order of the node it begins at; at the origin stems stand side by side.
-            state.order = match state.node {
-                0 => 0,
-                _ => state.order.saturating_add(1),
-            };
-        }
+    /// A node on the last one.
+    fn node(&mut self, position: DVec3, axis: u32, order: u16, symbol: u8) {
         let out = &mut self.out;
-        out.position.push(state.position.as_vec3());
-        out.parent.push(state.node);
-        out.axis.push(state.axis);
-        out.order.push(state.order);
+        out.position.push(position.as_vec3());
+        out.parent.push(self.state.node);
+        out.axis.push(axis);
+        out.order.push(order);
         out.symbol.push(symbol);
         if self.has_width {
-            out.width_m.push(state.width);
+            out.width_m.push(self.state.width);
         }
-        state.node = (out.position.len() - 1) as u32;
     }
 }
 

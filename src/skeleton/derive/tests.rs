@@ -168,29 +168,3 @@ fn parameters_that_leave_the_numbers_are_refused() {
     let error = derive(&root, &Inputs::new(Seed::new(1))).unwrap_err();
     assert!(error.message().contains("F(sqrt(x - 2))"), "{error}");
 }
-
-/// No assertion: prints the rates that the notes quote.
-#[test]
-#[ignore = "measurement; run in release"]
-fn rate() {
-    let rule = table3(13);
-    for n in 8..=10 {
-        let mut inputs = Inputs::new(Seed::new(1));
-        inputs.iterations = Some(n);
-        let start = std::time::Instant::now();
-        let string = derive(&rule, &inputs).unwrap();
-        let derived = start.elapsed().as_secs_f64();
-        let start = std::time::Instant::now();
-        let scaffold = turtle::draw(&rule, &string).unwrap();
-        let drawn = start.elapsed().as_secs_f64();
-        let bytes = string.symbols.len() + 8 * string.parameters.len();
-        println!(
-            "n {n}: {} modules, {:.0} M/s, {:.2} bytes a module; {} segments, {:.1} M/s",
-            string.symbols.len(),
-            string.symbols.len() as f64 / derived / 1e6,
-            bytes as f64 / string.symbols.len() as f64,
-            scaffold.len() - 1,
-            (scaffold.len() - 1) as f64 / drawn / 1e6,
-        );
-    }
-}
