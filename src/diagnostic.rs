@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use miette::{LabeledSpan, NamedSource, SourceSpan};
+use miette::{LabeledSpan, MietteError, MietteSpanContents, SourceCode, SourceSpan, SpanContents};
 
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -18,7 +18,7 @@ struct Inner {
     message: String,
     file: Option<PathBuf>,
     remedy: Option<String>,
-    source: Option<NamedSource<Arc<str>>>,
+    source: Option<Source>,
     labels: Vec<LabeledSpan>,
     others: Vec<Error>,
 }
@@ -54,10 +54,10 @@ impl Error {
         if !is_shown(&text, &span) {
             let before = text.get(..span.start).unwrap_or("");
             let line = before.matches('\n').count() + 1;
-            let column = before.rsplit('\n').next().unwrap_or("").chars().count() + 1;
+            let column = column(&text, span.start) + 1;
             return self.in_file(format!("{name}:{line}:{column}"));
         }
-        self.0.source = Some(NamedSource::new(name, text));
+        self.0.source = Some(Source { name: name.to_owned(), text });
         let span = SourceSpan::new(span.start.into(), span.end.saturating_sub(span.start));
         self.0.labels.push(LabeledSpan::new_with_span(Some(label.to_owned()), span));
         self
@@ -85,7 +85,7 @@ impl Error {
 
     /// Line and column of the first caret, from 1.
     pub fn line_and_column(&self) -> Option<(usize, usize)> {
-        let text = self.0.source.as_ref()?.inner();
+        let text = &self.0.source.as_ref()?.text;
         let before = text.get(..self.0.labels.first()?.offset())?;
         let line = before.rfind('\n').map_or(before, |i| &before[i + 1..]);
         Some((before.matches('\n').count() + 1, line.chars().count() + 1))
@@ -100,7 +100,7 @@ impl Error {
     pub fn labels_lie_within(&self) -> bool {
         let lies = |label: &LabeledSpan| {
             let span = label.offset()..label.offset() + label.len();
-            self.0.source.as_ref().is_some_and(|s| s.inner().get(span).is_some())
+            self.0.source.as_ref().is_some_and(|s| s.text.get(span).is_some())
         };
         self.0.labels.iter().all(lies) && self.0.others.iter().all(Error::labels_lie_within)
     }
@@ -109,6 +109,36 @@ impl Error {
     pub fn count(&self) -> usize {
         1 + self.0.others.iter().map(Error::count).sum::<usize>()
     }
+}
+
+/// A named text whose columns count characters, as editors do.
+struct Source {
+    name: String,
+    text: Arc<str>,
+}
+
+impl SourceCode for Source {
+    fn read_span<'a>(
+        &'a self,
+        span: &SourceSpan,
+        lines_before: usize,
+        lines_after: usize,
+    ) -> std::result::Result<Box<dyn SpanContents<'a> + 'a>, MietteError> {
+        let shown = self.text.read_span(span, lines_before, lines_after)?;
+        Ok(Box::new(MietteSpanContents::new_named(
+            self.name.clone(),
+            shown.data(),
+            *shown.span(),
+            shown.line(),
+            column(&self.text, span.offset()),
+            shown.line_count(),
+        )))
+    }
+}
+
+/// Characters between the start of the line and byte `at`.
+fn column(text: &str, at: usize) -> usize {
+    text.get(..at).unwrap_or("").rsplit('\n').next().unwrap_or("").chars().count()
 }
 
 /// Whether the lines of `span` and those beside it are short enough to be shown.

@@ -54,7 +54,7 @@ fn signals_run_both_ways() {
     let to_right = rule("axiom = 'baaaaaaaa'\nproductions = ['b < a -> b', 'b -> a']");
     let to_left = rule("axiom = 'aaaaaaaab'\nproductions = ['a > b -> b', 'b -> a']");
     for n in 0..9 {
-        let mut expected = vec!['a'; 9];
+        let mut expected = ['a'; 9];
         expected[n] = 'b';
         assert_eq!(text(&to_right, n as u32), expected.iter().collect::<String>());
         expected.reverse();

@@ -152,6 +152,9 @@ pub struct SceneArgs {
     /// Most triangles of one tree model.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
     pub triangles: Option<u32>,
+    /// How near the terrain's triangles keep to its heights, in metres.
+    #[arg(long, value_name = "M", default_value = "0.05", allow_negative_numbers = true, value_parser = positive)]
+    pub terrain_error: f32,
     /// Side of the tree textures in pixels.
     #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
@@ -220,6 +223,9 @@ pub struct Tree {
     /// The same tree as it stood at stage 1 to 12 of its life; each stage holds the one before.
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=i64::from(STAGES)))]
     pub stage: Option<u16>,
+    /// A scan of one tree, from the ground or the air, to fit the tree to (.las, .laz, .xyz).
+    #[arg(long, value_name = "SCAN", conflicts_with_all = ["height", "age", "stage"])]
+    pub cloud: Option<PathBuf>,
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Most triangles.

@@ -129,6 +129,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs) -> ForestJob {
         sharing,
         triangles: scene.triangles.map_or(FOREST_TRIANGLES, |n| n as usize),
         texture_px: scene.texture,
+        terrain_error_m: scene.terrain_error,
         name: "forest".into(),
     }
 }
@@ -266,10 +267,11 @@ fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
         triangles: a.triangles as usize,
         texture_px: a.texture,
         is_bare: a.bare,
+        cloud: a.cloud.clone(),
     };
     let (dir, name) = place(&a.output)?;
     export::check_writable(&dir)?;
-    let scene = pipeline::tree::tree(&job, run)?;
+    let (scene, fit) = pipeline::tree::tree(&job, run)?;
     let stem = stem(&a.output);
     let files = match extension {
         "glb" => export_scene(&scene, &stem, &[Format::Glb], run)?,
@@ -289,7 +291,40 @@ fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
         stats.unique_triangles,
         a.output.display()
     );
-    Ok(Told { lines: vec![line], json: summary("tree", Some(a.seed), run, Some(&scene)) })
+    let mut lines = vec![line];
+    let mut summary = summary("tree", Some(a.seed), run, Some(&scene));
+    if let Some(fit) = fit {
+        summary["fit"] = json!(fit);
+        lines.splice(0..0, fit_lines(&fit));
+    }
+    Ok(Told { lines, json: summary })
+}
+
+fn fit_lines(fit: &crate::skeleton::cloud::Report) -> Vec<String> {
+    use crate::skeleton::cloud::Led;
+    let led = match fit.led_by {
+        Led::Stem => {
+            format!("stem seen, {:.1} cm thick at breast height", 100.0 * fit.stem_diameter_m)
+        }
+        Led::Foot => "no stem measured; branches lead to the foot of the cloud".into(),
+        Led::Crown => "no stem seen; the species' own wood inside the crown".into(),
+    };
+    vec![
+        format!(
+            "{} points measured; left out: {} of ground and low growth, {} strays",
+            fit.measured, fit.ground, fit.strays
+        ),
+        led,
+        format!(
+            "points to wood: mean {:.1} cm, 95 % within {:.1} cm; farther than {:.0} cm from every \
+             point: {:.1} % of the wood's length, {:.1} % of its volume",
+            100.0 * fit.mean_m,
+            100.0 * fit.p95_m,
+            100.0 * fit.outside_beyond_m,
+            100.0 * fit.outside_length,
+            100.0 * fit.outside_volume
+        ),
+    ]
 }
 
 fn demo(a: &args::Demo, run: &mut Recorder) -> Result<Told> {

@@ -1,6 +1,8 @@
-//! One tree from its rule file, with no scan.
+//! One tree: from its rule file, with no scan, or fitted to a scan of it.
 
-use glam::Vec3;
+use std::path::{Path, PathBuf};
+
+use glam::{DVec3, Vec3};
 
 use super::forest::{add_materials, detail, mesh_options, prototype};
 use crate::diagnostic::Result;
@@ -9,9 +11,10 @@ use crate::mesh::{self, MeshOptions};
 use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
+use crate::scan;
 use crate::scene::{Instance, Scene, TreeFacts, ValidScene, identifier};
 use crate::seed::Seed;
-use crate::skeleton::{self, STAGES, Skeleton, Target};
+use crate::skeleton::{self, STAGES, Skeleton, Target, cloud};
 use crate::species::Species;
 use crate::texture;
 
@@ -27,15 +30,60 @@ pub struct TreeJob {
     pub triangles: usize,
     pub texture_px: u32,
     pub is_bare: bool,
+    /// The scan of one tree to fit to, instead of growing one.
+    pub cloud: Option<PathBuf>,
 }
 
-/// Rule file to a validated scene of one tree at the origin.
+/// Rule file, and a scan if there is one, to a validated scene of one tree at the origin; and how
+/// the tree fits the scan.
 ///
 /// # Errors
-/// A rule that grows beyond its limits.
-pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<ValidScene> {
+/// A rule that grows beyond its limits; a scan that can't be read or is no single tree.
+pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<(ValidScene, Option<cloud::Report>)> {
+    match &job.cloud {
+        Some(path) => {
+            let (skeleton, frame, report) = fitted(job, path, run)?;
+            Ok((stand(job, &skeleton, frame, run)?, Some(report)))
+        }
+        None => {
+            let skeleton = grown(job, run)?;
+            Ok((stand(job, &skeleton, Frame::local(DVec3::ZERO), run)?, None))
+        }
+    }
+}
+
+/// The scan of one tree to a skeleton, and to the frame whose origin is its root.
+fn fitted(
+    job: &TreeJob,
+    path: &Path,
+    run: &mut Recorder,
+) -> Result<(Skeleton, Frame, cloud::Report)> {
+    let scan = run.stage("scan", |warnings| {
+        let read = scan::read(&[path.to_path_buf()], &scan::ReadOptions::default())?;
+        warnings.extend(read.warnings);
+        let points = read.value.cloud.len();
+        Ok((read.value, Outcome::items(1, "files", points, "points")))
+    })?;
+    run.stage("skeleton", |_| {
+        let points = &scan.cloud.position;
+        let fitted = cloud::fit(&job.species, points, detail(job.triangles), job.seed)
+            .map_err(|e| e.in_file(path))?;
+        let r = &fitted.report;
+        let outcome = Outcome::items(points.len(), "points", fitted.skeleton.len(), "nodes")
+            .error(ErrorMeasure::new("mean distance", r.mean_m, "m"))
+            .note(format!(
+                "left out: {} strays, {} points of ground and low growth",
+                r.strays, r.ground
+            ));
+        let frame = scan.cloud.frame.clone();
+        let origin = frame.world_from_local(fitted.root);
+        Ok(((fitted.skeleton, Frame { origin, ..frame }, fitted.report), outcome))
+    })
+}
+
+fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
     let species = &job.species;
-    let skeleton = run.stage("skeleton", |_| {
+    run.stage("skeleton", |_| {
         let target = Target::FromSpecies { height_m: job.height_m };
         let skeleton = skeleton::grow(species, target, detail(job.triangles), job.seed)?;
         let wanted = job.height_m.unwrap_or(species.size.height_m);
@@ -51,7 +99,17 @@ pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<ValidScene> {
             outcome = outcome.note(format!("stage {stage} of {STAGES}"));
         }
         Ok((skeleton, outcome))
-    })?;
+    })
+}
+
+/// A skeleton to a scene of that tree alone.
+fn stand(
+    job: &TreeJob,
+    skeleton: &Skeleton,
+    frame: Frame,
+    run: &mut Recorder,
+) -> Result<ValidScene> {
+    let species = &job.species;
     let textures = run.stage("texture", |_| {
         let textures = texture::for_species(species, job.texture_px, job.seed);
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
@@ -59,8 +117,11 @@ pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<ValidScene> {
     let mesh = run.stage("mesh", |_| {
         let options = MeshOptions { foliage: !job.is_bare, ..mesh_options(job.triangles) };
         let seed = job.seed.derive("mesh", 0);
-        let mut mesh = mesh::build(&skeleton, species, &textures.atlas, &options, seed)?;
-        mesh.fit_height(skeleton.height_m());
+        let mut mesh = mesh::build(skeleton, species, &textures.atlas, &options, seed)?;
+        // Wood fitted to a cloud stays where it is.
+        if job.cloud.is_none() {
+            mesh.fit_height(skeleton.height_m());
+        }
         mesh.clear_ground();
         let triangles = mesh.triangles();
         let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles")
@@ -71,7 +132,7 @@ pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<ValidScene> {
         let name = identifier(&species.name);
         let mut scene = Scene {
             name: name.clone(),
-            frame: Frame::local(glam::DVec3::ZERO),
+            frame,
             textures: Vec::new(),
             materials: Vec::new(),
             terrain: None,
@@ -79,7 +140,7 @@ pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<ValidScene> {
             instances: Vec::new(),
         };
         let look = add_materials(&mut scene, species, textures);
-        let facts = facts(species, &skeleton);
+        let facts = facts(species, skeleton);
         scene.prototypes.push(prototype(format!("{name}_01"), species, mesh, look));
         scene.instances.push(Instance {
             name: format!("{name}_tree"),

@@ -22,6 +22,7 @@ use super::limb::{Limb, sides};
 use super::radii::{Pipes, radii};
 use super::scaffold::{Shoot, scaffold};
 use super::stage::births;
+use super::surroundings::Open;
 use super::{NO_PARENT, Skeleton, polish};
 use crate::crown::Crown;
 use crate::diagnostic::{Error, Result};
@@ -519,7 +520,7 @@ impl<'a> Tree<'a> {
                 is_open: self.is_open[i],
             })
             .collect();
-        let grown = colonize(&starts, &attractors, &reach, &answer, &pull, &limits);
+        let grown = colonize(&starts, &attractors, &reach, &answer, pull, &Open, &limits);
         for (at, parent) in grown.position.into_iter().zip(grown.parent) {
             let at = at.with_z(at.z.max(self.clearance_m));
             let heading = (at - self.position[parent as usize]).normalize_or_zero();

@@ -1,6 +1,7 @@
 //! Species, and a crown if there is one, to a skeleton: L-system, turtle, space colonization,
 //! radii. Knows nothing of meshes.
 
+pub mod cloud;
 pub mod colonize;
 pub mod derive;
 pub mod envelope;
@@ -10,6 +11,7 @@ mod polish;
 pub mod radii;
 mod scaffold;
 pub mod stage;
+pub mod surroundings;
 pub mod turtle;
 
 use glam::Vec3;

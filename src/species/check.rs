@@ -80,6 +80,7 @@ pub const RANGES: &[(&str, Range)] = &[
     ("foliage.twig_length_m", AboveZero(10.0)),
     ("foliage.twigs_per_m", Within(0.0, 1000.0)),
     ("foliage.droop", Within(-1.0, 1.0)),
+    ("foliage.cover", Within(0.0, 1.0)),
     ("foliage.bearing_radius_m", Within(0.0, 10.0)),
     ("bark.relief_m", Within(0.0, 0.5)),
 ];

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::model::{Bark, Branching, Foliage, Growth, Habit, Kind, Size, Species};
+use super::model::{Bark, Branching, DecayBy, Foliage, Growth, Habit, Kind, Size, Species};
 use super::near::suggest;
 use super::node::{self, Node, Source, Sources, Value};
 use super::{builtin, check, rule};
@@ -55,12 +55,13 @@ pub(super) struct Top {
 }
 
 /// The sections of a rule file with their keys; the first, without a name, is the top.
-pub fn sections() -> [(&'static str, &'static [&'static str]); 7] {
+pub fn sections() -> [(&'static str, &'static [&'static str]); 8] {
     [
         ("", node::keys_of::<Top>()),
         ("rule", node::keys_of::<rule::Section>()),
         ("size", node::keys_of::<Size>()),
         ("growth", node::keys_of::<Growth>()),
+        ("growth.decay_by", node::keys_of::<DecayBy>()),
         ("growth.order", node::keys_of::<Habit>()),
         ("foliage", node::keys_of::<Foliage>()),
         ("bark", node::keys_of::<Bark>()),

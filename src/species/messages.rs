@@ -58,7 +58,6 @@ const CASES: &[(&str, &str, &str)] = &[
     ("unknown letter", "[&F(0.5a)]", "[&K(0.5a)]"),
     ("unknown command", "[&F", "[+F"),
     ("no angle", "angles = { alpha = 30 }", ""),
-    ("command of the other turtle", "[rule]", "[rule]\nturtle = 'heading'\ndraws = '#'"),
     ("digit outside parentheses", "[&F(0.5a)]", "[&F0.5a]"),
     ("multiplication sign between modules", "[&F", "×[&F"),
     ("control character", "[&F", "\u{7f}[&F"),

@@ -18,7 +18,7 @@ pub mod rule;
 mod schema;
 mod template;
 
-pub use load::{Listed, builtin_names, files, list, load, load_text};
+pub use load::{Listed, builtin_names, files, list, load, load_text, sections};
 pub use model::Species;
 pub use rule::Rule;
 pub use schema::schema;

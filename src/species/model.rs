@@ -232,6 +232,9 @@ pub struct Foliage {
     pub droop: f32,
     /// Shoots of a radius below this bear leaves, metres.
     pub bearing_radius_m: f32,
+    /// Leaf area over the area of the crown's hull, 0…1, below which twigs are drawn larger to make
+    /// up for those a coarse model leaves out: near 1 hides the wood, a third lets the sky through.
+    pub cover: f32,
 }
 
 /// Patterns of bark.

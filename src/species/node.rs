@@ -190,7 +190,9 @@ fn remedy_of_syntax(text: &str, span: &Range<usize>, message: &str) -> &'static 
     let near = text.get(span.start..).unwrap_or("").chars().next().unwrap_or(' ');
     let before = text.get(..span.start).unwrap_or("").chars().next_back().unwrap_or(' ');
     let is_any = |set: &str| set.contains(near) || set.contains(before);
-    if message.contains("escape") {
+    if near.is_control() && !near.is_whitespace() {
+        "remove the control character at the caret"
+    } else if message.contains("escape") {
         r"write the text between single quotes, where `\` stands for itself"
     } else if message.contains("duplicate key") {
         "keep one of the two"

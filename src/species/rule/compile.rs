@@ -170,13 +170,14 @@ impl Compiler<'_> {
         self.errors.push(self.sources.error(place, message, "here").remedy(remedy));
     }
 
-    /// Refuses a control character that an escape has made: `"[\f(2)F]"` holds a form feed.
-    fn check_escapes(&mut self, text: &Text<'_>) {
+    /// Reports a control character that an escape has made: `"[\f(2)F]"` holds a form feed.
+    fn has_escapes(&mut self, text: &Text<'_>) -> bool {
         if let Some((span, c)) = text.escaped_control.clone() {
             let message = format!("this became the control character U+{:04X}", u32::from(c));
             let remedy = r"write the text between single quotes, where `\` stands for itself";
             self.slip(text, Slip::new(span, message, remedy));
         }
+        text.escaped_control.is_some()
     }
 
     fn slip(&mut self, text: &Text<'_>, slip: Slip) {
@@ -337,7 +338,9 @@ impl Compiler<'_> {
         let mut written = Vec::new();
         for (text, place) in texts.iter().zip(&places) {
             let text = Text::new(text, place, self.sources);
-            self.check_escapes(&text);
+            if self.has_escapes(&text) {
+                continue;
+            }
             let mut slips = Vec::new();
             let parsed = parse::production(text.text, self.dialect, &self.constants, &mut slips);
             for slip in slips {
@@ -364,7 +367,9 @@ impl Compiler<'_> {
     fn parse_axiom<'t>(&mut self, axiom: &'t str) -> (Vec<Module>, Text<'t>) {
         let place = self.key("axiom");
         let text = Text::new(axiom, &place, self.sources);
-        self.check_escapes(&text);
+        if self.has_escapes(&text) {
+            return (Vec::new(), text);
+        }
         let scope_constants = self.constants.clone();
         let scope = Scope { locals: &[], globals: &scope_constants };
         let mut slips = Vec::new();
@@ -376,8 +381,9 @@ impl Compiler<'_> {
         // With other mistakes about, an axiom that is not there may be one misnamed.
         let is_absent = place.is_nowhere() && !self.errors.is_empty();
         if modules.is_empty() && self.errors.len() == before && !is_absent {
+            let section = self.rule.place.clone();
             self.error(
-                &place,
+                if place.is_nowhere() { &section } else { &place },
                 "the axiom is empty".into(),
                 "write what growth begins with, for example `axiom = 'F(a)'`",
             );

@@ -561,12 +561,12 @@ impl Parser<'_, '_, '_> {
         let mut known: Vec<&str> = self.scope.locals.iter().map(String::as_str).collect();
         let globals = self.scope.globals.iter().map(|(n, _)| n.as_str());
         known.extend(globals.filter(|n| !self.scope.locals.iter().any(|l| l == n)));
-        known.extend(functions);
         let remedy = match nearest(name, &known) {
             Some(near) => format!("did you mean `{near}`?"),
             None => format!(
-                "define it under `[rule.constants]`, or use one of {}",
-                known.get(..known.len().min(16)).unwrap_or(&[]).join(", ")
+                "define it under `[rule.constants]`, or use one of {}, or a function: {}",
+                known.get(..known.len().min(16)).unwrap_or(&[]).join(", "),
+                functions.join(", ")
             ),
         };
         Err(Slip::new(span, format!("unknown name `{name}`"), remedy))
@@ -596,10 +596,11 @@ impl Parser<'_, '_, '_> {
         }
         self.close(open)?;
         if values.len() != count {
+            let s = if count == 1 { "" } else { "s" };
             return Err(Slip::new(
                 span.start..self.cursor.at,
-                format!("`{name}` takes {count}, {} given", values.len()),
-                format!("give {count} argument{}", if count == 1 { "" } else { "s" }),
+                format!("`{name}` takes {count} argument{s}, {} given", values.len()),
+                format!("give {count} argument{s}"),
             ));
         }
         let value = match (One::named(name), values.as_slice()) {

@@ -96,7 +96,8 @@ pub fn modules(
             }
             c if is_letter(c) || dialect.command(c).is_some() => {}
             c => {
-                slips.push(stranger(c, span, dialect));
+                let before = cursor.text.get(..span.start).and_then(|t| t.chars().next_back());
+                slips.push(stranger(c, before, span, dialect));
                 continue;
             }
         }
@@ -151,7 +152,7 @@ fn is_bare(symbol: char, dialect: Dialect) -> bool {
     )
 }
 
-fn stranger(c: char, span: Range<usize>, dialect: Dialect) -> Slip {
+fn stranger(c: char, before: Option<char>, span: Range<usize>, dialect: Dialect) -> Slip {
     let other = match dialect {
         Dialect::Upright => Dialect::Heading,
         Dialect::Heading => Dialect::Upright,
@@ -159,6 +160,9 @@ fn stranger(c: char, span: Range<usize>, dialect: Dialect) -> Slip {
     let mut remedy = format!("use letters and the turtle's commands {}", dialect.commands());
     if other.command(c).is_some() {
         remedy = format!("`turtle = '{}'` knows it; otherwise {remedy}", other.name());
+    }
+    if c == '.' && before.is_some_and(|b| b.is_ascii_digit()) {
+        remedy = "write parameters in parentheses: `F(0.5a)`".into();
     }
     let shown = if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
     Slip::new(span, format!("unknown symbol `{shown}`"), remedy).label("no such command")
@@ -190,6 +194,11 @@ fn arguments(cursor: &mut Cursor<'_>, scope: Scope<'_>) -> Result<Vec<Code>, Sli
             None | Some('[' | ']') => {
                 Slip::new(open, "`(` without `)`", "close the parenthesis").label("opened here")
             }
+            Some(c @ ('–' | '—')) => Slip::new(
+                cursor.here(),
+                format!("`{c}` is a dash"),
+                "type the keyboard's minus sign, `-`",
+            ),
             Some('(') => Slip::new(
                 cursor.here(),
                 "expected `,` or `)`, found `(`",
