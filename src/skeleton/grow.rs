@@ -653,7 +653,8 @@ fn fit(tree: &mut Skeleton, e: &Envelope, is_alone: bool) {
     for p in &mut tree.position {
         p.z *= up;
     }
-    let out = (2.0 * e.radius_m / tree.width_m().max(1e-6)).clamp(0.8, if is_alone { 1.25 } else { 1.0 });
+    let out =
+        (2.0 * e.radius_m / tree.width_m().max(1e-6)).clamp(0.8, if is_alone { 1.25 } else { 1.0 });
     for p in &mut tree.position {
         let centre = e.centre(p.z);
         let side = centre + (p.truncate() - centre) * out;
