@@ -300,7 +300,9 @@ fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
 fn fit_lines(fit: &crate::skeleton::cloud::Report) -> Vec<String> {
     use crate::skeleton::cloud::Led;
     let led = match fit.led_by {
-        Led::Stem => format!("stem seen, {:.1} cm thick at breast height", 100.0 * fit.stem_diameter_m),
+        Led::Stem => {
+            format!("stem seen, {:.1} cm thick at breast height", 100.0 * fit.stem_diameter_m)
+        }
         Led::Foot => "no stem measured; branches lead to the foot of the cloud".into(),
         Led::Crown => "no stem seen; the species' own wood inside the crown".into(),
     };

@@ -24,10 +24,8 @@ pub(super) struct Fit {
 /// Every point counts, those inside the wood with their depth.
 pub(super) fn fit(points: &[Vec3], cones: &[Cone]) -> Fit {
     let wood = Wood::new(cones.to_vec());
-    let mut apart: Vec<f32> = points
-        .par_iter()
-        .filter_map(|p| wood.nearest(*p).map(|(_, d)| d.abs()))
-        .collect();
+    let mut apart: Vec<f32> =
+        points.par_iter().filter_map(|p| wood.nearest(*p).map(|(_, d)| d.abs())).collect();
     apart.par_sort_unstable_by(f32::total_cmp);
     let count = apart.len().max(1);
     let mean_m = apart.iter().map(|&d| f64::from(d)).sum::<f64>() / count as f64;

@@ -56,6 +56,12 @@ const LEAST_HEIGHT_M: f32 = 0.3;
 const VERTICES: std::ops::RangeInclusive<usize> = 5_000..=80_000;
 /// Finest cell that vertices are thinned to, metres.
 const FINEST_M: f32 = 0.01;
+/// Points nearer to wood than this need no way of their own, however sparse the cloud, metres.
+const FINEST_WAY_M: f32 = 0.15;
+/// Parts this share of the height apart, seen from above, are trees of their own; and the least
+/// such distance in metres.
+const APART: f32 = 0.15;
+const APART_LEAST_M: f32 = 1.5;
 
 /// What the tree was led by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -127,11 +133,17 @@ pub fn fit(species: &Species, points: &[Vec3], detail: Detail, seed: Seed) -> Re
         Some(g) => kept.iter().copied().filter(|p| g.above_m(*p) > g.low_m).collect(),
         None => kept.clone(),
     };
-    checked(&standing)?;
+    let (_, top) = checked(&standing)?;
+    let gap_m = (APART * (top.z - low.z)).max(APART_LEAST_M);
+    if parts::is_parted(&standing, gap_m) {
+        return Err(Error::new(format!("the cloud is in parts more than {gap_m:.1} m apart"))
+            .remedy("cut one tree out of it, or use `larix forest` for all of them"));
+    }
     let slices = stem::stem(&standing, floor_m(0.5 * (low + high)), height_m, seed);
     let root = match slices.first() {
         Some(lowest) => {
-            let ahead = slices.get(8).or(slices.last()).map_or(Vec3::Z, |s| s.centre - lowest.centre);
+            let ahead =
+                slices.get(8).or(slices.last()).map_or(Vec3::Z, |s| s.centre - lowest.centre);
             let lean = if ahead.z > 0.0 { ahead / ahead.z } else { Vec3::Z };
             let down = lowest.centre.z - floor_m(lowest.centre);
             let foot = lowest.centre - lean * down;
@@ -259,9 +271,13 @@ fn start(
     }
     let lowest = points.iter().filter(|p| p.z <= 0.05 * high.z);
     let reach_m = 0.1 * high.z;
-    let (at_foot, elsewhere) = lowest.fold((0, 0), |(a, b), p| {
-        if p.truncate().length() <= reach_m { (a + 1, b) } else { (a, b + 1) }
-    });
+    let (at_foot, elsewhere) =
+        lowest.fold(
+            (0, 0),
+            |(a, b), p| {
+                if p.truncate().length() <= reach_m { (a + 1, b) } else { (a, b + 1) }
+            },
+        );
     if at_foot >= 3 && at_foot > 4 * elsewhere {
         let radius = 0.5 * species.size.stem_diameter_at(high.z);
         let nodes = Nodes {
@@ -283,9 +299,10 @@ fn start(
 
 /// The points about the root as a crown to grow into.
 fn crown(points: &[Vec3], high: Vec3) -> Crown {
-    let apex = points.iter().copied().fold(high.with_x(0.0).with_y(0.0), |a, p| {
-        if p.z >= high.z { p } else { a }
-    });
+    let apex = points
+        .iter()
+        .copied()
+        .fold(high.with_x(0.0).with_y(0.0), |a, p| if p.z >= high.z { p } else { a });
     let mut heights: Vec<f32> = points.iter().map(|p| p.z).collect();
     heights.sort_unstable_by(f32::total_cmp);
     let low = heights.get(heights.len() / 20).copied().unwrap_or(0.0);
@@ -293,10 +310,8 @@ fn crown(points: &[Vec3], high: Vec3) -> Crown {
     // The circle of the area seen from above, on cells that hold a few points each.
     let (from, to) = bounds(points);
     let cell_m = ((to - from).truncate().max_element() / 12.0).max(0.05);
-    let cells: std::collections::BTreeSet<[i32; 2]> = points
-        .iter()
-        .map(|p| (p.truncate() / cell_m).floor().as_ivec2().to_array())
-        .collect();
+    let cells: std::collections::BTreeSet<[i32; 2]> =
+        points.iter().map(|p| (p.truncate() / cell_m).floor().as_ivec2().to_array()).collect();
     let area_sq = cells.len() as f32 * cell_m * cell_m;
     Crown {
         key: 1,
@@ -322,10 +337,7 @@ fn grown(
     max_nodes: usize,
 ) -> Result<Skeleton> {
     let known = start.nodes.position.len();
-    let stem = Nodes {
-        position: start.nodes.position.clone(),
-        parent: start.nodes.parent.clone(),
-    };
+    let stem = Nodes { position: start.nodes.position.clone(), parent: start.nodes.parent.clone() };
     let wood = Wood::new(trace::cones(&stem, Some(&start.radius_m)));
     let most = (20 * max_nodes).clamp(*VERTICES.start(), *VERTICES.end());
     let mut edge_m = FINEST_M.max(0.0005 * height_m);
@@ -348,19 +360,12 @@ fn grown(
     let mut vertices = start.nodes.position.clone();
     vertices.extend_from_slice(&free);
     let ways = graph::ways(&vertices, known, &near, &wood, 2.5 * spacing_m + 0.03);
-    let most_m = (0.3 * height_m).max(2.0);
-    if ways.gap_m > most_m && led_by != Led::Crown {
-        return Err(Error::new(format!(
-            "the cloud is in parts {:.1} m apart: more than one tree, or only part of one",
-            ways.gap_m
-        ))
-        .remedy("cut one tree out of it, or use `larix forest` for all of them"));
-    }
     let top_m = start.radius_m.last().copied().unwrap_or(0.05);
     let limits = trace::Bounds {
         max_nodes,
         step_m: (0.005 * height_m).clamp(0.03, 0.15).max(2.0 * spacing_m),
         spacing_m,
+        finest_m: (1.5 * spacing_m).min(FINEST_WAY_M),
         limb_m: if led_by == Led::Stem { top_m } else { 0.5 * top_m },
         coarse_m: (0.04 * height_m).clamp(0.1, 0.8).max(4.0 * spacing_m),
     };

@@ -16,7 +16,9 @@ impl Points {
 
     /// Ids and distances in metres, nearest first; a point finds itself.
     pub fn around(&self, p: Vec3) -> impl Iterator<Item = (u32, f32)> + '_ {
-        self.0.nearest_neighbor_iter_with_distance_2(p.to_array()).map(|(e, sq)| (e.data, sq.sqrt()))
+        self.0
+            .nearest_neighbor_iter_with_distance_2(p.to_array())
+            .map(|(e, sq)| (e.data, sq.sqrt()))
     }
 
     pub fn nearest(&self, p: Vec3) -> Option<(u32, f32)> {

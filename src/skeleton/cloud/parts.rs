@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::graph::Sets;
 use super::near::Points;
 
 /// A point whose neighbours are farther than this many times the usual is a stray.
@@ -77,7 +78,8 @@ pub(super) fn ground(points: &[Vec3], height_m: f32) -> Option<Ground> {
     for _ in 0..6 {
         plane = fitted_plane(&cells)?;
         let off = |p: &Vec3| p.z - plane.0.dot(p.truncate()) - plane.1;
-        let kept: Vec<Vec3> = cells.iter().copied().filter(|p| off(p).abs() < 2.0 * thin_m).collect();
+        let kept: Vec<Vec3> =
+            cells.iter().copied().filter(|p| off(p).abs() < 2.0 * thin_m).collect();
         if kept.len() == cells.len() {
             break;
         }
@@ -121,6 +123,25 @@ fn fitted_plane(points: &[Vec3]) -> Option<(Vec2, f32)> {
     Some((slope.as_vec2(), (mean.z - slope.dot(mean.truncate())) as f32))
 }
 
+/// Whether a tenth of the points or more stand apart from the rest, seen from above, by `gap_m`.
+pub(super) fn is_parted(points: &[Vec3], gap_m: f32) -> bool {
+    let plan: Vec<Vec3> = points.iter().map(|p| p.with_z(0.0)).collect();
+    let edge_m = 0.2 * gap_m;
+    let places = thinned(&plan, edge_m);
+    let near = Points::new(&places);
+    let mut sets = Sets::new(places.len());
+    for (i, p) in places.iter().enumerate() {
+        for (j, _) in near.within(*p, gap_m) {
+            sets.join(i as u32, j);
+        }
+    }
+    let mut sizes: BTreeMap<u32, usize> = BTreeMap::new();
+    for (place, _) in plan.iter().filter_map(|p| near.nearest(*p)) {
+        *sizes.entry(sets.find(place)).or_default() += 1;
+    }
+    sizes.values().filter(|&&size| 10 * size >= points.len()).count() > 1
+}
+
 /// Least and greatest corner; zero without points.
 pub(super) fn bounds(points: &[Vec3]) -> (Vec3, Vec3) {
     let mut all = points.iter().copied();
@@ -139,9 +160,10 @@ pub(super) fn thinned(points: &[Vec3], edge_m: f32) -> Vec<Vec3> {
         .filter_map(|chunk| {
             let at = |e: &([i32; 3], u32)| points[e.1 as usize];
             let mean = chunk.iter().map(at).sum::<Vec3>() / chunk.len() as f32;
-            chunk.iter().map(at).min_by(|a, b| {
-                a.distance_squared(mean).total_cmp(&b.distance_squared(mean))
-            })
+            chunk
+                .iter()
+                .map(at)
+                .min_by(|a, b| a.distance_squared(mean).total_cmp(&b.distance_squared(mean)))
         })
         .collect()
 }

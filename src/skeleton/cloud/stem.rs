@@ -67,9 +67,10 @@ impl Circle {
         p.distance(self.centre) - self.radius_m
     }
 
-    /// How far from the circle a point still belongs to it.
+    /// How far from the circle a point still belongs to it: bark is rougher on thick stems, but
+    /// were this a mere share of the radius, the largest circle would always win.
     fn tolerance_m(&self) -> f32 {
-        0.006 + 0.1 * self.radius_m
+        (0.006 + 0.1 * self.radius_m).min(0.022)
     }
 
     /// Least squares of the distances of the inliers, a few steps.
@@ -234,8 +235,7 @@ pub(super) fn stem(points: &[Vec3], floor_m: f32, height_m: f32, seed: Seed) -> 
             if best.iter().any(|s| (s.centre.z - z).abs() < slice_m) {
                 continue;
             }
-            let Some(start) = search.slice(column.extend(z), Vec3::Z, reach_m, STRICT)
-            else {
+            let Some(start) = search.slice(column.extend(z), Vec3::Z, reach_m, STRICT) else {
                 continue;
             };
             let mut all = search.follow(start, -1.0);
@@ -344,8 +344,9 @@ mod tests {
     #[test]
     fn no_circle_in_a_cloud_or_on_a_line() {
         let mut draws = Seed::new(5).draws();
-        let cloud: Vec<Vec2> =
-            (0..200).map(|_| Vec2::new(draws.between(-0.5, 0.5), draws.between(-0.5, 0.5))).collect();
+        let cloud: Vec<Vec2> = (0..200)
+            .map(|_| Vec2::new(draws.between(-0.5, 0.5), draws.between(-0.5, 0.5)))
+            .collect();
         assert!(circle(&cloud, LENIENT, &mut draws).is_none());
         let line: Vec<Vec2> = (0..50).map(|i| Vec2::splat(i as f32 * 0.01)).collect();
         assert!(circle(&line, LENIENT, &mut draws).is_none());

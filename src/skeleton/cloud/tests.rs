@@ -143,8 +143,9 @@ fn clouds_that_are_no_tree_are_refused_in_words() {
 fn odd_shapes_do_no_harm() {
     let species = species::load("pinus_sylvestris").unwrap();
     let mut draws = Seed::new(2).draws();
-    let wall: Vec<Vec3> =
-        (0..4000).map(|_| Vec3::new(draws.between(0.0, 5.0), 0.0, draws.between(0.0, 5.0))).collect();
+    let wall: Vec<Vec3> = (0..4000)
+        .map(|_| Vec3::new(draws.between(0.0, 5.0), 0.0, draws.between(0.0, 5.0)))
+        .collect();
     let pole: Vec<Vec3> = (0..2000).map(|i| Vec3::Z * (i as f32 * 0.005)).collect();
     let ball: Vec<Vec3> = (0..4000).map(|_| draws.direction() * 2.0).collect();
     for points in [wall, pole, ball] {

@@ -27,8 +27,10 @@ pub(super) struct Bounds {
     pub max_nodes: usize,
     /// Length of an internode.
     pub step_m: f32,
-    /// Usual distance between vertices; nothing finer is followed.
+    /// Usual distance between vertices.
     pub spacing_m: f32,
+    /// Vertices nearer to wood than this are left alone.
+    pub finest_m: f32,
     /// Radius of the wood that carries all vertices.
     pub limb_m: f32,
     /// Distance allowed on the first level.
@@ -80,7 +82,7 @@ pub(super) fn trace(
     let mut far: Vec<u32> = (k as u32..n as u32).collect();
     far.sort_by(|a, b| ways.length_m[*b as usize].total_cmp(&ways.length_m[*a as usize]));
     let mut allowed_m = bounds.coarse_m;
-    while allowed_m >= 1.5 * bounds.spacing_m && tracing.has_room() {
+    while allowed_m >= bounds.finest_m && tracing.has_room() {
         for &v in &far {
             if !tracing.has_room() {
                 break;
