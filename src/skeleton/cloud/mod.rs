@@ -58,6 +58,8 @@ const VERTICES: std::ops::RangeInclusive<usize> = 5_000..=80_000;
 const FINEST_M: f32 = 0.01;
 /// Points nearer to wood than this need no way of their own, however sparse the cloud, metres.
 const FINEST_WAY_M: f32 = 0.15;
+/// How often longer internodes are tried where nodes are few.
+const STEP_TRIES: usize = 4;
 /// Parts this share of the height apart, seen from above, are trees of their own; and the least
 /// such distance in metres.
 const APART: f32 = 0.15;
@@ -361,7 +363,7 @@ fn grown(
     vertices.extend_from_slice(&free);
     let ways = graph::ways(&vertices, known, &near, &wood, 2.5 * spacing_m + 0.03);
     let top_m = start.radius_m.last().copied().unwrap_or(0.05);
-    let limits = trace::Bounds {
+    let mut limits = trace::Bounds {
         max_nodes,
         step_m: (0.005 * height_m).clamp(0.03, 0.15).max(2.0 * spacing_m),
         spacing_m,
@@ -369,7 +371,17 @@ fn grown(
         limb_m: if led_by == Led::Stem { top_m } else { 0.5 * top_m },
         coarse_m: (0.04 * height_m).clamp(0.1, 0.8).max(4.0 * spacing_m),
     };
-    let mut nodes = trace::trace(&vertices, stem, &near, &wood, &ways, &limits);
+    // Few nodes are better spent on many coarse branches than on some fine ones.
+    let mut nodes = stem.clone();
+    for _ in 0..STEP_TRIES {
+        let (traced, allowed_m) =
+            trace::trace(&vertices, stem.clone(), &near, &wood, &ways, &limits);
+        nodes = traced;
+        if allowed_m <= 2.0 * limits.step_m {
+            break;
+        }
+        limits.step_m = (1.5 * limits.step_m).max(0.6 * allowed_m);
+    }
     let scaffold: Vec<u32> = (0..nodes.position.len())
         .map(|i| start.axis.get(i).copied().unwrap_or(polish::FREE))
         .collect();

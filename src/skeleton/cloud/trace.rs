@@ -17,6 +17,7 @@ const FINER: f32 = 0.7;
 const ROUNDS: usize = 6;
 
 /// A tree of nodes; the known ones first.
+#[derive(Clone)]
 pub(super) struct Nodes {
     pub position: Vec<Vec3>,
     pub parent: Vec<u32>,
@@ -53,7 +54,8 @@ struct Tracing<'a> {
     nearest: Vec<u32>,
 }
 
-/// Adds ways through the vertices to the known nodes, as many as the bounds allow.
+/// Adds ways through the vertices to the known nodes, as many as the bounds allow. Tells too how
+/// far vertices were still allowed to be from wood when the nodes were used.
 pub(super) fn trace(
     vertices: &[Vec3],
     known: Nodes,
@@ -61,7 +63,7 @@ pub(super) fn trace(
     wood: &Wood,
     ways: &Ways,
     bounds: &Bounds,
-) -> Nodes {
+) -> (Nodes, f32) {
     let (n, k) = (vertices.len(), known.position.len());
     let first: Vec<(f32, u32)> = vertices
         .par_iter()
@@ -91,9 +93,11 @@ pub(super) fn trace(
                 tracing.take(v, allowed_m);
             }
         }
-        allowed_m *= FINER;
+        if tracing.has_room() {
+            allowed_m *= FINER;
+        }
     }
-    tracing.nodes
+    (tracing.nodes, allowed_m)
 }
 
 /// Radius of the limb through each vertex, from the vertices whose ways lead through it or beside
