@@ -36,7 +36,17 @@ fn job() -> (tempfile::TempDir, ForestJob) {
     };
     let name = "forest".to_owned();
     let sharing = Sharing::PerSpecies(5);
-    (dir, ForestJob { survey, sharing, triangles: 5_000, texture_px: 512, name })
+    (
+        dir,
+        ForestJob {
+            survey,
+            sharing,
+            triangles: 5_000,
+            texture_px: 512,
+            terrain_error_m: 0.05,
+            name,
+        },
+    )
 }
 
 #[divan::bench(sample_count = 10)]

@@ -4,8 +4,9 @@
 use std::fmt;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use miette::{LabeledSpan, NamedSource, SourceSpan};
+use miette::{LabeledSpan, MietteError, MietteSpanContents, SourceCode, SourceSpan, SpanContents};
 
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -17,7 +18,7 @@ struct Inner {
     message: String,
     file: Option<PathBuf>,
     remedy: Option<String>,
-    source: Option<NamedSource<String>>,
+    source: Option<Source>,
     labels: Vec<LabeledSpan>,
     others: Vec<Error>,
 }
@@ -40,19 +41,36 @@ impl Error {
         self
     }
 
-    /// Shows `text` of the source called `name` with a caret under the bytes `span`.
-    pub fn at(mut self, name: &str, text: &str, span: Range<usize>, label: &str) -> Self {
-        self.0.source = Some(NamedSource::new(name, text.to_owned()));
+    /// Shows `text` of the source called `name` with a caret under the bytes `span`. Where lines
+    /// are too long to show, line and column stand behind the name instead.
+    pub fn at(
+        mut self,
+        name: &str,
+        text: impl Into<Arc<str>>,
+        span: Range<usize>,
+        label: &str,
+    ) -> Self {
+        let text: Arc<str> = text.into();
+        if !is_shown(&text, &span) {
+            let before = text.get(..span.start).unwrap_or("");
+            let line = before.matches('\n').count() + 1;
+            let column = column(&text, span.start) + 1;
+            return self.in_file(format!("{name}:{line}:{column}"));
+        }
+        self.0.source = Some(Source { name: name.to_owned(), text });
         let span = SourceSpan::new(span.start.into(), span.end.saturating_sub(span.start));
         self.0.labels.push(LabeledSpan::new_with_span(Some(label.to_owned()), span));
         self
     }
 
-    /// Several errors found in one pass; `errors` must not be empty.
-    pub fn several(mut errors: Vec<Error>) -> Self {
-        let mut first =
-            if errors.is_empty() { Error::new("unknown error") } else { errors.remove(0) };
-        first.0.others.extend(errors);
+    /// Several errors found in one pass, as one flat list; `errors` must not be empty.
+    pub fn several(errors: Vec<Error>) -> Self {
+        let mut flat = errors.into_iter().flat_map(|mut e| {
+            let others = std::mem::take(&mut e.0.others);
+            std::iter::once(e).chain(others)
+        });
+        let mut first = flat.next().unwrap_or_else(|| Error::new("unknown error"));
+        first.0.others.extend(flat);
         first
     }
 
@@ -65,10 +83,70 @@ impl Error {
         self.0.remedy.as_deref()
     }
 
+    /// Line and column of the first caret, from 1.
+    pub fn line_and_column(&self) -> Option<(usize, usize)> {
+        let text = &self.0.source.as_ref()?.text;
+        let before = text.get(..self.0.labels.first()?.offset())?;
+        let line = before.rfind('\n').map_or(before, |i| &before[i + 1..]);
+        Some((before.matches('\n').count() + 1, line.chars().count() + 1))
+    }
+
+    /// Each thing wrong, this one first.
+    pub fn each(&self) -> impl Iterator<Item = &Error> {
+        std::iter::once(self).chain(&self.0.others)
+    }
+
+    /// Whether every caret stands under whole characters of its source.
+    pub fn labels_lie_within(&self) -> bool {
+        let lies = |label: &LabeledSpan| {
+            let span = label.offset()..label.offset() + label.len();
+            self.0.source.as_ref().is_some_and(|s| s.text.get(span).is_some())
+        };
+        self.0.labels.iter().all(lies) && self.0.others.iter().all(Error::labels_lie_within)
+    }
+
     /// The number of things wrong.
     pub fn count(&self) -> usize {
         1 + self.0.others.iter().map(Error::count).sum::<usize>()
     }
+}
+
+/// A named text whose columns count characters, as editors do.
+struct Source {
+    name: String,
+    text: Arc<str>,
+}
+
+impl SourceCode for Source {
+    fn read_span<'a>(
+        &'a self,
+        span: &SourceSpan,
+        lines_before: usize,
+        lines_after: usize,
+    ) -> std::result::Result<Box<dyn SpanContents<'a> + 'a>, MietteError> {
+        let shown = self.text.read_span(span, lines_before, lines_after)?;
+        Ok(Box::new(MietteSpanContents::new_named(
+            self.name.clone(),
+            shown.data(),
+            *shown.span(),
+            shown.line(),
+            column(&self.text, span.offset()),
+            shown.line_count(),
+        )))
+    }
+}
+
+/// Characters between the start of the line and byte `at`.
+fn column(text: &str, at: usize) -> usize {
+    text.get(..at).unwrap_or("").rsplit('\n').next().unwrap_or("").chars().count()
+}
+
+/// Whether the lines of `span` and those beside it are short enough to be shown.
+fn is_shown(text: &str, span: &Range<usize>) -> bool {
+    const LONGEST: usize = 4000;
+    let before = text.get(..span.start).unwrap_or("").rsplit('\n').take(2);
+    let after = text.get(span.end.max(span.start)..).unwrap_or("").split('\n').take(2);
+    span.len() <= LONGEST && before.chain(after).map(str::len).max().unwrap_or(0) <= LONGEST
 }
 
 impl fmt::Display for Error {
@@ -164,13 +242,28 @@ mod tests {
         let shown = render(&error);
         assert!(shown.contains("birch.toml: unknown key `angel`"), "{shown}");
         assert!(shown.contains("birch.toml:2:1"), "{shown}");
+        assert_eq!(error.line_and_column(), Some((2, 1)));
         assert!(shown.contains("did you mean `angle`?"), "{shown}");
+    }
+
+    #[test]
+    fn lines_too_long_to_show_are_named() {
+        let text = format!("a = 1\nb = '{}", "é".repeat(70_000));
+        let shown = render(&Error::new("no end").at("birch.toml", text.as_str(), 6..7, "here"));
+        assert!(shown.contains("birch.toml:2:1: no end"), "{shown}");
+        let last = text.len() - 2..text.len();
+        let shown = render(&Error::new("no end").at("birch.toml", text, last, "here"));
+        assert!(shown.contains("birch.toml:2:70005: no end"), "{shown}");
     }
 
     #[test]
     fn several_errors_are_counted_and_all_shown() {
         let error = Error::several(vec![Error::new("one"), Error::new("two"), Error::new("three")]);
         assert_eq!(error.count(), 3);
+        let nested = Error::several(vec![Error::new("zero"), error]);
+        let messages: Vec<&str> = nested.each().map(Error::message).collect();
+        assert_eq!(messages, ["zero", "one", "two", "three"]);
+        let error = nested;
         let shown = render(&error);
         assert!(shown.contains("one") && shown.contains("two") && shown.contains("three"));
     }

@@ -323,3 +323,39 @@ fn a_tree_is_fitted_to_its_cloud() {
     refuse(&["--cloud", &wide], &["wide.xyz", "is no single tree", "larix forest"]);
     refuse(&["--cloud", "nowhere.laz"], &["nowhere.laz", "help:"]);
 }
+
+#[test]
+fn a_tree_has_stages_and_an_age() {
+    let dir = tempfile::tempdir().unwrap();
+    let tree = |name: &str, more: &[&str]| -> serde_json::Value {
+        let path = dir.path().join(name).to_string_lossy().into_owned();
+        let mut args = vec!["tree", "picea_obovata", "--triangles", "2000", "--texture", "64"];
+        args.extend_from_slice(&["--json", "-o", &path]);
+        args.extend_from_slice(more);
+        let out = larix(&args);
+        assert!(out.status.success(), "{}", text(&out.stderr));
+        serde_json::from_slice(&out.stdout).unwrap()
+    };
+    let nodes = |report: &serde_json::Value| {
+        let stages = report["stages"].as_array().unwrap();
+        let skeleton = stages.iter().find(|s| s["stage"] == "skeleton").unwrap();
+        assert!(skeleton["notes"].to_string().contains("years old"), "{skeleton}");
+        skeleton["items_out"]["count"].as_u64().unwrap()
+    };
+    let counts: Vec<u64> = ["2", "6", "11", "12"]
+        .iter()
+        .map(|k| nodes(&tree(&format!("stage{k}.glb"), &["--stage", k])))
+        .collect();
+    assert!(counts.is_sorted() && counts[0] < counts[2], "{counts:?}");
+    assert_eq!(counts[3], nodes(&tree("grown.glb", &[])));
+    let glb = |name: &str| fs::read(dir.path().join(name)).unwrap();
+    assert!(glb("stage12.glb") == glb("grown.glb"), "the last stage is the grown tree");
+    tree("young.glb", &["--age", "9"]);
+    let o = dir.path().join("x.glb").to_string_lossy().into_owned();
+    refused(&["tree", "picea_obovata", "--stage", "13", "-o", &o], &["13 is not in 1..=12"]);
+    refused(&["tree", "picea_obovata", "--age", "-4", "-o", &o], &["--age"]);
+    refused(
+        &["tree", "picea_obovata", "--age", "9", "--height", "3", "-o", &o],
+        &["cannot be used with"],
+    );
+}

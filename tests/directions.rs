@@ -35,7 +35,8 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 9] = [
+const HOMES: [(&str, &[&str]); 11] = [
+    ("ab_glyph", &["render"]),
     ("las", &["scan"]),
     ("tiff", &["raster"]),
     ("image", &["raster"]),
@@ -44,6 +45,7 @@ const HOMES: [(&str, &[&str]); 9] = [
     ("clap", &["cli"]),
     ("indicatif", &["cli"]),
     ("csv", &["inventory"]),
+    ("schemars", &["species"]),
     ("tempfile", &["export", "cli"]),
 ];
 

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::skeleton::STAGES;
+
 /// From a laser scan of a forest to a forest scene an artist can open.
 #[derive(Debug, Parser)]
 #[command(name = "larix", version, max_term_width = 100, arg_required_else_help = true)]
@@ -15,12 +17,12 @@ pub struct Cli {
     #[command(subcommand)]
     pub command: Command,
     /// Worker threads; all cores where absent. The output does not depend on it.
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, global = true, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..))]
     pub threads: Option<u16>,
-    /// Print errors only.
+    /// Print errors only; of lists and tables, the bare lines.
     #[arg(long, short, global = true)]
     pub quiet: bool,
-    /// Print the report of the run as JSON to standard output.
+    /// Print the result as JSON to standard output: a run's report, a species command's answer.
     #[arg(long, global = true)]
     pub json: bool,
 }
@@ -47,8 +49,9 @@ pub enum Command {
         after_help = "Example:\n  larix tree betula_pendula --height 18 --seed 3 -o birch.glb"
     )]
     Tree(Tree),
-    /// The species that are built in.
-    #[command(after_help = "Example:\n  larix species list")]
+    /// Write rule files: begin one, check it, see it, derive it; list those built in.
+    #[command(after_help = "Example:\n  larix species new my_birch --from betula_pendula\n  \
+                      larix species check --watch my_birch.toml")]
     Species(Species),
 }
 
@@ -99,6 +102,13 @@ fn positive(text: &str) -> Result<f32, String> {
     }
 }
 
+fn years(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
+        _ => Err("give a number of years greater than 0".into()),
+    }
+}
+
 /// The scans, and how they are read as terrain.
 #[derive(Debug, Args)]
 pub struct ScanArgs {
@@ -109,7 +119,7 @@ pub struct ScanArgs {
     #[arg(long, value_enum, default_value = "smrf")]
     pub ground: Ground,
     /// Terrain cell in metres; from the density where absent.
-    #[arg(long, value_name = "M", value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub cell: Option<f32>,
 }
 
@@ -123,10 +133,10 @@ pub struct TreeArgs {
     #[arg(long, value_name = "A,B,…", value_delimiter = ',')]
     pub species: Vec<String>,
     /// Voxel in metres; from the density where absent.
-    #[arg(long, value_name = "M", value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub voxel: Option<f32>,
     /// Trees lower than this are left out.
-    #[arg(long, value_name = "M", default_value = "2", value_parser = positive)]
+    #[arg(long, value_name = "M", default_value = "2", allow_negative_numbers = true, value_parser = positive)]
     pub min_height: f32,
     /// Same seed, same bytes.
     #[arg(long, default_value_t = 1)]
@@ -140,10 +150,13 @@ pub struct SceneArgs {
     #[arg(long, value_name = "N|all", value_parser = unique, default_value = "5")]
     pub unique: Unique,
     /// Most triangles of one tree model.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
     pub triangles: Option<u32>,
+    /// How near the terrain's triangles keep to its heights, in metres.
+    #[arg(long, value_name = "M", default_value = "0.05", allow_negative_numbers = true, value_parser = positive)]
+    pub terrain_error: f32,
     /// Side of the tree textures in pixels.
-    #[arg(long, value_name = "PX", default_value_t = 512, value_parser = clap::value_parser!(u32).range(64..=4096))]
+    #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
     /// Files to write, comma separated.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "glb,usda")]
@@ -156,7 +169,7 @@ pub struct Demo {
     #[arg(short, long, value_name = "DIR", default_value = "output/demo")]
     pub output: PathBuf,
     /// Trees of the stand.
-    #[arg(long, default_value_t = 240, value_parser = clap::value_parser!(u32).range(1..=20_000))]
+    #[arg(long, default_value_t = 240, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=20_000))]
     pub trees: u32,
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -202,18 +215,24 @@ pub struct Tree {
     /// A name from `larix species list`, or a rule file.
     pub species: String,
     /// Height in metres; the species' typical height where absent.
-    #[arg(long, value_name = "M", value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub height: Option<f32>,
+    /// Height by the species' growth in so many years.
+    #[arg(long, value_name = "YEARS", allow_negative_numbers = true, value_parser = years, conflicts_with = "height")]
+    pub age: Option<f32>,
+    /// The same tree as it stood at stage 1 to 12 of its life; each stage holds the one before.
+    #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=i64::from(STAGES)))]
+    pub stage: Option<u16>,
     /// A scan of one tree, from the ground or the air, to fit the tree to (.las, .laz, .xyz).
-    #[arg(long, value_name = "SCAN", conflicts_with = "height")]
+    #[arg(long, value_name = "SCAN", conflicts_with_all = ["height", "age", "stage"])]
     pub cloud: Option<PathBuf>,
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Most triangles.
-    #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 20_000, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
     pub triangles: u32,
     /// Side of the textures in pixels.
-    #[arg(long, value_name = "PX", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(64..=4096))]
+    #[arg(long, value_name = "PX", default_value_t = 1024, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
     /// Without leaves.
     #[arg(long)]
@@ -231,8 +250,100 @@ pub struct Species {
 
 #[derive(Debug, Subcommand)]
 pub enum SpeciesCommand {
-    /// One name a line, with what each builds on unless quiet.
+    /// The built-in species and what each builds on; --quiet: one name a line.
+    #[command(after_help = "Example:\n  larix species list --quiet")]
     List,
+    /// What a rule derives to: modules, draws, brackets, length, nodes.
+    #[command(after_help = "Example:\n  larix species derive table3/05 --json\n  \
+                      larix species derive --all")]
+    Derive(Derive),
+    /// Check rule files: that they read, derive and grow a tree. Exit code 1 if any does not.
+    #[command(after_help = "Example:\n  larix species check --watch my_birch.toml")]
+    Check(Check),
+    /// Begin a rule file: every key, explained, growing a tree as it stands.
+    #[command(after_help = "Example:\n  larix species new my_birch --from betula_pendula")]
+    New(New),
+    /// JSON schema of rule files, for editors that complete and check TOML.
+    #[command(after_help = "Example:\n  larix species schema -o larix.schema.json")]
+    Schema(Schema),
+    /// A contact sheet: three trees in leaf and bare, with a person of 1.8 m beside each.
+    #[command(after_help = "Example:\n  larix species show larix_sibirica -o sheet.png")]
+    Show(Show),
+}
+
+#[derive(Debug, Args)]
+pub struct Derive {
+    /// Names from `larix species list`, or rule files.
+    #[arg(required_unless_present = "all", value_name = "NAME|FILE")]
+    pub species: Vec<String>,
+    /// The thirteen rules of Table 3, beside Table 4 of the source.
+    #[arg(long, conflicts_with = "species")]
+    pub all: bool,
+    /// Instead of the rule's own.
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(0..=64))]
+    pub iterations: Option<u32>,
+    /// For rules with chance.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print the derived string.
+    #[arg(long)]
+    pub text: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct Check {
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Check again on every save and draw the tree, until Ctrl-C.
+    #[arg(long)]
+    pub watch: bool,
+    /// Picture that --watch draws; beside the file and named like it where absent.
+    #[arg(short, long, value_name = "PNG", requires = "watch")]
+    pub output: Option<PathBuf>,
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+#[derive(Debug, Args)]
+pub struct New {
+    /// Letters, digits, `_` and `-`, such as `betula_nana`.
+    #[arg(value_name = "NAME")]
+    pub name: String,
+    /// A name from `larix species list`, or a rule file, whose values it begins with.
+    #[arg(long, value_name = "BASE", default_value = crate::species::TEMPLATE_BASE)]
+    pub from: String,
+    /// NAME.toml where absent.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Write over a file that is there.
+    #[arg(long)]
+    pub force: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct Schema {
+    /// Standard output where absent.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct Show {
+    /// A name from `larix species list`, or a rule file.
+    #[arg(value_name = "NAME|FILE")]
+    pub species: String,
+    /// .png
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Height in metres; the species' typical height where absent.
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
+    pub height: Option<f32>,
+    /// Longer side of the sheet in pixels.
+    #[arg(long, value_name = "PX", default_value_t = 1600, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(300..=6000))]
+    pub size: u32,
+    /// Of the first tree; the others have the next ones.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
 }
 
 #[cfg(test)]

@@ -35,7 +35,7 @@ pub fn run(cli: &Cli) -> Result<()> {
         Command::Inventory(a) => inventory(a, &mut run)?,
         Command::Terrain(a) => terrain(a, &mut run)?,
         Command::Tree(a) => tree(a, &mut run)?,
-        Command::Species(_) => return list_species(cli.quiet),
+        Command::Species(a) => return super::species::run(&a.command, cli, &mut run),
     };
     if !cli.quiet {
         for warning in &run.warnings {
@@ -129,6 +129,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs) -> ForestJob {
         sharing,
         triangles: scene.triangles.map_or(FOREST_TRIANGLES, |n| n as usize),
         texture_px: scene.texture,
+        terrain_error_m: scene.terrain_error,
         name: "forest".into(),
     }
 }
@@ -181,7 +182,7 @@ fn export_scene(
     })
 }
 
-fn file(path: &str, bytes: Vec<u8>) -> OutputFile {
+pub(super) fn file(path: &str, bytes: Vec<u8>) -> OutputFile {
     OutputFile { path: path.into(), bytes }
 }
 
@@ -257,9 +258,11 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
 
 fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
     let extension = extension(&a.output, &["glb", "gltf", "usda", "png"])?;
+    let species = species::load(&a.species)?;
     let job = TreeJob {
-        species: species::load(&a.species)?,
-        height_m: a.height,
+        height_m: a.height.or(a.age.map(|years| species.size.height_at(years))),
+        species,
+        stage: a.stage,
         seed: seed(a.seed),
         triangles: a.triangles as usize,
         texture_px: a.texture,
@@ -362,30 +365,16 @@ fn demo(a: &args::Demo, run: &mut Recorder) -> Result<Told> {
     Ok(Told { lines, json: summary })
 }
 
-fn list_species(quiet: bool) -> Result<()> {
-    let mut lines = Vec::new();
-    for name in species::builtin_names() {
-        if quiet {
-            lines.push(name.to_owned());
-            continue;
-        }
-        let s = species::load(name)?;
-        let base = s.builds_on.as_deref().map_or(String::new(), |b| format!("builds on {b}"));
-        lines.push(format!("{name:<20} {:<24} {:<20} {base}", s.name, s.common));
-    }
-    print(&lines)
-}
-
 /// To standard output; a reader that has seen enough and closed it is no error.
-fn print(lines: &[String]) -> Result<()> {
+/// Whether anyone still reads.
+pub(super) fn print(lines: &[String]) -> Result<bool> {
     use std::io::{ErrorKind, Write};
     let mut out = std::io::stdout().lock();
     let written = lines.iter().try_for_each(|line| writeln!(out, "{}", line.trim_end()));
     match written.and_then(|()| out.flush()) {
-        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
-            Err(Error::new(format!("standard output can't be written: {e}")))
-        }
-        _ => Ok(()),
+        Ok(()) => Ok(true),
+        Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(false),
+        Err(e) => Err(Error::new(format!("standard output can't be written: {e}"))),
     }
 }
 
@@ -446,7 +435,7 @@ fn stem(path: &Path) -> String {
 }
 
 /// The folder and the name of an output file.
-fn place(path: &Path) -> Result<(PathBuf, String)> {
+pub(super) fn place(path: &Path) -> Result<(PathBuf, String)> {
     let Some(name) = path.file_name() else {
         return Err(Error::new("is not a file name").in_file(path).remedy("give -o a file"));
     };
@@ -455,7 +444,7 @@ fn place(path: &Path) -> Result<(PathBuf, String)> {
 }
 
 /// The extension of an output file in lower case, one of `known`.
-fn extension<'a>(path: &Path, known: &[&'a str]) -> Result<&'a str> {
+pub(super) fn extension<'a>(path: &Path, known: &[&'a str]) -> Result<&'a str> {
     let typed = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     known.iter().copied().find(|&k| typed.as_deref() == Some(k)).ok_or_else(|| {
         let list: Vec<String> = known.iter().map(|k| format!(".{k}")).collect();

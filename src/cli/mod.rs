@@ -3,6 +3,8 @@
 mod args;
 mod commands;
 mod progress;
+mod species;
+mod watch;
 
 use std::process::ExitCode;
 

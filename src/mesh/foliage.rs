@@ -24,8 +24,6 @@ const GOLDEN_RAD: f32 = 2.399_963;
 const MOST_CARDS: usize = 2_000_000;
 /// How far cards may grow to make up for those left out.
 const MOST_ENLARGED: f32 = 2.8;
-/// Seen leaf area of a full crown over the area of its hull.
-const FULL: f32 = 0.95;
 
 /// A place for a card.
 #[derive(Debug, Clone, Copy)]
@@ -64,6 +62,13 @@ impl Hull {
         let q = (p - self.centre) / self.half;
         ((q / self.half).normalize_or(Vec3::Z), q.length())
     }
+
+    /// Size of a card at a place over the length of a twig: less towards the top, where shoots are
+    /// young.
+    fn scale(&self, p: Vec3, enlarge: f32) -> f32 {
+        let height = ((p.z - self.centre.z) / (1.5 * self.half.z)).clamp(0.0, 1.0);
+        (1.0 - 0.4 * height * height) * (1.0 + (enlarge - 1.0) * (1.0 - 0.45 * height))
+    }
 }
 
 /// Cards for a tree. `budget`: triangles they may take; `detail`: bent cards of more rows.
@@ -84,13 +89,17 @@ pub fn foliage(
     }
     let hull = Hull::around(&spots);
     let most = budget.map_or(MOST_CARDS, |b| b / shape.triangles()).min(MOST_CARDS);
-    // Cards deep inside the crown go first.
-    let weights: Vec<f64> =
-        spots.iter().map(|s| f64::from(hull.outward(s.at).1.clamp(0.35, 1.0))).collect();
-    let total: f64 = weights.iter().sum();
-    let rate = (most as f64 / total).min(f64::INFINITY);
     let kept = spots.len().min(most);
     let enlarge = enlarged(&hull, species, atlas, kept, spots.len());
+    // Cards deep inside the crown go first; where they are small more stay, so that a spire is as
+    // full at its tip as below.
+    let weight = |s: &Spot| {
+        let small = hull.scale(Vec3::ZERO, enlarge) / hull.scale(s.at, enlarge);
+        f64::from(hull.outward(s.at).1.clamp(0.35, 1.0) * small * small)
+    };
+    let weights: Vec<f64> = spots.iter().map(weight).collect();
+    let total: f64 = weights.iter().sum();
+    let rate = (most as f64 / total).min(f64::INFINITY);
     out.position.reserve(kept * shape.vertices());
     out.normal.reserve(kept * shape.vertices());
     out.uv.reserve(kept * shape.vertices());
@@ -110,8 +119,8 @@ pub fn foliage(
     out
 }
 
-/// How much larger than a twig cards are, so that the leaves seen cover the crown's hull as those
-/// of a full crown do; bounded by what thinning took away.
+/// How much larger than a twig cards are, so that the leaves cover as much of the crown's hull as the
+/// species' do; bounded by what thinning took away.
 fn enlarged(hull: &Hull, species: &Species, atlas: &Atlas, kept: usize, all: usize) -> f32 {
     let cells = atlas.cells();
     let coverage = cells.iter().map(|c| c.coverage).sum::<f32>() / cells.len() as f32;
@@ -121,7 +130,7 @@ fn enlarged(hull: &Hull, species: &Species, atlas: &Atlas, kept: usize, all: usi
     let area = 4.0 * std::f32::consts::PI * ((a * b + a * c + b * c) / 3.0).powf(1.0 / p);
     let twig = species.foliage.twig_length_m.max(1e-3);
     let one = coverage.max(0.05) * twig * twig * 0.8;
-    let wanted = FULL * area / (kept.max(1) as f32 * one);
+    let wanted = species.foliage.cover.clamp(0.0, 1.0) * area / (kept.max(1) as f32 * one);
     let thinned = all as f32 / kept.max(1) as f32;
     wanted.min(thinned.max(3.0) * 2.0).max(1.0).sqrt().clamp(1.0, MOST_ENLARGED)
 }
@@ -255,13 +264,9 @@ fn place(
     let roll = draws.between(-stance.roll, stance.roll);
     let facing = Quat::from_axis_angle(heading, roll) * facing;
 
-    // Smaller towards the top, where shoots are young.
-    let height = ((spot.at.z - hull.centre.z) / (1.5 * hull.half.z)).clamp(0.0, 1.0);
-    let young = 1.0 - 0.4 * height * height;
-    let size_m = f.twig_length_m.clamp(1e-3, 20.0)
+    let size_m = f.twig_length_m.min(0.6 * hull.half.max_element()).clamp(1e-3, 20.0)
         * draws.between(0.8, 1.2)
-        * young
-        * (1.0 + (enlarge - 1.0) * (1.0 - 0.45 * height));
+        * hull.scale(spot.at, enlarge);
     let cells = atlas.nearest(size_m);
     let pick = draws.index(cells.clone().count());
     let Some(id) = cells.clone().nth(pick) else { return };

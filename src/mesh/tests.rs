@@ -30,6 +30,7 @@ fn skeleton(steps: &[(usize, [i8; 3], f32, bool)], radius: f32) -> Skeleton {
         radius_m: vec![radius],
         axis: vec![0],
         order: vec![0],
+        birth: vec![0],
     };
     let mut tips = vec![0usize];
     for &(pick, step, shrink, branch) in steps {
@@ -44,6 +45,7 @@ fn skeleton(steps: &[(usize, [i8; 3], f32, bool)], radius: f32) -> Skeleton {
         s.position.push(s.position[parent] + step);
         s.parent.push(parent as u32);
         s.radius_m.push(s.radius_m[parent] * shrink);
+        s.birth.push(1);
         if branch {
             s.axis.push(tips.len() as u32);
             s.order.push(s.order[parent].saturating_add(1));

@@ -22,7 +22,7 @@ use crate::scene::{
 use crate::seed::Seed;
 use crate::skeleton::{self, Detail, Skeleton, Target};
 use crate::species::Species;
-use crate::terrain::{Lattice, Terrain};
+use crate::terrain::{Facets, Terrain};
 use crate::texture::{self, TreeTextures};
 
 /// How many models the trees share.
@@ -42,6 +42,8 @@ pub struct ForestJob {
     /// Most triangles of one tree model.
     pub triangles: usize,
     pub texture_px: u32,
+    /// The terrain's triangles keep this near to its heights, as far as their number allows.
+    pub terrain_error_m: f32,
     /// Identifier of the scene.
     pub name: String,
 }
@@ -70,7 +72,8 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
     let textures = paint(job, &models, run)?;
     let meshes = build_meshes(job, &survey, &models, &skeletons, &textures, run)?;
     let scene = run.stage("scene", |warnings| {
-        let (mut scene, stretch) = assemble(job, &survey, &models, meshes, textures)?;
+        let facets = survey.terrain.facets(job.terrain_error_m, TERRAIN_TRIANGLES);
+        let (mut scene, stretch) = assemble(job, &survey, &facets, &models, meshes, textures)?;
         let left_out = scene.prune();
         let scene = scene.validate()?;
         if survey.trees.is_empty() {
@@ -84,6 +87,7 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
             "triangles",
         )
         .note(format!("{} models, {} unique triangles", stats.prototypes, stats.unique_triangles))
+        .note(format!("terrain of {} triangles within {:.3} m", facets.triangles(), facets.worst_m))
         .note(format!("left out: {left_out}"));
         if let Some(stretch) = stretch {
             outcome = outcome.error(ErrorMeasure::new("model stretch RMS", stretch, "%"));
@@ -232,6 +236,7 @@ fn paint(
 fn assemble(
     job: &ForestJob,
     survey: &Survey,
+    facets: &Facets,
     models: &[Model],
     meshes: Vec<TreeMesh>,
     textures: Vec<Option<TreeTextures>>,
@@ -247,8 +252,7 @@ fn assemble(
         prototypes: Vec::new(),
         instances: Vec::new(),
     };
-    let lattice = survey.terrain.lattice(TERRAIN_TRIANGLES);
-    add_terrain(&mut scene, &survey.terrain, &lattice, survey, job.survey.seed);
+    add_terrain(&mut scene, &survey.terrain, facets, survey, job.survey.seed);
     let mut looks = Vec::new();
     for (s, t) in species.iter().zip(textures) {
         looks.push(t.map(|t| add_materials(&mut scene, s, t)));
@@ -279,7 +283,7 @@ fn assemble(
                 name: format!("{}_{}", identifier(&s.name), tree.id),
                 prototype: m as u32,
                 // On the triangles that are seen, which on rough ground are not the grid.
-                position: crown.root.truncate().extend(lattice.height_at(crown.root.truncate())),
+                position: crown.root.truncate().extend(facets.height_at(crown.root.truncate())),
                 yaw_rad,
                 scale: Vec3::new(out, out, up),
                 facts: TreeFacts {
@@ -351,14 +355,8 @@ pub(super) fn prototype(name: String, species: &Species, mesh: TreeMesh, look: L
     }
 }
 
-fn add_terrain(
-    scene: &mut Scene,
-    terrain: &Terrain,
-    lattice: &Lattice,
-    survey: &Survey,
-    seed: Seed,
-) {
-    let mut surface = lattice.surface();
+fn add_terrain(scene: &mut Scene, terrain: &Terrain, facets: &Facets, survey: &Survey, seed: Seed) {
+    let mut surface = facets.surface();
     let outlines: Vec<&[Vec2]> = survey.trees.iter().map(|t| &t.crown.outline[..]).collect();
     let draped = survey.photo.as_ref().and_then(|p| drape(p, terrain, &outlines, seed));
     let picture = match draped {

@@ -3,10 +3,14 @@
 
 pub mod demo;
 mod drape;
+mod figure;
 pub mod forest;
+pub mod rules;
+pub mod sheet;
 pub mod survey;
 pub mod tree;
 
 pub use forest::{Forest, ForestJob, Sharing};
+pub use sheet::{Sheet, SheetJob};
 pub use survey::{Survey, SurveyJob};
 pub use tree::TreeJob;

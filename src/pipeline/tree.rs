@@ -14,7 +14,7 @@ use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scan;
 use crate::scene::{Instance, Scene, TreeFacts, ValidScene, identifier};
 use crate::seed::Seed;
-use crate::skeleton::{self, Skeleton, Target, cloud};
+use crate::skeleton::{self, STAGES, Skeleton, Target, cloud};
 use crate::species::Species;
 use crate::texture;
 
@@ -24,6 +24,8 @@ pub struct TreeJob {
     pub species: Species,
     /// The species' typical height where `None`.
     pub height_m: Option<f32>,
+    /// The tree as it stood at a stage of its life; grown where `None`.
+    pub stage: Option<u16>,
     pub seed: Seed,
     pub triangles: usize,
     pub texture_px: u32,
@@ -88,8 +90,16 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
         let skeleton = skeleton::grow(species, target, detail(job.triangles), job.seed)?;
         let wanted = job.height_m.unwrap_or(species.size.height_m);
         let off = f64::from((skeleton.height_m() - wanted).abs());
-        let outcome = Outcome::items(1, "rule file", skeleton.len(), "nodes")
-            .error(ErrorMeasure::new("height error", off, "m"));
+        let skeleton = match job.stage {
+            Some(stage) => skeleton::at_stage(&skeleton, species, stage)?,
+            None => skeleton,
+        };
+        let mut outcome = Outcome::items(1, "rule file", skeleton.len(), "nodes")
+            .error(ErrorMeasure::new("height error", off, "m"))
+            .note(format!("about {:.0} years old", age_years(job, &skeleton)));
+        if let Some(stage) = job.stage {
+            outcome = outcome.note(format!("stage {stage} of {STAGES}"));
+        }
         Ok((skeleton, outcome))
     })
 }
@@ -154,6 +164,17 @@ fn stand(
     })
 }
 
+/// Years the tree has stood; those of a stage are its share of the grown tree's.
+fn age_years(job: &TreeJob, skeleton: &Skeleton) -> f32 {
+    let size = &job.species.size;
+    let share = f32::from(job.stage.unwrap_or(STAGES)) / f32::from(STAGES);
+    let grown_m = match job.stage {
+        Some(_) => job.height_m.unwrap_or(size.height_m),
+        None => skeleton.height_m(),
+    };
+    share * size.age_at(grown_m)
+}
+
 fn facts(species: &Species, skeleton: &Skeleton, stem_diameter_m: f32) -> TreeFacts {
     let height_m = skeleton.height_m();
     TreeFacts {
@@ -161,7 +182,7 @@ fn facts(species: &Species, skeleton: &Skeleton, stem_diameter_m: f32) -> TreeFa
         species: species.name.clone(),
         height_m,
         crown_diameter_m: skeleton.width_m(),
-        crown_base_height_m: species.size.crown_base * height_m,
+        crown_base_height_m: skeleton.crown_base_m(),
         stem_diameter_m,
         confidence: 1.0,
     }

@@ -16,6 +16,8 @@ pub(super) struct Paint {
     pub normal: Option<u32>,
     pub cutoff: Option<f32>,
     pub is_double_sided: bool,
+    /// The ground that stands in for a terrain.
+    pub is_floor: bool,
 }
 
 /// A model's place: `linear * p + origin`.
@@ -59,11 +61,17 @@ pub(super) struct Sample {
     pub normal: Vec3,
     /// 1 for leaves, which let light through; 0 for what is solid.
     pub leaf: f32,
+    pub is_floor: bool,
 }
 
 impl Sample {
-    pub const NOTHING: Sample =
-        Sample { nearness: f32::MIN, albedo: [0.0; 3], normal: Vec3::Z, leaf: 0.0 };
+    pub const NOTHING: Sample = Sample {
+        nearness: f32::MIN,
+        albedo: [0.0; 3],
+        normal: Vec3::Z,
+        leaf: 0.0,
+        is_floor: false,
+    };
 }
 
 /// A band of samples that can be drawn on.
@@ -343,7 +351,8 @@ impl Brush<'_> {
                     .normalize_or(normal);
                 leaf = 1.0;
             }
-            canvas.put(i, Sample { nearness, albedo, normal, leaf });
+            let is_floor = self.paint.is_floor;
+            canvas.put(i, Sample { nearness, albedo, normal, leaf, is_floor });
         });
     }
 }

@@ -133,6 +133,8 @@ pub(super) struct Light {
     canopy: Canopy,
     haze_per_m: f32,
     exposure: f32,
+    /// White light from all around, as in a studio.
+    pub fill: f32,
 }
 
 impl Light {
@@ -155,6 +157,7 @@ impl Light {
             canopy: Canopy::from_map(DepthMap::draw(stage, down, triangle_budget / 4)),
             haze_per_m,
             exposure,
+            fill: 0.0,
         }
     }
 
@@ -191,11 +194,20 @@ impl Light {
         let open = 0.1 + 0.9 * self.canopy.visibility(p, s.normal, turn);
         let up = 0.5 + 0.5 * s.normal.z;
         let ambient = (BOUNCE_COLOUR * (1.0 - up) * (0.4 + 0.6 * open)) + SKY_COLOUR * (up * open);
+        let fill = Vec3::splat(self.fill * (0.4 + 0.6 * open));
         // Light through a leaf loses blue and red: it comes out yellow-green.
         let through = Vec3::new(1.03, 1.04, 0.88) * s.leaf + Vec3::ONE * (1.0 - s.leaf);
-        let out = albedo * (direct * through + ambient);
+        let out = albedo * (direct * through + ambient + fill);
         let clear = (-self.haze_per_m * distance.max(0.0)).exp();
         out * clear + self.haze(direction) * (1.0 - clear)
+    }
+
+    /// What shadows leave of the light on white ground, a colour: they are cool, as the sky is.
+    pub fn on_paper(&self, p: Vec3, turn: u32) -> Vec3 {
+        let lit = self.sunlit(p, Vec3::Z, 0.0);
+        let open = self.canopy.visibility(p, Vec3::Z, turn);
+        let shade = Vec3::new(0.56, 0.59, 0.63).lerp(Vec3::ONE, lit);
+        shade * (0.72 + 0.28 * open)
     }
 
     fn haze(&self, direction: Vec3) -> Vec3 {

@@ -8,6 +8,7 @@
 
 mod camera;
 mod draw;
+pub mod label;
 mod light;
 mod model;
 mod raster;
@@ -109,6 +110,35 @@ impl<'a> From<&'a Scene> for View<'a> {
     }
 }
 
+/// What stands behind everything.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Backdrop {
+    /// Sky, haze and bare earth.
+    Sky,
+    /// A sheet of light paper that runs from a wall into a level floor; nothing of the ground is
+    /// seen but the shadows on it. `horizon` is where floor meets wall, over the picture's height
+    /// from the top.
+    Paper { horizon: f32 },
+}
+
+impl Backdrop {
+    /// Display-linear colour of the paper at a height over the picture's from the top; `None` for
+    /// the sky.
+    fn paper(self, down: f32) -> Option<Vec3> {
+        const WALL: Vec3 = Vec3::new(0.905, 0.905, 0.89);
+        const FLOOR: Vec3 = Vec3::new(0.76, 0.755, 0.725);
+        let Backdrop::Paper { horizon } = self else { return None };
+        let step = |x: f32| {
+            let x = x.clamp(0.0, 1.0);
+            x * x * (3.0 - 2.0 * x)
+        };
+        // The floor ends as softly as it begins, so that the picture can go over into a page.
+        let depth = (1.0 - horizon).max(1e-3);
+        let floor = step((down - horizon) / (0.4 * depth)) * step((1.0 - down) / (0.5 * depth));
+        Some(WALL.lerp(FLOOR, floor))
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderOptions {
     /// Pixels, 1…8192.
@@ -127,6 +157,7 @@ pub struct RenderOptions {
     pub exposure: f32,
     /// Triangles drawn at most, more or less; far crowns are thinned to reach it.
     pub triangle_budget: usize,
+    pub backdrop: Backdrop,
 }
 
 impl Default for RenderOptions {
@@ -140,6 +171,7 @@ impl Default for RenderOptions {
             haze_per_m: 0.0004,
             exposure: 0.52,
             triangle_budget: 6_000_000,
+            backdrop: Backdrop::Sky,
         }
     }
 }
@@ -156,7 +188,7 @@ pub fn picture(view: &View<'_>, camera: &Camera, options: &RenderOptions) -> Pic
         .filter(|(lo, hi)| lo.is_finite() && hi.is_finite() && eye.cover(*lo, *hi).is_some())
         .flat_map(|(lo, hi)| (0..8).map(move |i| camera::corner(lo, hi, i)))
         .collect();
-    let light = Light::new(
+    let mut light = Light::new(
         &stage,
         options.sun,
         &seen,
@@ -165,6 +197,9 @@ pub fn picture(view: &View<'_>, camera: &Camera, options: &RenderOptions) -> Pic
         options.haze_per_m,
         options.exposure,
     );
+    if options.backdrop != Backdrop::Sky {
+        light.fill = 0.5;
+    }
     const PIXEL_ROWS: usize = 24;
     let rows = PIXEL_ROWS * per_pixel;
     let list = stage.list(&eye, rows, options.triangle_budget);
@@ -179,24 +214,33 @@ pub fn picture(view: &View<'_>, camera: &Camera, options: &RenderOptions) -> Pic
             for (i, pixel) in pixels.iter_mut().enumerate() {
                 let (px, py) = (i % width, i / width);
                 let mut sum = Vec3::ZERO;
+                let row = band * PIXEL_ROWS + py;
+                let paper = options.backdrop.paper((row as f32 + 0.5) / height as f32);
                 for k in 0..per_pixel * per_pixel {
                     let x = px * per_pixel + k % per_pixel;
                     let y = py * per_pixel + k / per_pixel;
                     let sample = &samples[y * width * per_pixel + x];
+                    let is_hit = sample.nearness > f32::MIN;
+                    if let Some(paper) = paper.filter(|_| !is_hit) {
+                        sum += paper;
+                        continue;
+                    }
                     let at = Vec2::new(x as f32 + 0.5, (first_row + y) as f32 + 0.5);
                     let ray = eye.ray(at);
-                    let colour = if sample.nearness > f32::MIN {
-                        let depth = 1.0 / sample.nearness;
-                        let turn = (k + (px & 1) * 2 + (py & 1) * 3) as u32 % 4;
-                        let distance = depth * ray.length();
-                        light.shade(sample, eye.eye() + ray * depth, distance, ray, turn)
-                    } else {
-                        light.sky(ray)
+                    let depth = 1.0 / sample.nearness;
+                    let place = eye.eye() + ray * depth;
+                    let turn = (k + (px & 1) * 2 + (py & 1) * 3) as u32 % 4;
+                    sum += match paper.filter(|_| sample.is_floor) {
+                        Some(paper) => paper * light.on_paper(place, turn),
+                        None if is_hit => {
+                            let distance = depth * ray.length();
+                            light.film(light.shade(sample, place, distance, ray, turn))
+                        }
+                        None => light.film(light.sky(ray)),
                     };
-                    sum += light.film(colour);
                 }
                 let mean = sum / (per_pixel * per_pixel) as f32;
-                let grain = dither(px as u32, (band * PIXEL_ROWS + py) as u32);
+                let grain = dither(px as u32, row as u32);
                 let code = |c: f32| (texture::srgb_from_linear(c) + grain).clamp(0.0, 255.0) as u8;
                 *pixel = [code(mean.x), code(mean.y), code(mean.z), 255];
             }
@@ -233,17 +277,21 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
                 Alpha::Mask { cutoff } => Some(cutoff),
             },
             is_double_sided: m.double_sided,
+            is_floor: false,
         })
         .collect();
     // Stands in for materials that are not there, and covers cut earth and bare ground.
     let earth = paints.len() as u32;
-    paints.push(Paint {
-        base_color: [0.105, 0.083, 0.056],
-        colour: None,
-        normal: None,
-        cutoff: None,
-        is_double_sided: true,
-    });
+    for is_floor in [false, true] {
+        paints.push(Paint {
+            base_color: [0.105, 0.083, 0.056],
+            colour: None,
+            normal: None,
+            cutoff: None,
+            is_double_sided: true,
+            is_floor,
+        });
+    }
     let material = |id: u32| id.min(earth);
 
     let mut meshes: Vec<Mesh> = (view.models.iter())
@@ -284,7 +332,7 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
             m
         }
         None if view.placements.is_empty() => Vec::new(),
-        None => Mesh::clusters(&disc(view.bounds()), earth),
+        None => Mesh::clusters(&disc(view.bounds()), earth + 1),
     };
     for mesh in &mut ground {
         mesh.order = Order::Whole;

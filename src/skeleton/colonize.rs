@@ -2,8 +2,9 @@
 //!
 //! Every attractor belongs to its nearest node within the influence distance d_i. A node with
 //! attractors grows a child a step D along the mean direction to them; attractors within the kill
-//! distance d_k of a node are removed. Only new nodes look for attractors, through a grid of
-//! cells d_i wide, so the cost is close to linear in the number of attractors.
+//! distance d_k of a node are removed. Only new nodes look for attractors, through a [`grid`], and
+//! a node reads no attractors but those it won when it was new, so the cost is close to linear in
+//! the number of attractors. Trees grown together compete: an attractor feeds one of them.
 //!
 //! What the method leaves open is settled so:
 //! - *n ≈ 0* (symmetric attractors): the node grows towards its nearest attractor.
@@ -16,11 +17,13 @@
 //!   closed: it grows no more, though its attractors may pass to nearer nodes.
 //! - *Out of reach*: when growth ends with attractors left, d_i is doubled, `bridges` times. What
 //!   is still out of reach is left alone and counted.
+//! - *Obstacles*: attractors where no wood may be are left out first, and counted. A step that
+//!   would enter an obstacle follows its surface; where that is shut too, it is not taken.
 //! - *Order of D, d_i, d_k*: [`Reach::new`] brings them to D/2 ≤ d_k < d_i, D ≤ d_i and says so.
 //!
 //! Additions: a node keeps part of its heading (`inertia`) and turns at most `max_turn_rad` a
-//! step and `max_bend_rad` in all, which wood does and a mean of directions does not; `pull` is the tropism vector of Runions' ĝ, here
-//! a field, so that twigs can be led away from the stem.
+//! step and `max_bend_rad` in all, which wood does and a mean of directions does not; `pull` is the
+//! tropism vector of Runions' ĝ, here a field, so that twigs can be led away from the stem.
 //!
 //! Limit: a node has at most [`MAX_CHILDREN`] colonized children.
 
@@ -28,6 +31,11 @@ use std::collections::HashSet;
 use std::hash::{BuildHasherDefault, Hasher};
 
 use glam::Vec3;
+
+use super::surroundings::Space;
+use grid::{Grid, NOBODY, cell};
+
+mod grid;
 
 /// Children that one node may grow.
 pub const MAX_CHILDREN: u8 = 3;
@@ -136,241 +144,129 @@ pub struct Colonized {
     pub parent: Vec<u32>,
     /// Attractors no node came near.
     pub left: usize,
+    /// Attractors where no wood may be; not among those left.
+    pub blocked: usize,
     pub rounds: usize,
 }
 
-/// Grows from `starts` into `attractors`; `pull` is added to the direction of growth at a place.
-/// Attractors and starts that are not finite are left out.
-pub fn colonize(
+/// Grows from `starts` into `attractors`, never out of what is free in `space`; `pull` is added to
+/// the direction of growth at a place. Attractors and starts that are not finite are left out.
+pub fn colonize<S: Space>(
     starts: &[Start],
     attractors: &[Vec3],
     reach: &Reach,
     habit: &Habit,
-    pull: &dyn Fn(Vec3) -> Vec3,
+    pull: impl Fn(Vec3) -> Vec3,
+    space: &S,
     limits: &Limits,
 ) -> Colonized {
-    let mut front = Front::new(starts, attractors, reach, habit, pull, limits);
+    let sound: Vec<Vec3> = attractors.iter().copied().filter(|p| p.is_finite()).collect();
+    let mut living: Vec<Vec3> = sound.iter().copied().filter(|&p| space.is_free(p)).collect();
+    let blocked = sound.len() - living.len();
+    let mut front = Front::new(starts, living.len(), reach, habit, pull, space, limits);
     let mut influence_m = reach.influence_m;
     for _ in 0..=limits.bridges {
-        let Some(mut grid) = Grid::new(&front.living, influence_m) else { break };
+        let Some(mut grid) = Grid::new(&living, influence_m) else { break };
         front.grow(&mut grid);
-        front.living = grid.living();
+        living = grid.living();
         influence_m *= 2.0;
     }
     let first = starts.len();
     Colonized {
-        position: front.node.split_off(first),
-        parent: front.parent.split_off(first),
-        left: front.living.len(),
+        position: front.node.drain(first..).collect(),
+        parent: front.parent.drain(first..).collect(),
+        left: living.len(),
+        blocked,
         rounds: front.rounds,
     }
 }
 
-const NOBODY: u32 = u32::MAX;
-
-/// Living attractors in cells, those of a cell side by side.
-struct Grid {
-    cell_m: f32,
-    table: Table,
-    /// First attractor of each bucket; one more at the end.
-    start: Vec<u32>,
-    /// Living attractors of each bucket, at its front.
-    count: Vec<u32>,
-    point: Vec<Vec3>,
-    /// Nearest node of each, and how far it is.
-    owner: Vec<u32>,
-    distance_sq: Vec<f32>,
-    /// Buckets in which some attractor has an owner that may still grow, and whether a bucket is
-    /// among them.
-    active: Vec<u32>,
-    is_active: Vec<bool>,
+/// Growth of one node so far.
+#[derive(Clone, Copy)]
+struct Shoot {
+    heading: Vec3,
+    /// Direction in which the node's twig left the node it sprang from; zero for starts.
+    left_at: Vec3,
+    /// Directions of the first children, to tell a repeated one.
+    grown: [Vec3; MAX_CHILDREN as usize],
+    /// Children grown so far; at [`MAX_CHILDREN`] the node is closed.
+    children: u8,
 }
 
-impl Grid {
-    fn new(points: &[Vec3], cell_m: f32) -> Option<Grid> {
-        if points.is_empty() {
-            return None;
-        }
-        let (table, buckets) = Table::new(points, cell_m);
-        let mut count = vec![0u32; buckets];
-        let bucket: Vec<u32> =
-            points.iter().map(|&p| table.bucket(cell(p, cell_m)).unwrap_or(0)).collect();
-        for &b in &bucket {
-            count[b as usize] += 1;
-        }
-        let mut start = vec![0u32; buckets + 1];
-        for b in 0..buckets {
-            start[b + 1] = start[b] + count[b];
-        }
-        let mut next = start.clone();
-        let mut point = vec![Vec3::ZERO; points.len()];
-        for (p, &b) in points.iter().zip(&bucket) {
-            point[next[b as usize] as usize] = *p;
-            next[b as usize] += 1;
-        }
-        let n = points.len();
-        Some(Grid {
-            cell_m,
-            table,
-            start,
-            count,
-            point,
-            owner: vec![NOBODY; n],
-            distance_sq: vec![f32::INFINITY; n],
-            active: Vec::new(),
-            is_active: vec![false; buckets],
-        })
+impl Shoot {
+    fn new(heading: Vec3, left_at: Vec3, is_open: bool) -> Shoot {
+        let children = if is_open { 0 } else { MAX_CHILDREN };
+        Shoot { heading, left_at, grown: [Vec3::ZERO; MAX_CHILDREN as usize], children }
     }
-
-    /// Gives `node` the attractors it is nearest to and removes those within the kill distance.
-    fn visit(&mut self, node: u32, at: Vec3, influence_sq: f32, kill_sq: f32) {
-        let centre = cell(at, self.cell_m);
-        // Two of the cells may share a bucket; seeing its attractors twice changes nothing.
-        for dz in -1..=1 {
-            for dy in -1..=1 {
-                for dx in -1..=1 {
-                    let key = [centre[0] + dx, centre[1] + dy, centre[2] + dz];
-                    let Some(bucket) = self.table.bucket(key) else { continue };
-                    let bucket = bucket as usize;
-                    if self.count[bucket] == 0 {
-                        continue;
-                    }
-                    let first = self.start[bucket] as usize;
-                    let mut end = first + self.count[bucket] as usize;
-                    let mut i = first;
-                    while i < end {
-                        let d = self.point[i].distance_squared(at);
-                        if d <= kill_sq {
-                            end -= 1;
-                            self.point.swap(i, end);
-                            self.owner.swap(i, end);
-                            self.distance_sq.swap(i, end);
-                            continue;
-                        }
-                        if d < influence_sq && d < self.distance_sq[i] {
-                            self.distance_sq[i] = d;
-                            self.owner[i] = node;
-                            if !self.is_active[bucket] {
-                                self.is_active[bucket] = true;
-                                self.active.push(bucket as u32);
-                            }
-                        }
-                        i += 1;
-                    }
-                    self.count[bucket] = (end - first) as u32;
-                }
-            }
-        }
-    }
-
-    fn living(&self) -> Vec<Vec3> {
-        let mut out = Vec::new();
-        for b in 0..self.count.len() {
-            let first = self.start[b] as usize;
-            out.extend_from_slice(&self.point[first..first + self.count[b] as usize]);
-        }
-        out
-    }
-}
-
-/// Where the attractors of a cell are.
-enum Table {
-    /// All cells of a box, row after row: for clouds that fill a good part of their box.
-    Box { low: [i32; 3], size: [i32; 3] },
-    /// Cells by hash, for those that do not.
-    Hash { mask: u32 },
-}
-
-impl Table {
-    /// The table and its number of buckets.
-    fn new(points: &[Vec3], cell_m: f32) -> (Table, usize) {
-        let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
-        for &p in points {
-            let c = cell(p, cell_m);
-            for k in 0..3 {
-                low[k] = low[k].min(c[k]);
-                high[k] = high[k].max(c[k]);
-            }
-        }
-        let extent = |k: usize| i64::from(high[k]) - i64::from(low[k]) + 1;
-        let most = 2 * points.len() as i64 + 1024;
-        let is_compact = (0..3).all(|k| extent(k) <= most)
-            && (extent(0) * extent(1)).saturating_mul(extent(2)) <= most;
-        if is_compact {
-            let size = [extent(0) as i32, extent(1) as i32, extent(2) as i32];
-            let cells = size.iter().map(|&s| s as usize).product();
-            return (Table::Box { low, size }, cells);
-        }
-        let buckets = points.len().next_power_of_two().min(1 << 26);
-        (Table::Hash { mask: buckets as u32 - 1 }, buckets)
-    }
-
-    /// `None` outside the box.
-    fn bucket(&self, c: [i32; 3]) -> Option<u32> {
-        match *self {
-            Table::Hash { mask } => Some(hash(c) & mask),
-            Table::Box { low, size } => {
-                // What wraps is far outside, and stays so.
-                let at: [i32; 3] = std::array::from_fn(|k| c[k].wrapping_sub(low[k]));
-                let is_in = (0..3).all(|k| at[k] >= 0 && at[k] < size[k]);
-                is_in.then(|| ((at[2] * size[1] + at[1]) * size[0] + at[0]) as u32)
-            }
-        }
-    }
-}
-
-fn cell(p: Vec3, cell_m: f32) -> [i32; 3] {
-    // Saturating casts; the clamp keeps the neighbours' indices in range.
-    let index = |v: f32| ((v / cell_m).floor() as i32).clamp(-(1 << 30), 1 << 30);
-    [index(p.x), index(p.y), index(p.z)]
-}
-
-/// Teschner et al. 2003, then mixed so that low bits depend on all.
-fn hash(c: [i32; 3]) -> u32 {
-    let h = (c[0] as u32).wrapping_mul(73_856_093)
-        ^ (c[1] as u32).wrapping_mul(19_349_663)
-        ^ (c[2] as u32).wrapping_mul(83_492_791);
-    let h = (h ^ (h >> 15)).wrapping_mul(0x2c1b_3c6d);
-    h ^ (h >> 13)
 }
 
 /// What a node gathered in one round.
-#[derive(Clone, Copy)]
 struct Call {
-    round: u32,
     sum: Vec3,
     nearest: Vec3,
     nearest_sq: f32,
 }
 
-struct Front<'a> {
-    reach: &'a Reach,
-    habit: &'a Habit,
-    pull: &'a dyn Fn(Vec3) -> Vec3,
+/// A node that may grow, and how many attractors it won when it was new.
+#[derive(Clone, Copy)]
+struct Caller {
+    node: u32,
+    count: u32,
+}
+
+/// Greatest angle between two directions.
+struct Bound {
+    sin: f32,
+    cos: f32,
+}
+
+impl Bound {
+    fn new(angle_rad: f32) -> Bound {
+        let (sin, cos) = angle_rad.clamp(0.0, std::f32::consts::PI).sin_cos();
+        Bound { sin, cos }
+    }
+
+    /// `wish`, or where it turns too far from `heading`, the direction that far towards it.
+    fn keep(&self, heading: Vec3, wish: Vec3) -> Vec3 {
+        let along = heading.dot(wish);
+        if along >= self.cos || self.cos <= -1.0 || heading == Vec3::ZERO {
+            return wish;
+        }
+        let side = (wish - heading * along).try_normalize();
+        let side = side.unwrap_or_else(|| heading.any_orthonormal_vector());
+        (heading * self.cos + side * self.sin).normalize_or(wish)
+    }
+}
+
+struct Front<'a, P, S> {
+    step_m: f32,
+    kill_sq: f32,
+    inertia: f32,
+    turn: Bound,
+    bend: Bound,
+    pull: P,
+    space: &'a S,
     limits: &'a Limits,
     first_new: usize,
     node: Vec<Vec3>,
     parent: Vec<u32>,
-    heading: Vec<Vec3>,
-    /// Direction in which the node's twig left the node it sprang from; zero for starts.
-    left_at: Vec<Vec3>,
-    /// Children grown so far; at [`MAX_CHILDREN`] the node is closed.
-    children: Vec<u8>,
-    /// Directions of the first children, to tell a repeated one.
-    grown: Vec<[Vec3; MAX_CHILDREN as usize]>,
+    shoot: Vec<Shoot>,
     /// Cells, D/20 wide, with a node in them.
-    taken: HashSet<[i32; 3], BuildHasherDefault<CellHasher>>,
-    living: Vec<Vec3>,
+    taken: HashSet<(i32, i32, i32), BuildHasherDefault<CellHasher>>,
+    /// Nodes that may grow, in the order of their ids, and the attractors they won, in that order.
+    callers: Vec<Caller>,
+    won: Vec<u32>,
     rounds: usize,
 }
 
-/// The grid's own hash, for a set of cells.
+/// A quick hash for a set of cells.
 #[derive(Default)]
 struct CellHasher(u64);
 
 impl Hasher for CellHasher {
     fn finish(&self) -> u64 {
-        self.0
+        // Both ends count: the low bits choose the place, the high ones the tag.
+        self.0 ^ (self.0 >> 32)
     }
 
     fn write(&mut self, bytes: &[u8]) {
@@ -379,156 +275,190 @@ impl Hasher for CellHasher {
         }
     }
 
-    fn write_usize(&mut self, _: usize) {}
-
     fn write_i32(&mut self, value: i32) {
-        self.0 = (self.0 ^ u64::from(value as u32)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        self.0 ^= self.0 >> 29;
+        self.0 =
+            (self.0.rotate_left(21) ^ u64::from(value as u32)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     }
 }
 
-impl<'a> Front<'a> {
+impl<'a, P: Fn(Vec3) -> Vec3, S: Space> Front<'a, P, S> {
     fn new(
         starts: &[Start],
-        attractors: &[Vec3],
-        reach: &'a Reach,
-        habit: &'a Habit,
-        pull: &'a dyn Fn(Vec3) -> Vec3,
+        attractors: usize,
+        reach: &Reach,
+        habit: &Habit,
+        pull: P,
+        space: &'a S,
         limits: &'a Limits,
     ) -> Self {
-        let sound = |s: &Start| s.position.is_finite() && s.heading.is_finite();
-        Front {
-            reach,
-            habit,
+        let shoot = |s: &Start| {
+            let is_sound = s.position.is_finite() && s.heading.is_finite();
+            Shoot::new(s.heading.normalize_or_zero(), Vec3::ZERO, s.is_open && is_sound)
+        };
+        let mut front = Front {
+            step_m: reach.step_m,
+            kill_sq: reach.kill_m * reach.kill_m,
+            inertia: habit.inertia,
+            turn: Bound::new(habit.max_turn_rad),
+            bend: Bound::new(habit.max_bend_rad),
             pull,
+            space,
             limits,
             first_new: starts.len(),
             node: starts.iter().map(|s| s.position).collect(),
             parent: vec![NOBODY; starts.len()],
-            heading: starts.iter().map(|s| s.heading.normalize_or_zero()).collect(),
-            left_at: vec![Vec3::ZERO; starts.len()],
-            children: starts
-                .iter()
-                .map(|s| if s.is_open && sound(s) { 0 } else { MAX_CHILDREN })
-                .collect(),
-            grown: vec![[Vec3::ZERO; MAX_CHILDREN as usize]; starts.len()],
-            taken: starts.iter().map(|s| cell(s.position, 0.05 * reach.step_m)).collect(),
-            living: attractors.iter().copied().filter(|p| p.is_finite()).collect(),
+            shoot: starts.iter().map(shoot).collect(),
+            taken: HashSet::default(),
+            callers: Vec::new(),
+            won: Vec::new(),
             rounds: 0,
+        };
+        // About as many nodes as attractors, where one is removed a step.
+        let nodes = attractors.min(limits.max_nodes);
+        front.node.reserve(nodes);
+        front.parent.reserve(nodes);
+        front.shoot.reserve(nodes);
+        front.taken.reserve(starts.len() + nodes);
+        for s in starts {
+            front.take(s.position);
         }
+        front
+    }
+
+    /// Claims the cell of a place; false where it is another node's.
+    fn take(&mut self, p: Vec3) -> bool {
+        let [x, y, z] = cell(p, 20.0 / self.step_m);
+        self.taken.insert((x, y, z))
     }
 
     /// Rounds of growth in one grid, until nothing grows or a limit is met.
     fn grow(&mut self, grid: &mut Grid) {
-        let influence_sq = grid.cell_m * grid.cell_m;
-        let kill_sq = self.reach.kill_m * self.reach.kill_m;
-        for i in 0..self.node.len() {
-            if self.node[i].is_finite() {
-                grid.visit(i as u32, self.node[i], influence_sq, kill_sq);
-            }
-        }
-        let idle = Call { round: 0, sum: Vec3::ZERO, nearest: Vec3::ZERO, nearest_sq: 0.0 };
-        let mut calls = vec![idle; self.node.len()];
-        let mut called: Vec<u32> = Vec::new();
-        let mut round = 0u32;
+        self.callers.clear();
+        self.won.clear();
+        self.visit_from(0, grid);
         while self.rounds < self.limits.max_rounds {
             self.rounds += 1;
-            round += 1;
-            called.clear();
-            let mut active = std::mem::take(&mut grid.active);
-            active.retain(|&b| {
-                let first = grid.start[b as usize] as usize;
-                let end = first + grid.count[b as usize] as usize;
-                let mut is_active = false;
-                for i in first..end {
-                    let owner = grid.owner[i];
-                    if owner == NOBODY || self.children[owner as usize] >= MAX_CHILDREN {
-                        continue;
-                    }
-                    is_active = true;
-                    let call = &mut calls[owner as usize];
-                    if call.round != round {
-                        *call = Call { round, nearest_sq: f32::INFINITY, ..idle };
-                        called.push(owner);
-                    }
-                    let d_sq = grid.distance_sq[i];
-                    call.sum += (grid.point[i] - self.node[owner as usize]) / d_sq.sqrt();
-                    if d_sq < call.nearest_sq {
-                        call.nearest_sq = d_sq;
-                        call.nearest = grid.point[i];
-                    }
-                }
-                grid.is_active[b as usize] = is_active;
-                is_active
-            });
-            grid.active = active;
-            called.sort_unstable();
             let before = self.node.len();
-            for &parent in &called {
-                if self.node.len() - self.first_new >= self.limits.max_nodes {
-                    break;
-                }
-                self.sprout(parent, &calls[parent as usize]);
-            }
+            self.round(grid);
             if self.node.len() == before {
                 break;
             }
-            calls.resize(self.node.len(), idle);
-            for i in before..self.node.len() {
-                grid.visit(i as u32, self.node[i], influence_sq, kill_sq);
+            self.visit_from(before, grid);
+        }
+    }
+
+    /// Lets the nodes from `first` on win their attractors.
+    fn visit_from(&mut self, first: usize, grid: &mut Grid) {
+        for i in first..self.node.len() {
+            if self.node[i].is_finite() {
+                let before = self.won.len();
+                grid.visit(i as u32, self.node[i], self.kill_sq, &mut self.won);
+                let count = (self.won.len() - before) as u32;
+                if self.shoot[i].children < MAX_CHILDREN {
+                    self.callers.push(Caller { node: i as u32, count });
+                } else {
+                    self.won.truncate(before);
+                }
             }
         }
+    }
+
+    /// Every caller that still has attractors grows. What later nodes took from it, it forgets.
+    fn round(&mut self, grid: &Grid) {
+        let (mut read, mut written) = (0, 0);
+        let mut callers = 0;
+        for c in 0..self.callers.len() {
+            let Caller { node, count } = self.callers[c];
+            let at = self.node[node as usize];
+            let first = written;
+            let mut call = Call { sum: Vec3::ZERO, nearest: at, nearest_sq: f32::INFINITY };
+            for r in read..read + count as usize {
+                let id = self.won[r];
+                if grid.owner[id as usize] != node {
+                    continue;
+                }
+                self.won[written] = id;
+                written += 1;
+                let way = grid.point[id as usize] - at;
+                let d_sq = way.length_squared();
+                call.sum += way / d_sq.sqrt();
+                if d_sq < call.nearest_sq {
+                    call.nearest_sq = d_sq;
+                    call.nearest = grid.point[id as usize];
+                }
+            }
+            read += count as usize;
+            if written == first {
+                continue;
+            }
+            if self.node.len() - self.first_new < self.limits.max_nodes {
+                self.sprout(node, &call);
+            }
+            if self.shoot[node as usize].children < MAX_CHILDREN {
+                self.callers[callers] = Caller { node, count: (written - first) as u32 };
+                callers += 1;
+            } else {
+                written = first;
+            }
+        }
+        self.callers.truncate(callers);
+        self.won.truncate(written);
     }
 
     /// Grows one child of `parent`, or closes `parent`.
     fn sprout(&mut self, parent: u32, call: &Call) {
         let p = parent as usize;
-        let (at, heading) = (self.node[p], self.heading[p]);
+        let at = self.node[p];
+        let shoot = self.shoot[p];
         let to_nearest = (call.nearest - at).normalize_or_zero();
         let mut direction = call.sum.normalize_or_zero();
         // n ≈ 0: attractors pull evenly.
         if call.sum.length_squared() < 1e-4 {
             direction = to_nearest;
         }
-        let blended = direction + self.habit.inertia * heading + (self.pull)(at);
+        let blended = direction + self.inertia * shoot.heading + (self.pull)(at);
         let direction = blended.try_normalize().unwrap_or(to_nearest);
-        let step = self.reach.step_m.min(call.nearest_sq.sqrt());
+        let step = self.step_m.min(call.nearest_sq.sqrt());
         // The mean first; where that leads nowhere new, the nearest attractor.
         let new = [direction, to_nearest].into_iter().find_map(|wish| {
-            let direction = turned_at_most(heading, wish, self.habit.max_turn_rad);
-            let direction = turned_at_most(self.left_at[p], direction, self.habit.max_bend_rad);
+            let direction = self.turn.keep(shoot.heading, wish);
+            let direction = self.bend.keep(shoot.left_at, direction);
+            let direction = along(self.space, at, direction, step)?;
             let child = at + direction * step;
-            let earlier = &self.grown[p][..self.children[p] as usize];
+            let earlier = &shoot.grown[..usize::from(shoot.children)];
             let repeats = earlier.iter().any(|d| d.dot(direction) > SAME_DIRECTION);
-            let is_short = step < 0.01 * self.reach.step_m || child == at || !child.is_finite();
-            let cell = cell(child, 0.05 * self.reach.step_m);
-            (!repeats && !is_short && self.taken.insert(cell)).then_some((direction, child))
+            let is_short = step < 0.01 * self.step_m || child == at || !child.is_finite();
+            (!repeats && !is_short && self.take(child)).then_some((direction, child))
         });
         let Some((direction, child)) = new else {
-            self.children[p] = MAX_CHILDREN;
+            self.shoot[p].children = MAX_CHILDREN;
             return;
         };
-        self.grown[p][self.children[p] as usize] = direction;
-        self.children[p] += 1;
+        let goes_on = shoot.children == 0 && shoot.left_at != Vec3::ZERO;
+        self.shoot[p].grown[usize::from(shoot.children)] = direction;
+        self.shoot[p].children += 1;
         self.node.push(child);
         self.parent.push(parent);
-        self.heading.push(direction);
-        let goes_on = self.children[p] == 1 && self.left_at[p] != Vec3::ZERO;
-        self.left_at.push(if goes_on { self.left_at[p] } else { direction });
-        self.children.push(0);
-        self.grown.push([Vec3::ZERO; MAX_CHILDREN as usize]);
+        let left_at = if goes_on { shoot.left_at } else { direction };
+        self.shoot.push(Shoot::new(direction, left_at, true));
     }
 }
 
-/// `wish`, or where it turns too far from `heading`, the direction that far towards it.
-fn turned_at_most(heading: Vec3, wish: Vec3, max_turn_rad: f32) -> Vec3 {
-    if heading == Vec3::ZERO || heading.angle_between(wish) <= max_turn_rad {
-        return wish;
-    }
-    let side = wish - heading * heading.dot(wish);
-    let side = side.try_normalize().unwrap_or_else(|| heading.any_orthonormal_vector());
-    let (s, c) = max_turn_rad.sin_cos();
-    (heading * c + side * s).normalize_or(wish)
+/// The direction of a free step: as wished, or along what is in the way, or in the corner of two
+/// such things along both.
+fn along<S: Space>(space: &S, at: Vec3, wish: Vec3, step: f32) -> Option<Vec3> {
+    let meets = |way: Vec3| space.meets(at, at + way * step);
+    let Some(first) = meets(wish) else { return Some(wish) };
+    // A little off the surface, so that rounding does not lead into it.
+    let slide = |normal: Vec3, way: Vec3| {
+        let flat = (way - normal * way.dot(normal)).try_normalize()?;
+        (flat + 0.02 * normal).try_normalize()
+    };
+    let way = slide(first, wish)?;
+    let Some(second) = meets(way) else { return Some(way) };
+    let edge = first.cross(second).try_normalize()?;
+    let way = (edge * edge.dot(wish).signum() + 0.02 * (first + second)).try_normalize()?;
+    meets(way).is_none().then_some(way)
 }
 
 #[cfg(test)]

@@ -10,7 +10,8 @@
 //!
 //! Limits: the string stops at a stated number of modules with an error that names the production.
 //! Contexts look past ignored symbols and past side branches, along the path from the root (left)
-//! and along the axis (right).
+//! and along the axis (right); each `[…]` of a right context must match the beginning of the next
+//! side branch.
 
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
@@ -87,6 +88,7 @@ struct Engine<'a> {
     constants: Vec<f64>,
     plans: Vec<Plan>,
     has_context: bool,
+    has_cut: bool,
     limit: usize,
     seed: Seed,
 }
@@ -143,6 +145,7 @@ impl<'a> Engine<'a> {
             constants,
             plans,
             has_context,
+            has_cut: rule.symbols.iter().any(|s| s.action == Action::Cut),
             limit: inputs.module_limit.min(u32::MAX as usize - 1),
             seed: inputs.seed,
         })
@@ -159,7 +162,52 @@ impl<'a> Engine<'a> {
             }
             out.parameters.push(value);
         }
+        self.cut(out);
         Ok(())
+    }
+
+    /// Carries out every `%`: the rest of its branch goes, up to the `]` that ends it (ABOP,
+    /// App. C). A `}` stays whose polygon was begun before.
+    fn cut(&self, string: &mut ModuleString) {
+        if !self.has_cut {
+            return;
+        }
+        let ModuleString { symbols, parameters, .. } = string;
+        let (mut kept, mut kept_parameters, mut parameter) = (0, 0, 0);
+        // Brackets and polygons opened since the cut.
+        let mut cutting: Option<(usize, usize)> = None;
+        for i in 0..symbols.len() {
+            let id = symbols[i];
+            let Some(symbol) = self.rule.symbol(id) else { continue };
+            let own = parameter..parameter + usize::from(symbol.parameters);
+            parameter = own.end;
+            match (&mut cutting, symbol.action) {
+                (None, Action::Cut) => {
+                    cutting = Some((0, 0));
+                    continue;
+                }
+                (None, _) => {}
+                (Some((0, _)), Action::Pop) => cutting = None,
+                (Some((_, 0)), Action::Close) => {}
+                (Some((brackets, polygons)), action) => {
+                    match action {
+                        Action::Push => *brackets += 1,
+                        Action::Pop => *brackets -= 1,
+                        Action::Open => *polygons += 1,
+                        Action::Close => *polygons -= 1,
+                        _ => {}
+                    }
+                    continue;
+                }
+            }
+            symbols[kept] = id;
+            kept += 1;
+            let count = own.len();
+            parameters.copy_within(own, kept_parameters);
+            kept_parameters += count;
+        }
+        symbols.truncate(kept);
+        parameters.truncate(kept_parameters);
     }
 
     /// One iteration; false where nothing was left to replace.
@@ -219,6 +267,7 @@ impl<'a> Engine<'a> {
         if next.symbols.len() > self.limit {
             return Err(self.too_long(None, iteration));
         }
+        self.cut(next);
         Ok(true)
     }
 
@@ -427,13 +476,24 @@ impl Place<'_> {
         }
         locals.extend(self.own);
         let mut at = self.at;
+        // Where the branches end that the context has gone into.
+        let mut ends = Vec::new();
         for &symbol in &production.right {
             let neighbours = self.neighbours?;
-            at = neighbours.after.get(at).copied()? as usize;
-            if *self.string.symbols.get(at)? != symbol {
-                return None;
+            match rule.symbol(symbol)?.action {
+                Action::Push => {
+                    at = neighbours.branch(rule, self.string, at)?;
+                    ends.push(neighbours.end.get(at).copied()? as usize);
+                }
+                Action::Pop => at = ends.pop()?,
+                _ => {
+                    at = neighbours.after.get(at).copied()? as usize;
+                    if *self.string.symbols.get(at)? != symbol {
+                        return None;
+                    }
+                    locals.extend(neighbours.parameters(rule, self.string, at));
+                }
             }
-            locals.extend(neighbours.parameters(rule, self.string, at));
         }
         for (value, inverse) in locals.values.iter_mut().zip(&production.inverse_factors) {
             *value *= inverse;
@@ -448,6 +508,8 @@ const NONE: u32 = u32::MAX;
 struct Neighbours {
     before: Vec<u32>,
     after: Vec<u32>,
+    /// For each `[`, its `]`.
+    end: Vec<u32>,
     /// Where a module's parameters begin.
     start: Vec<u32>,
 }
@@ -471,7 +533,7 @@ impl Neighbours {
                 _ => last = i as u32,
             }
         }
-        let mut after = vec![NONE; count];
+        let (mut after, mut end) = (vec![NONE; count], vec![NONE; count]);
         let (mut next, mut stack) = (NONE, Vec::new());
         for (i, &id) in string.symbols.iter().enumerate().rev() {
             if let Some(slot) = after.get_mut(i) {
@@ -479,15 +541,35 @@ impl Neighbours {
             }
             match action(id) {
                 Action::Pop => {
-                    stack.push(next);
+                    stack.push((next, i as u32));
                     next = NONE;
                 }
-                Action::Push => next = stack.pop().unwrap_or(NONE),
+                Action::Push => {
+                    let (outer, close) = stack.pop().unwrap_or((NONE, NONE));
+                    next = outer;
+                    if let Some(slot) = end.get_mut(i) {
+                        *slot = close;
+                    }
+                }
                 _ if is_ignored(id) => {}
                 _ => next = i as u32,
             }
         }
-        Neighbours { before, after, start }
+        Neighbours { before, after, end, start }
+    }
+
+    /// The `[` that follows `at` with nothing but ignored symbols between.
+    fn branch(&self, rule: &Rule, string: &ModuleString, at: usize) -> Option<usize> {
+        let following = string.symbols.iter().enumerate().skip(at + 1);
+        for (i, &id) in following {
+            if rule.symbol(id)?.action == Action::Push {
+                return Some(i);
+            }
+            if !rule.is_ignored.get(usize::from(id)).copied().unwrap_or_default() {
+                return None;
+            }
+        }
+        None
     }
 
     fn parameters<'s>(&self, rule: &Rule, string: &'s ModuleString, at: usize) -> &'s [f64] {

@@ -47,7 +47,7 @@ impl Envelope {
         let mut radius = vec![[0.0; SECTORS]; ROWS];
         for (row, sectors) in radius.iter_mut().enumerate() {
             let t = row as f32 / (ROWS - 1) as f32;
-            let r = radius_m * profile(&size.profile, t);
+            let r = radius_m * curve(&size.profile, t);
             for (k, sector) in sectors.iter_mut().enumerate() {
                 let lobe = noise.at(t, k as f32 / SECTORS as f32);
                 *sector = (r * (1.0 + 0.6 * uneven * lobe)).max(LEAST_RADIUS_M);
@@ -96,7 +96,7 @@ impl Envelope {
         }
         for row in 0..ROWS {
             let t = row as f32 / (ROWS - 1) as f32;
-            let typical = (radius_m * profile(&size.profile, t)).max(LEAST_RADIUS_M);
+            let typical = (radius_m * curve(&size.profile, t)).max(LEAST_RADIUS_M);
             for (k, &is_bare) in is_bare.iter().enumerate() {
                 let expected = if is_bare { 0.5 * typical } else { typical };
                 // The sector and its eight neighbours; what none of them saw is as expected.
@@ -122,7 +122,7 @@ impl Envelope {
         if seen < 4 {
             for (row, sectors) in envelope.radius.iter_mut().enumerate() {
                 let t = row as f32 / (ROWS - 1) as f32;
-                *sectors = [(radius_m * profile(&size.profile, t)).max(LEAST_RADIUS_M); SECTORS];
+                *sectors = [(radius_m * curve(&size.profile, t)).max(LEAST_RADIUS_M); SECTORS];
             }
         }
         envelope.scale_to(2.0 * radius_m);
@@ -227,8 +227,49 @@ fn sector_of(azimuth_rad: f32) -> f32 {
     (turn - turn.floor()) * SECTORS as f32
 }
 
-/// The profile at `t`, linear between its pairs, level beyond them.
-pub fn profile(pairs: &[[f32; 2]], t: f32) -> f32 {
+/// Light that reaches a place, 0…1: the share of the sky, weighted by the cosine from the zenith,
+/// that the crown itself leaves (Beer–Lambert).
+pub fn light_at(p: Vec3, e: &Envelope) -> f32 {
+    const TURNS: u32 = 8;
+    const STEPS: u32 = 10;
+    let reach_m = 2.0 * e.radius_m;
+    let step_m = reach_m / STEPS as f32;
+    let (mut light, mut sky) = (0.0, 0.0);
+    for from_zenith_deg in [15.0f32, 45.0, 75.0] {
+        let (s, c) = from_zenith_deg.to_radians().sin_cos();
+        // Ring of the sky: its area is as the sine.
+        let weight = s * c;
+        for k in 0..TURNS {
+            let side = Vec2::from_angle(std::f32::consts::TAU * (k as f32 + 0.5) / TURNS as f32);
+            let way = (side * s).extend(c);
+            let shaded = (0..STEPS)
+                .map(|i| p + way * (step_m * (i as f32 + 0.5)))
+                .filter(|&q| e.relative_radius(q) < 1.0)
+                .count() as f32;
+            light += weight * (-OPACITY * shaded / STEPS as f32).exp();
+            sky += weight;
+        }
+    }
+    light / sky
+}
+
+/// Optical depth of a crown along its diameter.
+const OPACITY: f32 = 2.0;
+
+/// [`curve`] over degrees of a circle: the last pair leads round to the first.
+pub fn round_curve(pairs: &[[f32; 2]], t_deg: f32) -> f32 {
+    match (pairs.first(), pairs.last()) {
+        (Some(&[first, low]), Some(&[last, high])) if t_deg < first || t_deg > last => {
+            let gap = first + 360.0 - last;
+            let past = (t_deg - last).rem_euclid(360.0);
+            if gap > 0.0 { high + (low - high) * (past / gap).min(1.0) } else { low }
+        }
+        _ => curve(pairs, t_deg),
+    }
+}
+
+/// The value at `t`, linear between pairs, level beyond them.
+pub fn curve(pairs: &[[f32; 2]], t: f32) -> f32 {
     let mut before: Option<[f32; 2]> = None;
     for &[h, r] in pairs {
         if t <= h {
@@ -277,6 +318,7 @@ mod tests {
 
     fn size() -> Size {
         Size {
+            age_years: 60.0,
             height_m: 20.0,
             crown_diameter_m: 6.0,
             crown_base: 0.25,
@@ -289,9 +331,29 @@ mod tests {
     fn a_profile_is_linear_between_its_pairs() {
         let pairs = [[0.0, 0.5], [0.5, 1.0], [1.0, 0.0]];
         for (t, r) in [(-1.0, 0.5), (0.0, 0.5), (0.25, 0.75), (0.75, 0.5), (2.0, 0.0)] {
-            assert_eq!(profile(&pairs, t), r);
+            assert_eq!(curve(&pairs, t), r);
         }
-        assert_eq!(profile(&[], 0.5), 0.0);
+        assert_eq!(curve(&[], 0.5), 0.0);
+    }
+
+    #[test]
+    fn a_curve_of_bearings_goes_round() {
+        let pairs = [[90.0, 2.0], [270.0, 0.0]];
+        for (t, r) in
+            [(90.0, 2.0), (180.0, 1.0), (270.0, 0.0), (0.0, 1.0), (45.0, 1.5), (315.0, 0.5)]
+        {
+            assert!((round_curve(&pairs, t) - r).abs() < 1e-6, "{t}");
+        }
+        assert_eq!(round_curve(&[[0.0, 3.0]], 200.0), 3.0);
+    }
+
+    #[test]
+    fn light_falls_from_the_top_to_the_inside_and_the_foot() {
+        let e = Envelope::of_species(&size(), 0.0, 20.0, Seed::new(1));
+        let at = |x: f32, z: f32| light_at(Vec3::new(x, 0.0, z), &e);
+        assert_eq!(at(0.0, 25.0), 1.0);
+        let (top, edge, inside) = (at(0.0, 19.8), at(2.9, 11.0), at(0.0, 8.0));
+        assert!(top > 0.9 && edge > inside + 0.1 && inside < 0.5, "{top} {edge} {inside}");
     }
 
     #[test]

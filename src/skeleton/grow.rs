@@ -12,19 +12,24 @@
 //! 4. Axes, smoothing, hanging twigs; height and width brought to the target.
 //! 5. Radii.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use glam::{Quat, Vec2, Vec3};
 
 use super::colonize::{Habit as Answer, Limits, Reach, Start, colonize};
-use super::envelope::Envelope;
+use super::envelope::{Envelope, curve, light_at, round_curve};
 use super::limb::{Limb, sides};
 use super::radii::{Pipes, radii};
 use super::scaffold::{Shoot, scaffold};
+use super::stage::births;
+use super::surroundings::Open;
 use super::{NO_PARENT, Skeleton, polish};
 use crate::crown::Crown;
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::species::Species;
-use crate::species::model::{Growth, Habit};
+use crate::species::model::{Growth, Habit, is_level};
+use crate::species::rule::OF_TREE;
 
 /// Heights a tree may have, metres.
 pub const HEIGHTS_M: std::ops::RangeInclusive<f32> = 0.1..=130.0;
@@ -84,8 +89,7 @@ pub fn grow(species: &Species, target: Target, detail: Detail, seed: Seed) -> Re
             (Envelope::of_crown(&species.size, crown, &seen), seen)
         }
     };
-    let max_nodes = detail.max_nodes.clamp(*NODES.start(), *NODES.end());
-    let spacing_m = spacing_m(&envelope, growth, detail, max_nodes);
+    let (max_nodes, spacing_m) = fineness(&envelope, species, detail);
     let mut tree = Tree::new(species, &envelope, seed, spacing_m, max_nodes);
     tree.add_stem_and_branches()?;
     tree.colonize(&seen);
@@ -103,14 +107,26 @@ fn checked_height(height_m: f32) -> Result<f32> {
     )))
 }
 
-/// Attractor spacing at which the part of the crown that bears twigs takes the nodes left to it.
-fn spacing_m(envelope: &Envelope, growth: &Growth, detail: Detail, max_nodes: u32) -> f32 {
-    let least = 1e-3 * envelope.height_m;
-    let wished = detail.attractor_spacing_m.filter(|s| s.is_finite() && *s > 0.0);
+/// Least attractor spacing over the length of a leafy twig: what is finer is a card's own picture.
+const TWIG_SHARE: f32 = 0.3;
+
+/// The nodes the tree may take, and the attractor spacing at which the part of the crown that
+/// bears twigs takes those left to it. A small tree needs fewer than it may have.
+fn fineness(e: &Envelope, species: &Species, detail: Detail) -> (u32, f32) {
+    let growth = &species.growth;
+    let max_nodes = detail.max_nodes.clamp(*NODES.start(), *NODES.end());
     let twiggy = 1.0 - growth.bare.clamp(0.0, 0.9).powi(2);
     let share = growth.fill.clamp(0.1, 1.0);
-    let per_node = envelope.volume_m3() * twiggy * share / (0.75 * max_nodes as f32);
-    wished.unwrap_or_else(|| per_node.cbrt()).max(least)
+    let volume_m3 = e.volume_m3() * twiggy * share / 0.75;
+    let least_m = (TWIG_SHARE * species.foliage.twig_length_m).max(1e-3 * e.height_m);
+    let wished = detail.attractor_spacing_m.filter(|s| s.is_finite() && *s > 0.0);
+    match wished {
+        Some(spacing_m) => (max_nodes, spacing_m.max(1e-3 * e.height_m)),
+        None => {
+            let most = (volume_m3 / least_m.powi(3)).clamp(*NODES.start() as f32, max_nodes as f32);
+            (most as u32, (volume_m3 / most).cbrt())
+        }
+    }
 }
 
 /// A branch of the scaffold that has been drawn, to hang its laterals on.
@@ -174,6 +190,18 @@ impl<'a> Tree<'a> {
         self.position.len() as u32 - 1
     }
 
+    /// What the rule may read of this tree.
+    fn of_tree(&self) -> [(&'static str, f64); OF_TREE.len()] {
+        let (size, envelope) = (&self.species.size, self.envelope);
+        let age_years = size.age_at(envelope.height_m);
+        let values = [envelope.height_m, 2.0 * envelope.radius_m, age_years];
+        let mut named = OF_TREE.map(|name| (name, 0.0));
+        for ((_, slot), value) in named.iter_mut().zip(values) {
+            *slot = f64::from(value);
+        }
+        named
+    }
+
     /// Habit of branches of an order, 1 the first.
     fn habit(&self, order: u8) -> Habit {
         let index = usize::from(order.max(1)) - 1;
@@ -197,7 +225,9 @@ impl<'a> Tree<'a> {
             0 | 1 => 1,
             n => ((n as f32 * fineness * tallness).round() as u32).max(3),
         };
-        let shoots = scaffold(&self.species.rule, internodes, self.seed.derive("rule", 0))?;
+        let of_tree = self.of_tree();
+        let seed = self.seed.derive("rule", 0);
+        let shoots = scaffold(&self.species.rule, internodes, &of_tree, seed)?;
         let mut drawn: Vec<Drawn> = vec![Drawn::default(); shoots.len()];
         let mut whorl = vec![0u32; shoots.len()];
         let mut is_continued = vec![false; shoots.len()];
@@ -379,7 +409,9 @@ impl<'a> Tree<'a> {
         };
         let index = usize::from(shoot.depth) - 1;
         let decay = self.growth.decay.get(index).or(self.growth.decay.last()).copied();
-        let length_m = apex_m * (1.0 - decay.unwrap_or(0.0) * from_apex);
+        let tip = origin + direction * apex_m;
+        let decay = decay.unwrap_or(0.0) * self.decay_factor(origin, tip);
+        let length_m = apex_m * (1.0 - decay * from_apex);
         // The newest sets are weaker than the oldest.
         let vigour = 1.0
             - 0.35 * habit.irregular * draws.unit()
@@ -403,6 +435,19 @@ impl<'a> Tree<'a> {
         let path = limb.trace(self.envelope, &mut draws);
         let axis = if is_leader { self.scaffold[base as usize] } else { id + MAX_STEMS };
         self.draw_branch(base, &path, axis, shoot.depth)
+    }
+
+    /// What the region of the crown makes of the decay, for a branch from `base` to about `tip`.
+    fn decay_factor(&self, base: Vec3, tip: Vec3) -> f32 {
+        let by = &self.growth.decay_by;
+        let height = curve(&by.height, self.envelope.relative_height(base.z).clamp(0.0, 1.0));
+        let bearing = (tip.x - base.x).atan2(tip.y - base.y).to_degrees().rem_euclid(360.0);
+        let azimuth = round_curve(&by.azimuth_deg, bearing);
+        let light = match is_level(&by.light) {
+            true => curve(&by.light, 1.0),
+            false => curve(&by.light, light_at(tip, self.envelope)),
+        };
+        height * azimuth * light
     }
 
     fn draw_branch(&mut self, base: u32, path: &[Vec3], axis: u32, depth: u8) -> Option<Drawn> {
@@ -475,7 +520,7 @@ impl<'a> Tree<'a> {
                 is_open: self.is_open[i],
             })
             .collect();
-        let grown = colonize(&starts, &attractors, &reach, &answer, &pull, &limits);
+        let grown = colonize(&starts, &attractors, &reach, &answer, pull, &Open, &limits);
         for (at, parent) in grown.position.into_iter().zip(grown.parent) {
             let at = at.with_z(at.z.max(self.clearance_m));
             let heading = (at - self.position[parent as usize]).normalize_or_zero();
@@ -497,8 +542,11 @@ impl<'a> Tree<'a> {
         let reach = 1.3 * e.radius_m.max(e.widest_at(e.base_m)) + e.apex.length();
         let count = |length: f32| ((length / s).ceil() as i32).clamp(1, 400);
         let (across, up) = (count(2.0 * reach), count(e.crown_length_m()));
-        let taken: std::collections::BTreeSet<[i32; 3]> =
-            attractors.iter().map(|p| cell_of(*p, s)).collect();
+        let taken: BTreeSet<[i32; 3]> = attractors.iter().map(|p| cell_of(*p, s)).collect();
+        // Where the decay differs over the crown, twigs keep to the branches it left.
+        let near: Option<BTreeSet<[i32; 3]>> = (!self.growth.decay_by.is_even())
+            .then(|| self.position.iter().map(|p| cell_of(*p, 2.0 * s)).collect());
+        let has_branch = |p| near.as_ref().is_none_or(|n| n.contains(&cell_of(p, 2.0 * s)));
         for k in 0..up {
             for j in 0..across {
                 for i in 0..across {
@@ -515,7 +563,8 @@ impl<'a> Tree<'a> {
                     let out = e.relative_radius(p);
                     let is_twiggy =
                         out <= 0.97 && (out >= self.growth.bare || p.z > 0.9 * e.height_m);
-                    if is_twiggy && p.z > self.clearance_m && !taken.contains(&cell_of(p, s)) {
+                    let is_free = p.z > self.clearance_m && !taken.contains(&cell_of(p, s));
+                    if is_twiggy && is_free && has_branch(p) {
                         attractors.push(p);
                     }
                 }
@@ -531,74 +580,40 @@ impl<'a> Tree<'a> {
         let hang = self.growth.hang;
         let placed = (axis.as_slice(), order.as_slice());
         polish::hang(&mut self.position, &self.parent, placed, from, hang, self.clearance_m);
-        let (axis, order) = self.prune(axis, order);
-        self.fit_to_target();
-        let pipes = Pipes::for_height(
-            self.growth.pipe_exponent,
-            self.growth.tip_radius_m,
-            self.species.size.height_m,
-            self.species.size.stem_diameter_m,
-            e.height_m,
-        );
-        let is_stem: Vec<bool> = self.scaffold.iter().map(|&a| a < MAX_STEMS).collect();
-        let radius_m = radii(&self.position, &self.parent, &is_stem, &pipes);
-        Skeleton { position: self.position, parent: self.parent, radius_m, axis, order }
-    }
-
-    /// Drops what hangs far below the crown.
-    fn prune(&mut self, axis: Vec<u32>, order: Vec<u8>) -> (Vec<u32>, Vec<u8>) {
-        let e = self.envelope;
+        // What hangs far below the crown is dropped.
         let floor_m = e.base_m - 0.05 * e.crown_length_m();
         let n = self.position.len();
-        let mut new_id = vec![NO_PARENT; n];
-        let mut kept = 0;
-        for i in 0..n {
-            let is_free = self.scaffold[i] == polish::FREE;
-            let lives = i == 0 || new_id[self.parent[i] as usize] != NO_PARENT;
-            if lives && !(is_free && self.position[i].z < floor_m) {
-                new_id[i] = kept;
-                kept += 1;
-            }
-        }
-        let keep = |i: &usize| new_id[*i] != NO_PARENT;
-        let all: Vec<usize> = (0..n).filter(keep).collect();
-        self.position = all.iter().map(|&i| self.position[i]).collect();
-        self.scaffold = all.iter().map(|&i| self.scaffold[i]).collect();
-        self.parent = all
-            .iter()
-            .map(|&i| new_id.get(self.parent[i] as usize).copied().unwrap_or(NO_PARENT))
+        let keep: Vec<bool> = (0..n)
+            .map(|i| self.scaffold[i] != polish::FREE || self.position[i].z >= floor_m)
             .collect();
-        let mut axis: Vec<u32> = all.iter().map(|&i| axis[i]).collect();
-        // Axis ids without gaps, in the order they start.
-        let mut new_axis = vec![NO_PARENT; n];
-        let mut count = 0;
-        for a in &mut axis {
-            let slot = &mut new_axis[*a as usize];
-            if *slot == NO_PARENT {
-                *slot = count;
-                count += 1;
-            }
-            *a = *slot;
-        }
-        (axis, all.iter().map(|&i| order[i]).collect())
+        let whole = Skeleton {
+            position: self.position,
+            parent: self.parent,
+            radius_m: vec![0.0; n],
+            axis,
+            order,
+            birth: vec![0; n],
+        };
+        let mut tree = whole.subset(&keep);
+        fit(&mut tree, e);
+        tree.birth = births(&tree, &self.species.size);
+        let pipes = Pipes::of_species(self.species, e.height_m);
+        tree.radius_m = radii(&tree.position, &tree.parent, &tree.is_stem(), &pipes);
+        tree
     }
+}
 
-    /// Scales heights and widths so that the tree is as tall and as wide as the envelope.
-    fn fit_to_target(&mut self) {
-        let e = self.envelope;
-        let top = self.position.iter().map(|p| p.z).fold(0.0, f32::max);
-        let up = e.height_m / top.max(1e-6);
-        for p in &mut self.position {
-            p.z *= up;
-        }
-        let plan = Skeleton { position: std::mem::take(&mut self.position), ..Skeleton::default() };
-        let out = (2.0 * e.radius_m / plan.width_m().max(1e-6)).clamp(0.8, 1.25);
-        self.position = plan.position;
-        for p in &mut self.position {
-            let centre = e.centre(p.z);
-            let side = centre + (p.truncate() - centre) * out;
-            *p = side.extend(p.z);
-        }
+/// Scales heights and widths so that the tree is as tall and as wide as the envelope.
+fn fit(tree: &mut Skeleton, e: &Envelope) {
+    let up = e.height_m / tree.height_m().max(1e-6);
+    for p in &mut tree.position {
+        p.z *= up;
+    }
+    let out = (2.0 * e.radius_m / tree.width_m().max(1e-6)).clamp(0.8, 1.25);
+    for p in &mut tree.position {
+        let centre = e.centre(p.z);
+        let side = centre + (p.truncate() - centre) * out;
+        *p = side.extend(p.z);
     }
 }
 
@@ -646,7 +661,7 @@ fn cell_of(p: Vec3, spacing_m: f32) -> [i32; 3] {
 /// One attractor a cell of the spacing, the mean of those in it, within the envelope's heights and
 /// not far beyond its radius.
 fn thinned(seen: &[Vec3], spacing_m: f32, e: &Envelope, clearance_m: f32) -> Vec<Vec3> {
-    let mut cells: std::collections::BTreeMap<[i32; 3], (Vec3, f32)> = Default::default();
+    let mut cells: BTreeMap<[i32; 3], (Vec3, f32)> = Default::default();
     for &p in seen {
         let is_near = p.is_finite() && p.z > clearance_m && e.relative_radius(p) < 1.15;
         if is_near {

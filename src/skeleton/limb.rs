@@ -92,7 +92,8 @@ impl Limb {
                         outside = middle;
                     }
                 }
-                if inside > 0.3 {
+                // Where a spire leaves little room even a stub counts: it is walked again, shorter.
+                if inside > if nodes.is_empty() { 0.08 } else { 0.3 } {
                     nodes.push(at + (next - at) * inside);
                     done_m += inside * step;
                 }

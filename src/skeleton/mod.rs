@@ -10,6 +10,8 @@ mod limb;
 mod polish;
 pub mod radii;
 mod scaffold;
+pub mod stage;
+pub mod surroundings;
 pub mod turtle;
 
 use glam::Vec3;
@@ -17,6 +19,7 @@ use glam::Vec3;
 use crate::diagnostic::{Error, Result};
 
 pub use grow::{Detail, Target, grow};
+pub use stage::{STAGES, at_stage};
 
 /// No parent: only the root has this.
 pub const NO_PARENT: u32 = u32::MAX;
@@ -34,6 +37,8 @@ pub struct Skeleton {
     pub axis: Vec<u32>,
     /// Branching order of the node's axis: 0 the stem, 1 its branches, …
     pub order: Vec<u8>,
+    /// Stage of growth in which the node came, 0 for the root, up to [`STAGES`].
+    pub birth: Vec<u16>,
 }
 
 /// The children of every node in one flat list, in the order of their ids.
@@ -135,6 +140,13 @@ impl Skeleton {
         self.position.iter().map(|p| p.z).fold(0.0, f32::max)
     }
 
+    /// Height of the lowest place at which a branch leaves a stem, metres; 0 without branches.
+    pub fn crown_base_m(&self) -> f32 {
+        let is_stem = self.is_stem();
+        let bases = (1..self.len()).filter(|&i| !is_stem[i]).map(|i| self.parent[i] as usize);
+        bases.filter(|&p| is_stem[p]).map(|p| self.position[p].z).reduce(f32::min).unwrap_or(0.0)
+    }
+
     /// Mean calliper width of the nodes seen from above over 16 directions, metres.
     pub fn width_m(&self) -> f32 {
         const DIRECTIONS: usize = 16;
@@ -168,14 +180,21 @@ impl Skeleton {
 
     /// Every invariant of the columns: equal lengths; one root, at the origin, on axis 0; parents
     /// first; all finite; no internode of length 0; radii positive and not growing outward; each
-    /// axis one unbranched chain, its order one more than that of the axis it springs from.
+    /// axis one unbranched chain, its order one more than that of the axis it springs from; no node
+    /// older than its parent.
     pub fn check(&self) -> Result<()> {
         let n = self.len();
         let fail = |what: String| Err(Error::new(format!("skeleton: {what}")));
         if n == 0 {
             return fail("no nodes".into());
         }
-        let lengths = [self.parent.len(), self.radius_m.len(), self.axis.len(), self.order.len()];
+        let lengths = [
+            self.parent.len(),
+            self.radius_m.len(),
+            self.axis.len(),
+            self.order.len(),
+            self.birth.len(),
+        ];
         if lengths.iter().any(|&l| l != n) {
             return fail(format!("columns of unequal length: {n} positions, others {lengths:?}"));
         }
@@ -202,6 +221,12 @@ impl Skeleton {
             let p = self.parent[i] as usize;
             if p >= i {
                 return fail(format!("node {i} comes before its parent {p}"));
+            }
+            if self.birth[i] < self.birth[p] || self.birth[i] > STAGES {
+                return fail(format!(
+                    "node {i} grew in stage {}, its parent {p} in {}",
+                    self.birth[i], self.birth[p]
+                ));
             }
             if self.position[i] == self.position[p] {
                 return fail(format!("node {i} lies on its parent {p}"));
@@ -246,6 +271,7 @@ mod tests {
             radius_m: vec![0.3, 0.2, 0.1, 0.1],
             axis: vec![0, 0, 0, 1],
             order: vec![0, 0, 0, 1],
+            birth: vec![0, 1, 2, 2],
         }
     }
 
@@ -275,7 +301,7 @@ mod tests {
     #[test]
     fn every_broken_invariant_is_found() {
         type Breakage = fn(&mut Skeleton);
-        let cases: [(&str, Breakage); 10] = [
+        let cases: [(&str, Breakage); 12] = [
             ("no nodes", |s| *s = Skeleton::default()),
             ("unequal length", |s| s.order.truncate(2)),
             ("not the root", |s| s.parent[0] = 1),
@@ -286,6 +312,8 @@ mod tests {
             ("lies on its parent", |s| s.position[3] = Vec3::Z),
             ("thicker than its parent", |s| s.radius_m[3] = 0.25),
             ("axis 0 forks", |s| s.axis[3] = 0),
+            ("grew in stage 0", |s| s.birth[3] = 0),
+            ("grew in stage 99", |s| s.birth[3] = 99),
         ];
         for (message, breakage) in cases {
             let mut s = fork();

@@ -10,6 +10,7 @@
 use glam::Vec3;
 
 use super::{Children, NO_PARENT};
+use crate::species::Species;
 
 /// Height at which a stem's diameter is measured (breast height), metres.
 pub const BREAST_HEIGHT_M: f32 = 1.3;
@@ -33,6 +34,13 @@ pub struct Pipes {
 }
 
 impl Pipes {
+    /// Those of a tree of the species.
+    pub fn of_species(species: &Species, height_m: f32) -> Pipes {
+        let (growth, size) = (&species.growth, &species.size);
+        let (e, tip) = (growth.pipe_exponent, growth.tip_radius_m);
+        Pipes::for_height(e, tip, size.height_m, size.stem_diameter_m, height_m)
+    }
+
     /// The allometric stem radius of a tree of `height_m`, from a grown tree of the species: stem
     /// diameter goes with height^1.5 (elastic similarity, McMahon 1973).
     pub fn for_height(
@@ -75,7 +83,9 @@ pub fn radii(position: &[Vec3], parent: &[u32], is_stem: &[bool], pipes: &Pipes)
         if parent[i] != NO_PARENT {
             let mut along = per_m * internode_m(position, parent, i);
             if is_stem[i] {
-                along += shed_per_m * internode_m(position, parent, i);
+                // The older the part of a stem, the more it has shed; the top nothing.
+                let depth = 1.0 - f64::from(position[i].z) / top_m;
+                along += 2.0 * depth.max(0.0) * shed_per_m * internode_m(position, parent, i);
             }
             carried[parent[i] as usize] += carried[i] + along;
         }

@@ -93,6 +93,12 @@ impl Scaffold {
         {
             return Err("the polygons do not cover their corners".into());
         }
+        if self.polygon_node.iter().any(|&node| node as usize >= n) {
+            return Err("a polygon hangs from no node".into());
+        }
+        if !self.polygon.iter().all(|p| p.is_finite()) {
+            return Err("a polygon is not finite".into());
+        }
         Ok(())
     }
 }
@@ -286,13 +292,13 @@ impl Turtle {
     fn act(&mut self, id: u8, action: Action, own: Option<f64>, first_shoot_m: f64) -> Result<()> {
         match action {
             Action::Nothing => {}
-            Action::Draw => {
-                if self.advance(own.unwrap_or(first_shoot_m)) && self.open.is_empty() {
-                    self.node(id);
+            Action::Draw | Action::Edge | Action::Move => {
+                let has_moved = self.advance(own.unwrap_or(first_shoot_m));
+                match self.open.is_empty() {
+                    true if has_moved && action != Action::Move => self.node(id),
+                    false if has_moved && action != Action::Edge => self.corner(),
+                    _ => {}
                 }
-            }
-            Action::Move => {
-                self.advance(own.unwrap_or(first_shoot_m));
             }
             Action::Turn { axis, angle } => {
                 let angle = own.map_or(angle, |degrees| angle * degrees.to_radians());
@@ -326,22 +332,35 @@ impl Turtle {
                     None => self.state.width * 0.7,
                 };
             }
+            Action::Leaf => self.leaf(own.unwrap_or(first_shoot_m)),
+            // The derivation has carried it out.
+            Action::Cut => {}
         }
         Ok(())
     }
 
-    /// Moves along the axis of growth; false for a length ≤ 0. Inside a polygon the new position
-    /// is a corner.
+    /// Moves along the axis of growth; false for a length ≤ 0.
     fn advance(&mut self, length_m: f64) -> bool {
         if length_m > 0.0 {
             self.state.position += self.state.pose.growth(self.dialect) * length_m;
             self.max_reach = self.max_reach.max(self.state.position.abs().max_element());
-            if !self.open.is_empty() {
-                self.corner();
-            }
             return true;
         }
         false
+    }
+
+    fn leaf(&mut self, length_m: f64) {
+        if length_m > 0.0 {
+            let frame = self.state.pose.frame();
+            let (base, along) = (self.state.position, frame.x_axis * length_m);
+            let (middle, aside) = (base + 0.5 * along, frame.y_axis * (0.25 * length_m));
+            let corners = [base, middle + aside, base + along, middle - aside];
+            let reach = corners[2].abs().max_element();
+            self.max_reach = self.max_reach.max(reach).max(length_m);
+            self.out.polygon.extend(corners.map(|c| c.as_vec3()));
+            self.out.polygon_end.push(self.out.polygon.len() as u32);
+            self.out.polygon_node.push(self.state.node);
+        }
     }
 
     fn corner(&mut self) {

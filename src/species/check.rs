@@ -21,143 +21,200 @@ pub fn finite(node: &Node, sources: &Sources, errors: &mut Vec<Error>) {
     }
 }
 
-struct Ranges<'a> {
-    merged: &'a Node,
-    sources: &'a Sources,
-    errors: &'a mut Vec<Error>,
+/// The numbers that a key may hold.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Range {
+    Within(f64, f64),
+    /// Above 0, up to a greatest.
+    AboveZero(f64),
+    /// Pairs (place, factor): places from 0 to this, factors from 0 to [`MAX_FACTOR`].
+    Factors(f64),
+}
+use Range::{AboveZero, Factors, Within};
+
+/// Greatest factor of a decay.
+pub const MAX_FACTOR: f64 = 100.0;
+
+/// The range of every number outside `[rule]`, by its way through the file. Keys of a list hold
+/// for each number in it. The schema shows the same.
+pub const RANGES: &[(&str, Range)] = &[
+    ("luminance", Within(0.0, 255.0)),
+    ("size.height_m", AboveZero(150.0)),
+    ("size.crown_diameter_m", AboveZero(100.0)),
+    ("size.age_years", AboveZero(5000.0)),
+    ("size.crown_base", Within(0.0, 0.95)),
+    ("size.stem_diameter_m", AboveZero(20.0)),
+    ("size.profile", Within(0.0, 1.0)),
+    ("growth.decay", Within(-1000.0, 1000.0)),
+    ("growth.decay_by.height", Factors(1.0)),
+    ("growth.decay_by.azimuth_deg", Factors(360.0)),
+    ("growth.decay_by.light", Factors(1.0)),
+    ("growth.tropism", Within(-360.0, 360.0)),
+    ("growth.wander", Within(0.0, 360.0)),
+    ("growth.step", AboveZero(100.0)),
+    ("growth.influence", AboveZero(1000.0)),
+    ("growth.kill", AboveZero(1000.0)),
+    ("growth.pipe_exponent", Within(1.0, 6.0)),
+    ("growth.tip_radius_m", AboveZero(0.5)),
+    ("growth.internodes", Within(1.0, 200.0)),
+    ("growth.roll_deg", Within(-360.0, 360.0)),
+    ("growth.whorl", Within(1.0, 20.0)),
+    ("growth.spread", Within(0.0, 1.0)),
+    ("growth.stem", Within(0.0, 1.0)),
+    ("growth.uneven", Within(0.0, 1.0)),
+    ("growth.bare", Within(0.0, 1.0)),
+    ("growth.fill", Within(0.0, 1.0)),
+    ("growth.inertia", Within(0.0, 10.0)),
+    ("growth.outward", Within(0.0, 10.0)),
+    ("growth.hang", Within(-360.0, 360.0)),
+    ("growth.order.angle_deg", Within(0.0, 180.0)),
+    ("growth.order.irregular", Within(0.0, 1.0)),
+    ("growth.order.curve_deg", Within(-360.0, 360.0)),
+    ("growth.order.tip_deg", Within(-360.0, 360.0)),
+    ("growth.order.length", Within(0.0, 20.0)),
+    ("growth.order.flat", Within(0.0, 1.0)),
+    ("growth.order.keep", Within(0.0, 1.0)),
+    ("foliage.leaf_length_m", AboveZero(5.0)),
+    ("foliage.leaf_width_m", AboveZero(5.0)),
+    ("foliage.variation", Within(0.0, 1.0)),
+    ("foliage.twig_length_m", AboveZero(10.0)),
+    ("foliage.twigs_per_m", Within(0.0, 1000.0)),
+    ("foliage.droop", Within(-1.0, 1.0)),
+    ("foliage.cover", Within(0.0, 1.0)),
+    ("foliage.bearing_radius_m", Within(0.0, 10.0)),
+    ("bark.relief_m", Within(0.0, 0.5)),
+];
+
+impl Range {
+    /// What is wrong with a number outside, and what to give instead.
+    fn fault(self, x: f64) -> Option<(String, String)> {
+        let (is_inside, wrong, remedy) = match self {
+            Within(low, high) => (
+                (low..=high).contains(&x),
+                format!("outside {low} to {high}"),
+                format!("give a number from {low} to {high}"),
+            ),
+            AboveZero(high) => (
+                x > 0.0 && x <= high,
+                format!("not above 0 and up to {high}"),
+                format!("give a number above 0, at most {high}"),
+            ),
+            Factors(_) => return None,
+        };
+        (x.is_finite() && !is_inside).then_some((wrong, remedy))
+    }
 }
 
-impl Ranges<'_> {
-    fn fail(&mut self, path: &[&str], message: String, remedy: &str) {
-        let mut node = self.merged;
-        for key in path {
-            match node.get(key) {
-                Some(next) => node = next,
-                None => break,
+/// All that a dotted way leads to, through every item of the lists on it.
+fn reached<'a>(merged: &'a Node, way: &str) -> Vec<&'a Node> {
+    let mut nodes = vec![merged];
+    for key in way.split('.') {
+        nodes = nodes.into_iter().flat_map(items).filter_map(|node| node.get(key)).collect();
+    }
+    nodes.into_iter().flat_map(items).flat_map(items).collect()
+}
+
+/// The items of a list; anything else alone.
+fn items(node: &Node) -> &[Node] {
+    match &node.value {
+        Value::Array(items) => items,
+        _ => std::slice::from_ref(node),
+    }
+}
+
+/// Checks every number of the sections against its range, and lists against each other.
+pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut Vec<Error>) {
+    for (way, range) in RANGES {
+        let key = way.rsplit('.').next().unwrap_or(way);
+        for node in reached(merged, way) {
+            if let Some(x) = node.as_number()
+                && let Some((wrong, remedy)) = range.fault(x)
+            {
+                let message = format!("`{key}` is {x}, {wrong}");
+                errors.push(sources.error(&node.place, message, "here").remedy(remedy));
             }
         }
-        self.errors.push(self.sources.error(&node.place, message, "here").remedy(remedy));
     }
-
-    /// `value` must lie in `low..=high`.
-    fn within(&mut self, section: &str, key: &str, value: f32, low: f32, high: f32) {
-        if value.is_finite() && !(low..=high).contains(&value) {
-            self.fail(
-                &[section, key],
-                format!("`{key}` is {value}, outside {low} to {high}"),
-                &format!("give a number from {low} to {high}"),
-            );
-        }
-    }
-
-    /// `value` must lie above 0 and not above `high`.
-    fn above_zero(&mut self, section: &str, key: &str, value: f32, high: f32) {
-        if value.is_finite() && !(value > 0.0 && value <= high) {
-            self.fail(
-                &[section, key],
-                format!("`{key}` is {value}, not above 0 and up to {high}"),
-                &format!("give a number above 0, at most {high}"),
-            );
-        }
-    }
-}
-
-/// Checks every number of the sections against its range.
-pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut Vec<Error>) {
-    let mut r = Ranges { merged, sources, errors };
+    let mut fail = |way: &str, message: String, remedy: &str| {
+        let node = way.split('.').try_fold(merged, |node, key| node.get(key)).unwrap_or(merged);
+        errors.push(sources.error(&node.place, message, "here").remedy(remedy));
+    };
     if let Some([low, high]) = species.luminance
-        && !(0.0 <= low && low <= high && high <= 255.0)
+        && low > high
     {
-        r.fail(
-            &["luminance"],
+        fail(
+            "luminance",
             format!("`luminance` [{low}, {high}] is not a range"),
             "give the least and the greatest luminance, 0 to 255",
         );
     }
-    let s = &species.size;
-    r.above_zero("size", "height_m", s.height_m, 150.0);
-    r.above_zero("size", "crown_diameter_m", s.crown_diameter_m, 100.0);
-    r.within("size", "crown_base", s.crown_base, 0.0, 0.95);
-    r.above_zero("size", "stem_diameter_m", s.stem_diameter_m, 20.0);
-    let unit = |x: &f32| (0.0..=1.0).contains(x);
-    if s.profile.len() < 2 || !s.profile.iter().any(|p| p[1] > 0.0) {
-        r.fail(
-            &["size", "profile"],
+    let profile = &species.size.profile;
+    if profile.len() < 2 || !profile.iter().any(|p| p[1] > 0.0) {
+        fail(
+            "size.profile",
             "`profile` needs two points or more, one with a radius above 0".into(),
             "give pairs [height, radius] from [0.0, …] to [1.0, …]",
         );
     }
-    if let Some(p) = s.profile.iter().find(|p| !p.iter().all(unit)) {
-        r.fail(
-            &["size", "profile"],
-            format!("`profile` point [{}, {}] is outside 0 to 1", p[0], p[1]),
-            "give height and radius as parts of the crown's, 0 to 1",
-        );
-    }
-    if let Some(w) = s.profile.windows(2).find(|w| w[1][0] <= w[0][0]) {
-        r.fail(
-            &["size", "profile"],
+    if let Some(w) = profile.windows(2).find(|w| w[1][0] <= w[0][0]) {
+        fail(
+            "size.profile",
             format!("`profile` does not rise: height {} follows {}", w[1][0], w[0][0]),
             "order the pairs [height, radius] from the crown's base to its top",
         );
     }
-    let g = &species.growth;
-    if g.decay.is_empty() {
-        r.fail(
-            &["growth", "decay"],
+    if species.growth.decay.is_empty() {
+        fail(
+            "growth.decay",
             "`decay` is empty".into(),
             "give one number an iteration; `[0.0]` for no decay",
         );
     }
-    r.within("growth", "tropism", g.tropism, -360.0, 360.0);
-    r.within("growth", "wander", g.wander, 0.0, 360.0);
-    r.above_zero("growth", "step", g.step, 100.0);
-    r.above_zero("growth", "influence", g.influence, 1000.0);
-    r.above_zero("growth", "kill", g.kill, 1000.0);
-    r.within("growth", "pipe_exponent", g.pipe_exponent, 1.0, 6.0);
-    r.above_zero("growth", "tip_radius_m", g.tip_radius_m, 0.5);
-    r.within("growth", "internodes", g.internodes as f32, 1.0, 200.0);
-    r.within("growth", "roll_deg", g.roll_deg, -360.0, 360.0);
-    r.within("growth", "whorl", g.whorl as f32, 1.0, 20.0);
-    for (key, value) in [
-        ("spread", g.spread),
-        ("stem", g.stem),
-        ("uneven", g.uneven),
-        ("bare", g.bare),
-        ("fill", g.fill),
-    ] {
-        r.within("growth", key, value, 0.0, 1.0);
+    let by = &species.growth.decay_by;
+    for (key, pairs) in
+        [("height", &by.height), ("azimuth_deg", &by.azimuth_deg), ("light", &by.light)]
+    {
+        let way = format!("growth.decay_by.{key}");
+        let end = RANGES.iter().find_map(|(w, range)| match range {
+            Factors(end) if *w == way => Some(*end),
+            _ => None,
+        });
+        if let Some((message, remedy)) = fault_of_factors(key, pairs, end.unwrap_or(1.0)) {
+            fail(&way, message, &remedy);
+        }
     }
-    r.within("growth", "inertia", g.inertia, 0.0, 10.0);
-    r.within("growth", "outward", g.outward, 0.0, 10.0);
-    r.within("growth", "hang", g.hang, -360.0, 360.0);
-    if g.order.is_empty() {
-        r.fail(
-            &["growth", "order"],
+    if species.growth.order.is_empty() {
+        fail(
+            "growth.order",
             "`order` is empty".into(),
             "give one [[growth.order]] for each branching order, at least one",
         );
     }
-    for (i, h) in g.order.iter().enumerate() {
-        let angles = h.angle_deg.iter().flatten().all(|a| (0.0..=180.0).contains(a));
-        let curves = h.curve_deg.iter().chain(&h.tip_deg).all(|c| c.abs() <= 360.0);
-        let shares = [h.irregular, h.flat, h.keep].iter().all(unit);
-        if !(angles && curves && shares && (0.0..=20.0).contains(&h.length)) {
-            r.fail(
-                &["growth", "order"],
-                format!("[[growth.order]] number {} has a value out of range", i + 1),
-                "angle_deg 0 to 180, curve_deg and tip_deg -360 to 360, length 0 to 20, \
-                 irregular, flat and keep 0 to 1",
-            );
-        }
+}
+
+/// What is wrong with pairs (place, factor), whose places must rise within 0 to `end`.
+fn fault_of_factors(key: &str, pairs: &[[f32; 2]], end: f64) -> Option<(String, String)> {
+    let outside = |p: &&[f32; 2]| {
+        let [place, factor] = p.map(f64::from);
+        place.is_finite()
+            && factor.is_finite()
+            && !((0.0..=end).contains(&place) && (0.0..=MAX_FACTOR).contains(&factor))
+    };
+    if pairs.is_empty() {
+        return Some((
+            format!("`{key}` is empty"),
+            "give pairs [place, factor]; `[[0.0, 1.0]]` for no change".into(),
+        ));
     }
-    let f = &species.foliage;
-    r.above_zero("foliage", "leaf_length_m", f.leaf_length_m, 5.0);
-    r.above_zero("foliage", "leaf_width_m", f.leaf_width_m, 5.0);
-    r.within("foliage", "variation", f.variation, 0.0, 1.0);
-    r.above_zero("foliage", "twig_length_m", f.twig_length_m, 10.0);
-    r.within("foliage", "twigs_per_m", f.twigs_per_m, 0.0, 1000.0);
-    r.within("foliage", "droop", f.droop, -1.0, 1.0);
-    r.within("foliage", "bearing_radius_m", f.bearing_radius_m, 0.0, 10.0);
-    r.within("bark", "relief_m", species.bark.relief_m, 0.0, 0.5);
+    if let Some([place, factor]) = pairs.iter().find(outside) {
+        return Some((
+            format!("`{key}` has a pair out of range: [{place}, {factor}]"),
+            format!("give places from 0 to {end} and factors from 0 to {MAX_FACTOR}"),
+        ));
+    }
+    let w = pairs.windows(2).find(|w| w[1][0] <= w[0][0])?;
+    Some((
+        format!("`{key}` does not rise: {} follows {}", w[1][0], w[0][0]),
+        "order the pairs [place, factor] by their places".into(),
+    ))
 }

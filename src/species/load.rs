@@ -2,40 +2,84 @@
 
 use std::path::{Path, PathBuf};
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::model::{Bark, Branching, Foliage, Growth, Kind, Size, Species};
+use super::model::{Bark, Branching, DecayBy, Foliage, Growth, Habit, Kind, Size, Species};
 use super::near::suggest;
 use super::node::{self, Node, Source, Sources, Value};
 use super::{builtin, check, rule};
 use crate::diagnostic::{Error, Result};
 
+/// Bytes of one rule file.
+const MAX_BYTES: u64 = 4 << 20;
 /// Files that one species may build on, one upon another.
 const MAX_EXTENDS: usize = 16;
 /// Errors shown of one file; a broken file repeats itself.
 const MAX_ERRORS: usize = 40;
 
-/// The keys outside sections, and the sections by name.
-#[derive(Debug, Deserialize)]
+/// A species of tree: the rule it branches by, its size, growth and looks.
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(dead_code)]
-struct Top {
-    #[serde(default)]
-    name: Option<String>,
-    #[serde(default)]
-    common: Option<String>,
+pub(super) struct Top {
+    /// The file that this one is laid over, key by key: a built-in name such as `table3/13`, or a
+    /// file beside this one with its `.toml`.
     #[serde(default)]
     extends: Option<String>,
-    kind: Kind,
-    branching: Branching,
+    /// Scientific name.
     #[serde(default)]
+    name: Option<String>,
+    /// Name in plain words.
+    #[serde(default)]
+    common: Option<String>,
+    /// The class that a photo shows it as.
+    kind: Kind,
+    /// How the main axis goes on.
+    branching: Branching,
+    /// Least and greatest luminance of its crowns in an aerial photo.
+    #[serde(default)]
+    #[schemars(extend("examples" = [[167, 171]]))]
     luminance: Option<[f32; 2]>,
+    #[schemars(with = "rule::Section")]
     rule: IgnoredAny,
+    #[schemars(with = "Size")]
     size: IgnoredAny,
+    #[schemars(with = "Growth")]
     growth: IgnoredAny,
+    #[schemars(with = "Foliage")]
     foliage: IgnoredAny,
+    #[schemars(with = "Bark")]
     bark: IgnoredAny,
+}
+
+/// The sections of a rule file with their keys; the first, without a name, is the top.
+pub fn sections() -> [(&'static str, &'static [&'static str]); 8] {
+    [
+        ("", node::keys_of::<Top>()),
+        ("rule", node::keys_of::<rule::Section>()),
+        ("size", node::keys_of::<Size>()),
+        ("growth", node::keys_of::<Growth>()),
+        ("growth.decay_by", node::keys_of::<DecayBy>()),
+        ("growth.order", node::keys_of::<Habit>()),
+        ("foliage", node::keys_of::<Foliage>()),
+        ("bark", node::keys_of::<Bark>()),
+    ]
+}
+
+/// Where a key belongs that is unknown where it stands.
+pub(super) fn home(key: &str) -> Option<String> {
+    let places: Vec<String> = sections()
+        .iter()
+        .filter(|(_, keys)| keys.contains(&key))
+        .map(|(section, _)| match *section {
+            "" => "at the top, before the first section".to_owned(),
+            "growth.order" => "in [[growth.order]]".to_owned(),
+            section => format!("in [{section}]"),
+        })
+        .collect();
+    (!places.is_empty()).then(|| format!("it belongs {}", places.join(" or ")))
 }
 
 /// Names of the built-in species, in the order they are listed: species first, then Table 3.
@@ -92,9 +136,45 @@ pub fn load_text(name: &str, text: &str) -> Result<Species> {
     build(name, &format!("{name}.toml"), text, None)
 }
 
-/// Checks a rule file: what [`load`] would say of it.
-pub fn check_file(path: &Path) -> Result<()> {
-    load(&path.to_string_lossy()).map(|_| ())
+/// A rule file and the files it extends, as far as they can be read: those whose change changes
+/// the species. Built-in files are not among them.
+pub fn files(path: &Path) -> Vec<PathBuf> {
+    let mut files = vec![path.to_path_buf()];
+    if let Ok(text) = std::fs::read_to_string(path) {
+        let shown = path.to_string_lossy().into_owned();
+        let mut sources = Sources(vec![Source { name: shown, text: text.into() }]);
+        read_chain("", Some(path.parent().unwrap_or(Path::new(""))), &mut sources, &mut Vec::new());
+        let bases = sources.0.iter().skip(1).map(|s| s.name.as_str());
+        let written = bases.filter(|name| builtin::text(name.trim_end_matches(".toml")).is_none());
+        files.extend(written.map(PathBuf::from));
+    }
+    files
+}
+
+/// All keys of a loadable species with their values: its files laid over each other and over the
+/// defaults.
+pub(super) fn merged(name_or_path: &str) -> Result<Node> {
+    load(name_or_path)?;
+    let text = match builtin::text(name_or_path) {
+        Some(text) => text.to_owned(),
+        None => read_file(Path::new(name_or_path))?,
+    };
+    let folder = match builtin::text(name_or_path) {
+        Some(_) => None,
+        None => Path::new(name_or_path).parent(),
+    };
+    let mut sources = Sources(vec![Source { name: name_or_path.to_owned(), text: text.into() }]);
+    let mut errors = Vec::new();
+    let chain = read_chain(name_or_path, folder, &mut sources, &mut errors);
+    match (chain, read_defaults(&mut errors)) {
+        (Some(chain), Some(defaults)) if errors.is_empty() => Ok(lay(chain, defaults)),
+        _ => Err(Error::several(errors)),
+    }
+}
+
+/// The file over what it extends, nearest first, over the defaults.
+fn lay(chain: Vec<Node>, defaults: Node) -> Node {
+    chain.into_iter().rev().fold(defaults, |base, node| node.over(base))
 }
 
 fn unknown(name: &str) -> String {
@@ -106,6 +186,12 @@ fn unknown(name: &str) -> String {
 }
 
 fn read_file(path: &Path) -> Result<String> {
+    let size = std::fs::metadata(path).map_or(0, |m| m.len());
+    if size > MAX_BYTES {
+        return Err(Error::new(format!("{size} bytes, more than a rule file may have"))
+            .in_file(path)
+            .remedy("name a rule file; scans and pictures go elsewhere"));
+    }
     std::fs::read_to_string(path).map_err(|e| {
         let remedy = match e.kind() {
             std::io::ErrorKind::NotFound => "check the path",
@@ -145,7 +231,7 @@ fn build_reporting(
     folder: Option<&Path>,
     errors: &mut Vec<Error>,
 ) -> Option<Species> {
-    let mut sources = Sources(vec![Source { name: shown.to_owned(), text: text.to_owned() }]);
+    let mut sources = Sources(vec![Source { name: shown.to_owned(), text: text.into() }]);
     let chain = read_chain(id, folder, &mut sources, errors)?;
     let defaults = read_defaults(errors)?;
     let builds_on = chain.first().and_then(|n| n.get("extends")).and_then(Node::as_text);
@@ -154,8 +240,7 @@ fn build_reporting(
         chain.first().and_then(|n| n.get(key)).and_then(Node::as_text).map(str::to_owned)
     };
     let (name, common) = (own("name"), own("common"));
-    // The file over what it extends, nearest first, over the defaults.
-    let merged = chain.into_iter().rev().fold(defaults.clone(), |base, node| node.over(base));
+    let merged = lay(chain, defaults.clone());
 
     check::finite(&merged, &sources, errors);
     let top: Top = node::typed(&merged, &defaults, &sources, errors)?;
@@ -165,7 +250,10 @@ fn build_reporting(
     let foliage: Option<Foliage> = section.read("foliage");
     let bark: Option<Bark> = section.read("bark");
     let rule = match (merged.get("rule"), defaults.get("rule")) {
-        (Some(rule), Some(defaults)) => rule::compile(rule, defaults, &sources, errors),
+        (Some(rule), Some(defaults)) => {
+            let of_tree = size.as_ref().map_or([f64::NAN; 3], Size::of_tree);
+            rule::compile(rule, of_tree, defaults, &sources, errors)
+        }
         _ => None,
     };
     let name = name.unwrap_or_else(|| id.to_owned());
@@ -201,7 +289,7 @@ impl Sections<'_> {
     }
 }
 
-fn read_defaults(errors: &mut Vec<Error>) -> Option<Node> {
+pub(super) fn read_defaults(errors: &mut Vec<Error>) -> Option<Node> {
     let sources = Sources(vec![Source {
         name: "defaults.toml".into(),
         text: include_str!("defaults.toml").into(),
@@ -289,7 +377,7 @@ fn identity(path: &Path) -> String {
 /// The file that `extends` names: a built-in, or a path beside the file that says so.
 fn find(extends: &str, from: &Link) -> std::result::Result<(Link, Source), String> {
     if let Some(text) = builtin::text(extends) {
-        let source = Source { name: format!("{extends}.toml"), text: text.to_owned() };
+        let source = Source { name: format!("{extends}.toml"), text: text.into() };
         return Ok((Link { identity: extends.to_owned(), folder: None }, source));
     }
     if let (Some(folder), true) = (&from.folder, extends.ends_with(".toml")) {
@@ -297,7 +385,7 @@ fn find(extends: &str, from: &Link) -> std::result::Result<(Link, Source), Strin
         return match read_file(&path) {
             Ok(text) => Ok((
                 Link { identity: identity(&path), folder: path.parent().map(Path::to_path_buf) },
-                Source { name: path.to_string_lossy().into_owned(), text },
+                Source { name: path.to_string_lossy().into_owned(), text: text.into() },
             )),
             Err(e) => Err(format!("{}; it is looked for beside this file", e.message())),
         };
@@ -396,12 +484,90 @@ mod tests {
     fn survives(text: &str) {
         if let Err(error) = load_text("any", text) {
             assert!(error.count() > 0);
+            assert!(error.labels_lie_within(), "{error:?}");
             let _ = crate::diagnostic::render(&error);
+        }
+    }
+
+    /// What no author types, and a program might: everything is answered, and soon.
+    #[test]
+    fn extremes_are_answered() {
+        let deep = 100_000;
+        let rule = |axiom: &str, production: &str| {
+            format!(
+                "[rule]\naxiom = '{axiom}'\nproductions = ['{production}']\nangles = {{ alpha = 30 }}"
+            )
+        };
+        let many = |piece: &str| piece.repeat(deep);
+        let production = |piece: &str| rule("F(a)", &format!("F(a) -> F(a){}", many(piece)));
+        for text in [
+            production("["),
+            production("]"),
+            production("[^F(a)]"),
+            production("é"),
+            production(" \u{2003}"),
+            production("-> "),
+            rule("F(a)", &format!("F(a) -> F({}a{})", many("("), many(")"))),
+            rule("F(a)", &format!("F(a) -> F({}a)", many("-"))),
+            rule("F(a)", &format!("F(a) -> F({}a)", many("!"))),
+            rule("F(a)", &format!("F(a) -> F({}a)", many("2("))),
+            rule("F(a)", &format!("F(a) -> F({}a)", many("sqrt("))),
+            rule("F(a)", &format!("F(a) -> F(a{})", many("^a"))),
+            rule("F(a)", &format!("F(a) -> F(a{})", many("+a"))),
+            rule("F(a)", &format!("F(a) -> F(a{})", many(",a"))),
+            rule("F(a)", &format!("F(a) -> F({})", many("9"))),
+            rule("F(a)", &format!("F(a) -> F(1e{})", many("9"))),
+            rule("F(a)", "F(a) -> F(1e308*1e308)"),
+            rule("F(a)", &format!("F({}) -> F(1)", many("a"))),
+            rule("F(a)", &format!("{} F(a) -> F(a)", many("A"))),
+            rule("F(a)", &format!("F(a) > {} -> F(a)", many("[A"))),
+            rule(&many("F(a)"), "F(a) -> F(a)"),
+            rule(
+                &('a'..='z').chain('а'..='я').chain('一'..='僿').collect::<String>(),
+                "F(a) -> F(a)",
+            ),
+            format!("[rule]\nproductions = [{}]", many("'F -> F',")),
+            format!(
+                "[rule]\naxiom = 'F'\nconstants = {{ {}z = 1 }}",
+                (0..deep).map(|i| format!("k{i} = 1, ")).collect::<String>()
+            ),
+            format!("[rule]\n{}", (0..20_000).map(|i| format!("k{i} = 1\n")).collect::<String>()),
+            format!("x = {}", many("[")),
+            format!("x = {}1{}", many("["), many("]")),
+            format!("x{} = 1", many(".x")),
+            format!("[x{}]", many(".x")),
+            format!("x = {}", many("{ x = ")),
+            format!("# {}", many("long")),
+            format!("name = '{}'", many("long")),
+            "[size]\nheight_m = 1e999".into(),
+            "[size]\nheight_m = 99999999999999999999999999".into(),
+            "[rule]\niterations = 99999999999999999999".into(),
+        ] {
+            survives(&text);
         }
     }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(400))]
+
+        #[test]
+        fn no_bytes_panic(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+            survives(&String::from_utf8_lossy(&bytes));
+        }
+
+        #[test]
+        fn no_shuffled_file_panics(
+            name in prop::sample::select(builtin_names()),
+            cuts in prop::collection::vec((any::<prop::sample::Index>(), any::<prop::sample::Index>()), 1..6),
+        ) {
+            let mut text: Vec<char> = builtin::text(name).unwrap_or("").chars().collect();
+            for (from, to) in cuts {
+                let (i, j) = (from.index(text.len()), to.index(text.len()));
+                let piece: Vec<char> = text[i..(i + 12).min(text.len())].to_vec();
+                text.splice(j..j, piece);
+            }
+            survives(&text.into_iter().collect::<String>());
+        }
 
         #[test]
         fn no_text_panics(text in "\\PC{0,200}") {

@@ -21,6 +21,26 @@ const CASES: &[(&str, &str, &str)] = &[
     ("unknown top key", "[rule]", "branchng = 'sympodial'\n[rule]"),
     ("unknown value", "[rule]", "kind = 'conifr'\n[rule]"),
     ("wrong type", "iterations = 3", "iterations = 'three'"),
+    ("key in the wrong section", "iterations = 3", "height_m = 12\niterations = 3"),
+    ("key of two sections", "iterations = 3", "colour = [1, 2, 3]\niterations = 3"),
+    ("top key in a section", "iterations = 3", "iterations = 3\nextends = 'table3/13'"),
+    ("key twice", "iterations = 3", "iterations = 3\niterations = 4"),
+    (
+        "escape in double quotes",
+        "'F(a) -> F(a)[^F(0.5a)][&F(0.5a)]'",
+        r#""F(a) -> F(a)[\F(0.5a)]""#,
+    ),
+    (
+        "escape that makes a control character",
+        "'F(a) -> F(a)[^F(0.5a)][&F(0.5a)]'",
+        r#""F(a) -> F(a)[\f(0.5a)][^F(a)]""#,
+    ),
+    ("curly quotes", "'F(a)'", "‘F(a)’"),
+    ("typographic minus", "alpha = 30", "alpha = −30"),
+    ("Greek letter", "alpha = 30", "α = 30"),
+    ("quoted Greek letter", "alpha = 30", "'α' = 30"),
+    ("no axiom", "axiom = 'F(a)'\n", ""),
+    ("misspelt axiom", "axiom = ", "axoim = "),
     ("negative count", "iterations = 3", "iterations = -1"),
     ("too many iterations", "iterations = 3", "iterations = 900"),
     ("empty axiom", "'F(a)'", "''"),
@@ -38,27 +58,52 @@ const CASES: &[(&str, &str, &str)] = &[
     ("unknown letter", "[&F(0.5a)]", "[&K(0.5a)]"),
     ("unknown command", "[&F", "[+F"),
     ("no angle", "angles = { alpha = 30 }", ""),
+    ("digit outside parentheses", "[&F(0.5a)]", "[&F0.5a]"),
+    ("multiplication sign between modules", "[&F", "×[&F"),
+    ("control character", "[&F", "\u{7f}[&F"),
     ("angle of no use", "alpha = 30", "alpha = 30, beta = 20"),
     ("misspelt angle", "alpha = 30", "alfa = 30"),
     ("angle of another turtle", "alpha = 30", "alpha = 30, '+' = 20"),
     ("angle out of range", "alpha = 30", "alpha = 3000"),
     ("unknown name", "F(0.5a)][&", "F(0.5b)][&"),
+    ("unknown function", "F(0.5a)][&", "F(sqr(a))][&"),
+    ("function with too few arguments", "F(0.5a)][&", "F(min(a))][&"),
+    ("function with too many arguments", "F(0.5a)][&", "F(sqrt(a, 2))][&"),
+    ("function without arguments", "F(0.5a)][&", "F(sqrt a)][&"),
+    ("parameter as a function", "F(0.5a)][&", "F(a(2))][&"),
+    ("dash for a minus", "F(0.5a)][&", "F(a – 1)][&"),
+    ("parameter in the axiom", "'F(a)'", "'F(len)'"),
+    (
+        "nested too deeply",
+        "F(0.5a)][&",
+        "F((((((((((((((((((((((((((((((((((a))))))))))))))))))))))))))))))))))][&",
+    ),
     ("division by zero", "F(0.5a)][&", "F(a/(2-2))][&"),
     ("division by a constant of 0", "F(a)[^F(0.5a)]", "F(a)[^F(a/k)]"),
     ("constant of no use", "iterations = 3", "iterations = 3\nconstants = { k = 2 }"),
     ("constant with a taken name", "iterations = 3", "iterations = 3\nconstants = { a = 2 }"),
     ("no arrow", "F(a) -> F(a)", "F(a) = F(a)"),
+    ("arrow of another make", "F(a) -> F(a)", "F(a) => F(a)"),
+    ("arrow of two strokes", "F(a) -> F(a)", "F(a) --> F(a)"),
+    ("arrow after a condition", "F(a) -> F(a)", "F(a) : a > 1 => F(a)"),
+    ("assignment", "F(a) -> F(a)", "F(a) := F(a)"),
+    ("constant of the tree", "iterations = 3", "iterations = 3\nconstants = { height = 2 }"),
     ("nothing but a symbol", "F(a) -> F(a)[^F(0.5a)][&F(0.5a)]", "F(a)"),
     ("left context without a symbol", "F(a) -> ", "< F(a) -> "),
     ("right context without a symbol", "F(a) -> ", "F(a) > -> "),
     ("second arrow", "[&F", "-> [&F"),
     ("no successor", "F(a) -> F(a)[^F(0.5a)][&F(0.5a)]", "F(a) ->"),
     ("two predecessors", "F(a) -> ", "F(a)F(b) -> "),
-    ("command replaced", "F(a) -> ", "^ -> "),
+    ("bracket replaced", "F(a) -> ", "[ -> "),
     ("number before the arrow", "F(a) -> ", "F(0.5) -> "),
     ("one name twice", "F(a) -> ", "F(a, a) -> "),
     ("never comes up", "(0.5a)]',", "(0.5a)]',\n    'G(a) -> F(a)',"),
     ("always shadowed", "(0.5a)]',", "(0.5a)]',\n    'F(a) -> F(2a)',"),
+    ("left context never comes up", "F(a) -> ", "K < F(a) -> "),
+    ("right context never comes up", "F(a) -> ", "F(a) > [F(b)]K -> "),
+    ("bracket in a left context", "F(a) -> ", "[F(b)] < F(a) -> "),
+    ("right context left open", "F(a) -> ", "F(a) > [F(b) -> "),
+    ("weights of 0", "F(a) -> ", "F(a) -> (1 - 1) "),
     ("condition always false", "F(a) -> ", "F(a) : 1 > 2 -> "),
     ("weight below 0", "F(a) -> ", "F(a) -> (-1) "),
     ("unknown base", "[rule]", "extends = 'table3/31'\n[rule]"),
@@ -72,6 +117,7 @@ const CASES: &[(&str, &str, &str)] = &[
         "iterations = 3",
         "iterations = 3\n[size]\nprofile = [[0.0, 0.5, 1.0]]",
     ),
+    ("age out of range", "iterations = 3", "iterations = 3\n[size]\nage_years = 0"),
     ("size out of range", "iterations = 3", "iterations = 3\n[size]\nheight_m = -4"),
     ("colour out of range", "iterations = 3", "iterations = 3\n[bark]\ncolour = [300, 0, 0]"),
     ("luminance upside down", "[rule]", "luminance = [190, 160]\n[rule]"),
@@ -105,6 +151,45 @@ fn every_mistake_has_a_place_and_a_remedy() {
         all.push_str(&format!("── {name}\n{shown}\n"));
     }
     insta::assert_snapshot!("mistakes", all);
+}
+
+#[test]
+fn mistakes_of_the_heading_turtle() {
+    let mut all = String::new();
+    for (name, body) in [
+        ("parameter of a cut", "axiom = 'F[%(2)F]'"),
+        ("angle of a cut", "axiom = 'F%'\nangles = { '%' = 30 }"),
+        ("Greek letter of the other turtle", "axiom = 'F[+F]'\nangles = { alpha = 30 }"),
+        ("polygon never closed", "axiom = 'F[{.F.]'"),
+        ("command of the other turtle", "axiom = 'F#'"),
+        ("no angle, twice", "axiom = 'F+F-F'"),
+        ("weights that make nothing", "axiom = 'A'\nproductions = ['A -> (0) F', 'A -> (0) FF']"),
+    ] {
+        let text = format!("[rule]\nturtle = 'heading'\n{body}\n");
+        let shown = message(&text);
+        assert!(shown.contains("help: "), "{name}: {shown}");
+        all.push_str(&format!("── {name}\n{shown}\n"));
+    }
+    insta::assert_snapshot!("heading", all);
+}
+
+/// The caret stands under the character, whatever the string's quotes and whatever is wide.
+#[test]
+fn carets_stand_under_their_characters() {
+    let mut all = String::new();
+    for text in [
+        "productions = ['ёлка', 'F(длина) → F(длина)[&F(ширина)]']",
+        "productions = [\"F(a) → F(a)[\\\\F(0.5a)]\\u005d\"]",
+        "productions = ['''F(é) ->\n  F(é)\n  [^F(0.5ü)]''']",
+        "productions = [\"\"\"\nF(a) -> \\\n   F(a)[^F(0.5b)]\"\"\"]",
+        "productions = ['F(木) -> F(木)] # 枝']",
+        "\tproductions = ['\tF(a) ->\tF(a)\t]']",
+    ] {
+        let text =
+            format!("# Ель – ель\n[rule]\r\naxiom = 'F(a)'\n{text}\nangles = {{ alpha = 30 }}\n");
+        all.push_str(&format!("{}\n", message(&text)));
+    }
+    insta::assert_snapshot!("carets", all);
 }
 
 #[test]

@@ -15,7 +15,11 @@ mod near;
 mod node;
 pub mod photo;
 pub mod rule;
+mod schema;
+mod template;
 
-pub use load::{Listed, builtin_names, check_file, list, load, load_text};
+pub use load::{Listed, builtin_names, files, list, load, load_text, sections};
 pub use model::Species;
 pub use rule::Rule;
+pub use schema::schema;
+pub use template::{BASE as TEMPLATE_BASE, template};

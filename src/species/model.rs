@@ -1,12 +1,13 @@
 //! What a species is once its rule file, and what that builds on, has been read and checked.
 //!
 //! The sections below are the tables of a rule file, one to one. Lengths are metres, angles
-//! degrees, colours sRGB 0…255.
+//! degrees, colours sRGB 0…255. The words at each field are those of the schema and of the template.
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// Decides the defaults of looks and the coarse class of a photo.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
     Conifer,
@@ -15,7 +16,7 @@ pub enum Kind {
 }
 
 /// How the main axis goes on (T15).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Branching {
     /// One stem to the top, laterals along it.
@@ -27,21 +28,57 @@ pub enum Branching {
 }
 
 /// The size of a typical grown tree; others are scaled by height.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Size {
+    /// Height of the tree, metres.
     pub height_m: f32,
+    /// Diameter of its crown, metres.
     pub crown_diameter_m: f32,
-    /// Crown base over height, 0…1.
+    /// Age at which a tree is that tall, years.
+    pub age_years: f32,
+    /// Height of the crown's base over that of the tree.
     pub crown_base: f32,
-    /// Stem diameter at 1.3 m.
+    /// Stem diameter at 1.3 m, metres.
     pub stem_diameter_m: f32,
     /// Crown outline from base (0) to top (1): pairs (relative height, relative radius), rising in
-    /// height, radius 0…1. Between them linear.
+    /// height; between them linear.
     pub profile: Vec<[f32; 2]>,
 }
 
+/// Shape of the growth in height: h(A) ∝ (1 − e^(−cA))^p, A in units of `age_years`
+/// (Richards 1959). With these a tree of `age_years` has 0.83 of the height it may reach.
+const RICHARDS: (f32, f32) = (2.0, 1.3);
+
 impl Size {
+    /// Height of a tree of that age, metres.
+    pub fn height_at(&self, age_years: f32) -> f32 {
+        let (c, p) = RICHARDS;
+        let age = (age_years / self.age_years).max(0.0);
+        self.height_m * ((-c * age).exp_m1() / (-c).exp_m1()).powf(p)
+    }
+
+    /// Age of a tree of that height, years; four times `age_years` for what it never reaches.
+    pub fn age_at(&self, height_m: f32) -> f32 {
+        let (c, p) = RICHARDS;
+        let grown = (height_m / self.height_m).max(0.0).powf(1.0 / p);
+        let left = 1.0 + grown * (-c).exp_m1();
+        let age = if left > 0.0 { -left.ln() / c } else { f32::INFINITY };
+        self.age_years * age.min(4.0)
+    }
+
+    /// Share of its life in which a tree reached a share of its height, both 0…1.
+    pub fn age_share(&self, height_share: f32) -> f32 {
+        (self.age_at(height_share.clamp(0.0, 1.0) * self.height_m) / self.age_years).min(1.0)
+    }
+
+    /// What a rule may read of the typical tree: the values of [`OF_TREE`].
+    ///
+    /// [`OF_TREE`]: crate::species::rule::OF_TREE
+    pub fn of_tree(&self) -> [f64; 3] {
+        [self.height_m, self.crown_diameter_m, self.age_years].map(f64::from)
+    }
+
     /// Stem diameter of a tree of another height, metres: it goes with height^1.5 (elastic
     /// similarity, McMahon 1973).
     pub fn stem_diameter_at(&self, height_m: f32) -> f32 {
@@ -51,12 +88,14 @@ impl Size {
 }
 
 /// From scaffold to filled crown.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Growth {
     /// α_i of the length decay, one an iteration, as a fraction of L_apex squared per metre of
     /// crown length; the last holds for the rest. 0: no decay.
     pub decay: Vec<f32>,
+    /// How the decay differs over the crown.
+    pub decay_by: DecayBy,
     /// Upward (+) or downward (−) turn of a shoot, degrees a metre at horizontal.
     pub tropism: f32,
     /// Random bend of an axis, degrees a metre.
@@ -69,12 +108,13 @@ pub struct Growth {
     pub kill: f32,
     /// Pipe model exponent e: r_parent^e = Σ r_child^e. 2 is da Vinci's rule.
     pub pipe_exponent: f32,
-    /// Radius of a last shoot.
+    /// Radius of a last shoot, metres.
     pub tip_radius_m: f32,
     /// Shoots of the stem within the crown of a tree of `size.height_m`; each is rewritten by the
     /// rule into itself and its laterals. 1: the rule's axiom stands for the whole tree.
     pub internodes: u32,
-    /// Turn about the stem from one group of laterals to the next, degrees (137.5: golden angle).
+    /// Turn about the stem from one group of laterals to the next, degrees; 137.5 is the golden
+    /// angle.
     pub roll_deg: f32,
     /// Laterals that spring from one place: those of a whorl, or 1 for a spiral.
     pub whorl: u32,
@@ -83,15 +123,15 @@ pub struct Growth {
     pub spread: f32,
     /// Share of the crown that the stem passes before it gives way to its laterals; 1: all.
     pub stem: f32,
-    /// Unevenness of the crown outline, 0…1.
+    /// Unevenness of the crown outline.
     pub uneven: f32,
-    /// Share of the crown's radius, from the axis, that bears no fine twigs, 0…1.
+    /// Share of the crown's radius, from the axis, that bears no fine twigs.
     pub bare: f32,
     /// Weight of a twig's heading against its attractors: 0 follows them freely, 2 is stiff.
     pub inertia: f32,
     /// Weight of the way from the stem outwards in the growth of twigs.
     pub outward: f32,
-    /// Density of attractors added to the scan's own inside the crown, 0…1.
+    /// Density of attractors added to the scan's own inside the crown.
     pub fill: f32,
     /// Turn of the outer twigs towards the ground, degrees a metre.
     pub hang: f32,
@@ -99,19 +139,45 @@ pub struct Growth {
     pub order: Vec<Habit>,
 }
 
+/// Factors of the decay rates α_i, as pairs (place, factor) rising in the place, linear between
+/// them; the three multiply.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DecayBy {
+    /// By height in the crown, 0 its base to 1 its top.
+    pub height: Vec<[f32; 2]>,
+    /// By the compass bearing a branch leaves to: 0 north, 90 east; goes round.
+    pub azimuth_deg: Vec<[f32; 2]>,
+    /// By the light at the branch's tip, 0 dark to 1 the open sky.
+    pub light: Vec<[f32; 2]>,
+}
+
+impl DecayBy {
+    /// Whether the decay is the same all over the crown.
+    pub fn is_even(&self) -> bool {
+        [&self.height, &self.azimuth_deg, &self.light].into_iter().all(|c| is_level(c))
+    }
+}
+
+/// Whether a curve has one value everywhere.
+pub fn is_level(pairs: &[[f32; 2]]) -> bool {
+    pairs.windows(2).all(|w| w[0][1] == w[1][1])
+}
+
 /// How branches of one order grow. Pairs hold at the base and at the top of the crown (for order
 /// 1) or of the parent axis (from 2 on), with linear change between.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Habit {
-    /// Angle from the parent's direction. Absent: the angle of the rule.
+    /// Angle from the parent's direction, degrees. Absent: the angle of the rule.
     #[serde(default)]
+    #[schemars(extend("examples" = [[80, 50]]))]
     pub angle_deg: Option<[f32; 2]>,
-    /// Spread of that angle, of the azimuth and of the place, 0…1.
+    /// Spread of that angle, of the azimuth and of the place.
     pub irregular: f32,
-    /// Turn of the first half of the branch, up (+) or down (−).
+    /// Turn of the first half of the branch, up (+) or down (−), degrees.
     pub curve_deg: [f32; 2],
-    /// Turn of the outer half.
+    /// Turn of the outer half, degrees.
     pub tip_deg: [f32; 2],
     /// Length at the apex of the parent (L_apex) over the crown's radius (order 1) or the parent's
     /// length (from 2 on).
@@ -123,7 +189,7 @@ pub struct Habit {
 }
 
 /// The outline of a leaf, or needles.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum LeafShape {
     /// Single needles along the shoot (spruce, fir).
@@ -145,28 +211,34 @@ pub enum LeafShape {
 }
 
 /// Leaves or needles and how they sit on shoots.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Foliage {
+    /// Outline of a leaf, or how needles stand.
     pub shape: LeafShape,
+    /// Length of a leaf or needle, metres.
     pub leaf_length_m: f32,
+    /// Width of a leaf or needle, metres.
     pub leaf_width_m: f32,
-    /// Middle colour of a leaf in summer.
+    /// Middle colour of a leaf in summer: red, green, blue.
     pub colour: [u8; 3],
-    /// Spread of the colour from leaf to leaf, 0…1.
+    /// Spread of the colour from leaf to leaf.
     pub variation: f32,
-    /// Length of the leafy twig that one card shows.
+    /// Length of the leafy twig that one card shows, metres.
     pub twig_length_m: f32,
     /// Twig cards a metre of shoot that bears leaves.
     pub twigs_per_m: f32,
     /// Hang of a twig: 0 follows the shoot, 1 hangs straight down, −1 stands upright.
     pub droop: f32,
-    /// Shoots thinner than this bear leaves.
+    /// Shoots of a radius below this bear leaves, metres.
     pub bearing_radius_m: f32,
+    /// Leaf area over the area of the crown's hull, 0…1, below which twigs are drawn larger to make
+    /// up for those a coarse model leaves out: near 1 hides the wood, a third lets the sky through.
+    pub cover: f32,
 }
 
-/// The look of the bark.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+/// Patterns of bark.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum BarkStyle {
     /// White with dark lenticels (birch).
@@ -181,16 +253,19 @@ pub enum BarkStyle {
     Smooth,
 }
 
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+/// The look of the bark.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Bark {
+    /// Pattern of the bark.
     pub style: BarkStyle,
-    /// Ridges, plates.
+    /// Colour of ridges or plates: red, green, blue.
     pub colour: [u8; 3],
-    /// Furrows, lenticels.
+    /// Colour of furrows or lenticels.
     pub dark: [u8; 3],
     /// Colour towards the top of the stem and on branches; `colour` where absent.
     #[serde(default)]
+    #[schemars(extend("examples" = [[142, 118, 96]]))]
     pub upper: Option<[u8; 3]>,
     /// Depth of the relief, metres.
     pub relief_m: f32,

@@ -3,6 +3,7 @@
 
 use std::fmt;
 use std::ops::Range;
+use std::sync::Arc;
 
 use serde::de::{self, DeserializeSeed, Deserializer, IntoDeserializer, Visitor};
 use toml::de::{DeTable, DeValue};
@@ -13,7 +14,7 @@ use crate::diagnostic::Error;
 #[derive(Debug, Clone)]
 pub struct Source {
     pub name: String,
-    pub text: String,
+    pub text: Arc<str>,
 }
 
 /// The sources of one species: the file itself first, then what it extends, nearest first.
@@ -29,6 +30,11 @@ pub struct Place {
 }
 
 impl Place {
+    /// Whether it lies in no file of the author's.
+    pub fn is_nowhere(&self) -> bool {
+        self.source == usize::MAX
+    }
+
     fn holds(&self, other: &Place) -> bool {
         self.source == other.source
             && self.span.start <= other.span.start
@@ -40,9 +46,12 @@ impl Sources {
     /// An error with a caret at `place`.
     pub fn error(&self, place: &Place, message: impl Into<String>, label: &str) -> Error {
         match self.0.get(place.source) {
-            Some(s) => {
-                Error::new(message).in_file(&s.name).at(&s.name, &s.text, place.span.clone(), label)
-            }
+            Some(s) => Error::new(message).in_file(&s.name).at(
+                &s.name,
+                s.text.clone(),
+                place.span.clone(),
+                label,
+            ),
             // A default: no text of the author's to show.
             None => match self.0.first() {
                 Some(own) => Error::new(message).in_file(&own.name),
@@ -131,12 +140,15 @@ impl Node {
         // TOML bounds its own nesting, so this recursion is shallow.
         match (self.value, base.value) {
             (Value::Table(own), Value::Table(mut entries)) => {
+                let below = entries.len();
                 for entry in own {
-                    match entries.iter().position(|e| e.key == entry.key) {
-                        Some(i) => {
-                            let below = entries.remove(i);
-                            let node = entry.node.over(below.node);
-                            entries.insert(i, Entry { node, ..entry });
+                    let mut known = entries.iter_mut().take(below);
+                    match known.find(|e| e.key == entry.key) {
+                        Some(slot) => {
+                            let nothing =
+                                Node { place: entry.node.place.clone(), value: Value::Date };
+                            let base = std::mem::replace(&mut slot.node, nothing);
+                            *slot = Entry { node: entry.node.over(base), ..entry };
                         }
                         None => entries.push(entry),
                     }
@@ -161,9 +173,8 @@ pub fn read(sources: &Sources, source: usize) -> Result<Node, Vec<Error>> {
                 let span = e.span().unwrap_or(0..0);
                 let place = Place { source, span };
                 let message = format!("not TOML: {}", e.message().trim().replace('\n', ", "));
-                sources
-                    .error(&place, message, "here")
-                    .remedy("write keys as `name = value`, sections as `[rule]`, and productions between single quotes")
+                let remedy = remedy_of_syntax(&own.text, &place.span, &message);
+                sources.error(&place, message, "here").remedy(remedy)
             })
             .collect());
     }
@@ -172,6 +183,28 @@ pub fn read(sources: &Sources, source: usize) -> Result<Node, Vec<Error>> {
         table.into_inner().into_iter().map(|(k, v)| entry(source, k, v)).collect();
     entries.sort_by_key(|e| e.key_place.span.start);
     Ok(Node { place: Place { source, span }, value: Value::Table(entries) })
+}
+
+/// What to do about a syntax error: said of the usual slips, and in general of the rest.
+fn remedy_of_syntax(text: &str, span: &Range<usize>, message: &str) -> &'static str {
+    let near = text.get(span.start..).unwrap_or("").chars().next().unwrap_or(' ');
+    let before = text.get(..span.start).unwrap_or("").chars().next_back().unwrap_or(' ');
+    let is_any = |set: &str| set.contains(near) || set.contains(before);
+    if near.is_control() && !near.is_whitespace() {
+        "remove the control character at the caret"
+    } else if message.contains("escape") {
+        r"write the text between single quotes, where `\` stands for itself"
+    } else if message.contains("duplicate key") {
+        "keep one of the two"
+    } else if is_any("−–—") {
+        "type the keyboard's minus sign, `-`"
+    } else if is_any("“”‘’«»„") {
+        "type straight quotes: `'…'`"
+    } else if is_any("αβγδ") {
+        "spell the letter: `alpha`, `beta`, `gamma`, `delta`"
+    } else {
+        "write keys as `name = value`, sections as `[rule]`, and productions between single quotes"
+    }
 }
 
 type SpannedKey<'a> = toml::Spanned<toml::de::DeString<'a>>;
@@ -210,6 +243,8 @@ pub struct Fault {
     message: String,
     remedy: Option<String>,
     place: Option<Place>,
+    /// The key, where nothing of that name is known.
+    stranger: Option<String>,
 }
 
 impl Fault {
@@ -244,7 +279,7 @@ fn plain(expected: &dyn de::Expected) -> String {
 
 impl de::Error for Fault {
     fn custom<T: fmt::Display>(message: T) -> Self {
-        Fault { message: message.to_string(), remedy: None, place: None }
+        Fault { message: message.to_string(), remedy: None, place: None, stranger: None }
     }
 
     fn invalid_type(found: de::Unexpected<'_>, expected: &dyn de::Expected) -> Self {
@@ -284,6 +319,7 @@ impl de::Error for Fault {
 
     fn unknown_field(found: &str, expected: &'static [&'static str]) -> Self {
         let mut fault = Fault::custom(format!("unknown key `{found}`"));
+        fault.stranger = Some(found.to_owned());
         fault.remedy = Some(super::near::suggest(found, expected));
         fault
     }
@@ -414,7 +450,7 @@ pub fn typed<T: de::DeserializeOwned>(
 ) -> Option<T> {
     let mut node = node.clone();
     // Each round settles one entry.
-    for _ in 0..=node.entries().len() {
+    for _ in 0..MAX_FAULTS {
         let fault = match T::deserialize(&node) {
             Ok(value) => return Some(value),
             Err(fault) => fault,
@@ -429,7 +465,8 @@ pub fn typed<T: de::DeserializeOwned>(
             _ => fault.message,
         };
         let mut error = sources.error(&place, message, "here");
-        if let Some(remedy) = fault.remedy {
+        let home = fault.stranger.as_deref().and_then(super::load::home);
+        if let Some(remedy) = home.or(fault.remedy) {
             error = error.remedy(remedy);
         }
         errors.push(error);
@@ -443,5 +480,42 @@ pub fn typed<T: de::DeserializeOwned>(
             }
         }
     }
-    None
+    T::deserialize(defaults).ok()
+}
+
+/// Wrong keys reported of one section.
+const MAX_FAULTS: usize = 64;
+
+/// The keys of a section, as its type has them.
+pub fn keys_of<'de, T: de::Deserialize<'de>>() -> &'static [&'static str] {
+    let mut keys: &'static [&'static str] = &[];
+    let _ = T::deserialize(Keys(&mut keys));
+    keys
+}
+
+/// Gives no value, and notes the fields it is asked for.
+struct Keys<'k>(&'k mut &'static [&'static str]);
+
+impl<'de> Deserializer<'de> for Keys<'_> {
+    type Error = Fault;
+
+    fn deserialize_any<V: Visitor<'de>>(self, _visitor: V) -> Result<V::Value, Fault> {
+        Err(de::Error::custom("no value"))
+    }
+
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        _name: &'static str,
+        fields: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Fault> {
+        *self.0 = fields;
+        self.deserialize_any(visitor)
+    }
+
+    serde::forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf
+        option unit unit_struct newtype_struct seq tuple tuple_struct map enum identifier
+        ignored_any
+    }
 }

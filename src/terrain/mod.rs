@@ -5,7 +5,7 @@
 //! the height of the Delaunay triangulation of the ground points at its centre; cells outside the
 //! hull go on smoothly from the plane through all ground points.
 
-mod lattice;
+mod facets;
 mod tin;
 
 use glam::{DMat3, DVec3, Vec2, Vec3};
@@ -14,7 +14,7 @@ use crate::diagnostic::{Error, Result, Warned};
 use crate::ground::{Classified, Kind};
 use crate::raster::{Grid, GridGeometry, inpaint};
 
-pub use lattice::Lattice;
+pub use facets::Facets;
 
 /// A height grid without voids, local metres.
 #[derive(Debug, Clone)]

@@ -38,6 +38,7 @@ use self::parts::{Ground, bounds, thinned};
 use self::trace::Nodes;
 use super::grow::{self, Detail, HEIGHTS_M, Target};
 use super::radii::{Pipes, radii};
+use super::stage::births;
 use super::{NO_PARENT, Skeleton, polish};
 use crate::crown::Crown;
 use crate::diagnostic::{Error, Result};
@@ -58,6 +59,8 @@ const VERTICES: std::ops::RangeInclusive<usize> = 5_000..=80_000;
 const FINEST_M: f32 = 0.01;
 /// Points nearer to wood than this need no way of their own, however sparse the cloud, metres.
 const FINEST_WAY_M: f32 = 0.15;
+/// Points within this share of the stem's radius from its surface are bark, and bear no branch.
+const BARK: f32 = 0.45;
 /// How often longer internodes are tried where nodes are few.
 const STEP_TRIES: usize = 4;
 /// Parts this share of the height apart, seen from above, are trees of their own; and the least
@@ -351,7 +354,7 @@ fn grown(
     // What lies on the stem or in it needs no branch.
     free.retain(|p| {
         wood.nearest(*p).is_none_or(|(cone, d)| {
-            d > (0.3 * cone.radius_m[0].max(cone.radius_m[1])).max(0.015).max(edge_m)
+            d > (BARK * cone.radius_m[0].max(cone.radius_m[1])).max(0.015).max(edge_m)
         })
     });
     let near = Points::new(&free);
@@ -361,8 +364,8 @@ fn grown(
     let spacing_m = gaps.get(gaps.len() / 2).copied().unwrap_or(edge_m).max(edge_m);
     let mut vertices = start.nodes.position.clone();
     vertices.extend_from_slice(&free);
-    let ways = graph::ways(&vertices, known, &near, &wood, 2.5 * spacing_m + 0.03);
     let top_m = start.radius_m.last().copied().unwrap_or(0.05);
+    let ways = graph::ways(&vertices, known, &near, &wood, 2.5 * spacing_m + 0.03 + BARK * top_m);
     let mut limits = trace::Bounds {
         max_nodes,
         step_m: (0.005 * height_m).clamp(0.03, 0.15).max(2.0 * spacing_m),
@@ -395,7 +398,11 @@ fn grown(
     }
     trace::centre(&mut nodes, &start.radius_m, &free, &heir, limits.coarse_m);
     let radius_m = thickness(species, &nodes, &axis, start, height_m);
-    Ok(Skeleton { position: nodes.position, parent: nodes.parent, radius_m, axis, order })
+    let birth = vec![0; radius_m.len()];
+    let (position, parent) = (nodes.position, nodes.parent);
+    let mut tree = Skeleton { position, parent, radius_m, axis, order, birth };
+    tree.birth = births(&tree, &species.size);
+    Ok(tree)
 }
 
 /// Radii: known ones as they are, the others by the pipe model in the ratio that it has to the

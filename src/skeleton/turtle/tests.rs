@@ -196,3 +196,47 @@ fn widths_follow_the_brackets() {
     let scaffold = heading("!(0.5)F[!F]F", "");
     assert_eq!(scaffold.width_m, [0.0, 0.5, 0.35, 0.5]);
 }
+
+/// A diamond in the plane of H and L.
+#[test]
+fn a_leaf_is_a_diamond() {
+    let scaffold = heading("F[+~(2)L]", "angles = { delta = 90 }");
+    assert_eq!(scaffold.len(), 2);
+    assert_eq!(
+        (scaffold.polygon_end.as_slice(), scaffold.polygon_node.as_slice()),
+        (&[4][..], &[1][..])
+    );
+    // The branch heads west; its left is down.
+    let corners = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.5], [-2.0, 0.0, 1.0], [-1.0, 0.0, 1.5]];
+    for (p, q) in scaffold.polygon.iter().zip(corners) {
+        assert!(near(*p, q), "{p} is not {q:?}");
+    }
+    assert!(heading("F~(0)~(-1)", "").polygon.is_empty());
+    assert_eq!(heading("F~", "").polygon[2].z, 2.0);
+}
+
+/// ABOP, App. C: `G` draws as `F` does, but makes no corner; wood is drawn outside polygons alone.
+#[test]
+fn edges_make_no_corners() {
+    let scaffold = heading("G{.F+G+F.}G", "angles = { delta = 90 }");
+    assert_eq!(scaffold.len(), 3);
+    let corners = [[0.0, 0.0, 1.0], [0.0, 0.0, 2.0], [-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]];
+    assert_eq!(scaffold.polygon.len(), 4);
+    for (p, q) in scaffold.polygon.iter().zip(corners) {
+        assert!(near(*p, q), "{p} is not {q:?}");
+    }
+}
+
+/// ABOP, §5.1: a leaf whose polygons begin in one bracket and end in the next.
+#[test]
+fn polygons_reach_across_brackets() {
+    let leaf = |n: u32| {
+        drawn(&format!(
+            "turtle = 'heading'\naxiom = '[A][B]'\niterations = {n}\nangles = {{ delta = 16 }}
+            productions = ['A -> [+A{{.].C.}}', 'B -> [-B{{.].C.}}', 'C -> GC']\nmarkers = 'C'"
+        ))
+    };
+    let scaffold = leaf(12);
+    assert_eq!((scaffold.polygon_end.len(), scaffold.polygon.len()), (24, 72));
+    assert_eq!(scaffold.len(), 1);
+}

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
@@ -10,29 +11,45 @@ use super::dialect::{Action, Command, Dialect};
 use super::expr::{Cursor, Scope, Shape, Slip, is_name_part, is_name_start};
 use super::parse::{self, Module, Parsed, Pattern};
 use super::text::Text;
-use super::{FIRST_SHOOT, Production, Rule, Symbol, Template};
+use super::{FIRST_SHOOT, OF_TREE, Production, Rule, Symbol, Template};
 use crate::diagnostic::Error;
-use crate::species::near::suggest;
+use crate::species::near::nearest;
 use crate::species::node::{self, Entry, Node, Place, Sources};
 
 /// Iterations beyond this can't end well: the least growing rule has doubled a million times.
 const MAX_ITERATIONS: u32 = 64;
 /// Symbols of one alphabet: they are kept as bytes.
 const MAX_SYMBOLS: usize = 250;
+/// Productions, and constants, of one rule.
+const MAX_LINES: usize = 1000;
 
-#[derive(Debug, Deserialize)]
+/// The L-system: how a shoot becomes a shoot with laterals, iteration by iteration.
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-struct Section {
+pub struct Section {
+    /// The turtle that reads the string.
     turtle: Dialect,
+    /// The string to begin with.
     axiom: String,
+    /// What each symbol becomes in one iteration, such as `F(a) -> F(a)[^F(0.5a)][&F(0.5a)]`.
     productions: Vec<String>,
+    /// How often the productions are applied; a tree needs 2 to 8.
+    #[schemars(range(max = MAX_ITERATIONS))]
     iterations: u32,
+    /// Length of the first shoot, metres; a grown tree is scaled to its size.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     a: f64,
+    /// Degrees of the turns, by Greek letter (`alpha = 30`) or by symbol (`'^&' = 30`).
     #[serde(default)]
     #[allow(dead_code)]
+    #[schemars(with = "BTreeMap<String, f64>", extend("additionalProperties" = {
+        "type": "number", "minimum": -360, "maximum": 360
+    }))]
     angles: Option<IgnoredAny>,
+    /// Numbers by name, for use in productions.
     #[serde(default)]
     #[allow(dead_code)]
+    #[schemars(with = "BTreeMap<String, f64>", extend("examples" = [{ "k": 0.5 }]))]
     constants: Option<IgnoredAny>,
     /// Letters that draw beside the dialect's own.
     draws: String,
@@ -42,9 +59,10 @@ struct Section {
     ignore: String,
 }
 
-/// Compiles the section. `None` where there were errors.
+/// Compiles the section; `of_tree`: values of [`OF_TREE`]. `None` where there were errors.
 pub fn compile(
     rule: &Node,
+    of_tree: [f64; OF_TREE.len()],
     defaults: &Node,
     sources: &Sources,
     errors: &mut Vec<Error>,
@@ -62,6 +80,7 @@ pub fn compile(
         symbols: Vec::new(),
         arity: BTreeMap::new(),
         constants: Vec::new(),
+        angles_missed: Vec::new(),
         errors,
     };
     if section.iterations > MAX_ITERATIONS {
@@ -78,6 +97,14 @@ pub fn compile(
             "give the first shoot's length in metres",
         );
     }
+    if section.productions.len() > MAX_LINES {
+        compiler.error(
+            &compiler.key("productions"),
+            format!("more than {MAX_LINES} productions"),
+            "join those that differ in a number only by a parameter",
+        );
+        return None;
+    }
     compiler.read_angles();
     compiler.read_constants(section.a);
     let productions = compiler.parse_productions(&section.productions);
@@ -85,8 +112,23 @@ pub fn compile(
     if compiler.errors.len() > before {
         return None;
     }
-    let rule = compiler.link(&axiom, &axiom_text, productions, section.iterations, &section.ignore);
+    let mut rule =
+        compiler.link(&axiom, &axiom_text, productions, section.iterations, &section.ignore);
+    for ((_, slot), value) in rule.constants.iter_mut().skip(1).zip(of_tree) {
+        *slot = value;
+    }
     (errors.len() == before).then_some(rule)
+}
+
+/// The name of a Greek letter that a turtle's angle may have.
+fn greek_name(key: &str) -> Option<&'static str> {
+    Some(match key.trim() {
+        "α" => "alpha",
+        "β" => "beta",
+        "γ" => "gamma",
+        "δ" => "delta",
+        _ => return None,
+    })
 }
 
 /// A production as written and its text.
@@ -114,6 +156,8 @@ struct Compiler<'a> {
     /// Parameters of each letter.
     arity: BTreeMap<char, usize>,
     constants: Vec<(String, Option<f64>)>,
+    /// Greek letters that were said to have no angle.
+    angles_missed: Vec<&'static str>,
     errors: &'a mut Vec<Error>,
 }
 
@@ -124,6 +168,16 @@ impl Compiler<'_> {
 
     fn error(&mut self, place: &Place, message: String, remedy: &str) {
         self.errors.push(self.sources.error(place, message, "here").remedy(remedy));
+    }
+
+    /// Reports a control character that an escape has made: `"[\f(2)F]"` holds a form feed.
+    fn has_escapes(&mut self, text: &Text<'_>) -> bool {
+        if let Some((span, c)) = text.escaped_control.clone() {
+            let message = format!("this became the control character U+{:04X}", u32::from(c));
+            let remedy = r"write the text between single quotes, where `\` stands for itself";
+            self.slip(text, Slip::new(span, message, remedy));
+        }
+        text.escaped_control.is_some()
     }
 
     fn slip(&mut self, text: &Text<'_>, slip: Slip) {
@@ -188,9 +242,10 @@ impl Compiler<'_> {
                 }
             }
             if set.is_empty() {
-                let remedy = match suggest(&line.key, dialect.greek()) {
-                    near if near.starts_with("did") => near,
-                    _ => format!(
+                let remedy = match (greek_name(&line.key), nearest(&line.key, dialect.greek())) {
+                    (Some(name), _) => format!("spell it `{name}`"),
+                    (None, Some(near)) => format!("did you mean `{near}`?"),
+                    (None, None) => format!(
                         "name {} or turning symbols in quotes, such as '&^'",
                         dialect.greek().join(", ")
                     ),
@@ -213,15 +268,26 @@ impl Compiler<'_> {
 
     fn read_constants(&mut self, first_shoot: f64) {
         self.constants.push((FIRST_SHOOT.into(), Some(first_shoot)));
-        for line in self.lines("constants") {
+        self.constants.extend(OF_TREE.map(|name| (name.to_owned(), None)));
+        let lines = self.lines("constants");
+        if lines.len() > MAX_LINES {
+            let place = self.key("constants");
+            self.error(&place, format!("more than {MAX_LINES} constants"), "use fewer");
+            return;
+        }
+        for line in lines {
             let name = line.key.as_str();
             if name == FIRST_SHOOT
+                || OF_TREE.contains(&name)
                 || !name.starts_with(is_name_start)
                 || !name.chars().all(is_name_part)
                 || super::expr::FUNCTIONS.iter().any(|(f, _)| *f == name)
             {
                 let remedy = if name == FIRST_SHOOT {
                     "`a` is the first shoot's length: set it as `a = …` under `[rule]`"
+                } else if OF_TREE.contains(&name) {
+                    "`height`, `crown` and `age` are those of the tree that grows: set the typical \
+                     ones under `[size]`, or take another name"
                 } else {
                     "use letters, digits and `_`, and no function's name"
                 };
@@ -272,6 +338,9 @@ impl Compiler<'_> {
         let mut written = Vec::new();
         for (text, place) in texts.iter().zip(&places) {
             let text = Text::new(text, place, self.sources);
+            if self.has_escapes(&text) {
+                continue;
+            }
             let mut slips = Vec::new();
             let parsed = parse::production(text.text, self.dialect, &self.constants, &mut slips);
             for slip in slips {
@@ -298,6 +367,9 @@ impl Compiler<'_> {
     fn parse_axiom<'t>(&mut self, axiom: &'t str) -> (Vec<Module>, Text<'t>) {
         let place = self.key("axiom");
         let text = Text::new(axiom, &place, self.sources);
+        if self.has_escapes(&text) {
+            return (Vec::new(), text);
+        }
         let scope_constants = self.constants.clone();
         let scope = Scope { locals: &[], globals: &scope_constants };
         let mut slips = Vec::new();
@@ -306,9 +378,12 @@ impl Compiler<'_> {
         for slip in slips {
             self.slip(&text, slip);
         }
-        if modules.is_empty() && self.errors.len() == before {
+        // With other mistakes about, an axiom that is not there may be one misnamed.
+        let is_absent = place.is_nowhere() && !self.errors.is_empty();
+        if modules.is_empty() && self.errors.len() == before && !is_absent {
+            let section = self.rule.place.clone();
             self.error(
-                &place,
+                if place.is_nowhere() { &section } else { &place },
                 "the axiom is empty".into(),
                 "write what growth begins with, for example `axiom = 'F(a)'`",
             );
@@ -342,7 +417,8 @@ impl Compiler<'_> {
                         }
                         angle.degrees
                     }
-                    None if given == 0 => {
+                    None if given == 0 && !self.angles_missed.contains(&greek) => {
+                        self.angles_missed.push(greek);
                         let slip = Slip::new(
                             span.clone(),
                             format!("`{name}` has no angle"),
@@ -433,28 +509,36 @@ impl Compiler<'_> {
             .iter()
             .map(|m| (axiom_text, m))
             .chain(written.iter().flat_map(|w| w.parsed.successor.iter().map(|m| (&w.text, m))));
+        let mut names_leaf = false;
         for (text, m) in modules {
+            // The letter after `~` names a surface in ABOP.
+            if std::mem::replace(&mut names_leaf, self.is_leaf(m.symbol)) {
+                known.push(m.symbol);
+            }
             let is_letter = self.dialect.command(m.symbol).is_none();
             let action = self.dialect.letter(m.symbol, m.args.len(), &self.draws);
             if is_letter && action == Action::Nothing && !known.contains(&m.symbol) {
                 known.push(m.symbol);
-                let slip = Slip::new(
-                    m.span.clone(),
-                    format!(
-                        "unknown symbol `{}`: it draws nothing and nothing replaces it",
-                        m.symbol
+                let s = m.symbol;
+                let remedy = match s.is_ascii_digit() {
+                    true => "write parameters in parentheses: `F(0.5a)`".to_owned(),
+                    false => format!(
+                        "add a production `{s} -> …`, or `draws = '{s}'`, or `markers = '{s}'` if it is meant to do nothing"
                     ),
-                    format!(
-                        "add a production `{0} -> …`, or `draws = '{0}'`, or `markers = '{0}'` if it is meant to do nothing",
-                        m.symbol
-                    ),
-                );
+                };
+                let message =
+                    format!("unknown symbol `{s}`: it draws nothing and nothing replaces it");
+                let slip = Slip::new(m.span.clone(), message, remedy);
                 self.slip(text, slip);
             }
         }
     }
 
-    /// A production whose predecessor never comes up, or that another always precedes.
+    fn is_leaf(&self, symbol: char) -> bool {
+        self.dialect.command(symbol) == Some(Command::Fixed(Action::Leaf))
+    }
+
+    /// A production whose predecessor or context never comes up, or that another always precedes.
     fn check_reach(
         &mut self,
         axiom: &Template,
@@ -486,10 +570,20 @@ impl Compiler<'_> {
                     && (q.left.is_empty() || q.left == p.left)
                     && (q.right.is_empty() || q.right == p.right)
             });
-            let (reason, remedy) = if !reached.get(usize::from(p.predecessor)).is_some_and(|r| *r) {
+            let comes_up = |id: u8| reached.get(usize::from(id)).is_some_and(|r| *r);
+            let absent = p.left.iter().chain(&p.right).position(|&id| !comes_up(id));
+            let context = absent.and_then(|i| w.parsed.left.iter().chain(&w.parsed.right).nth(i));
+            let mut span = w.parsed.predecessor.span.clone();
+            let (reason, remedy) = if !comes_up(p.predecessor) {
                 (
                     format!("`{name}` never comes up"),
                     format!("put `{name}` into the axiom or a successor, or remove the production"),
+                )
+            } else if let Some(context) = context {
+                span = context.span.clone();
+                (
+                    format!("its context `{}` never comes up", context.symbol),
+                    "name a symbol of the axiom or of a successor".into(),
                 )
             } else if let Some(j) = earlier {
                 (
@@ -503,11 +597,7 @@ impl Compiler<'_> {
             } else {
                 continue;
             };
-            let slip = Slip::new(
-                w.parsed.predecessor.span.clone(),
-                format!("production can never apply: {reason}"),
-                remedy,
-            );
+            let slip = Slip::new(span, format!("production can never apply: {reason}"), remedy);
             self.slip(&w.text, slip);
         }
     }

@@ -5,13 +5,16 @@
 //! them disagree: R_U(δ) turns H away from L, and + is to turn left. The words are followed (+ to
 //! the left, & down, \ rolls left), which is R transposed; the upright dialect keeps the matrices.
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// The turtle that reads a rule.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Dialect {
+    /// Grows along U; angles alpha, beta, gamma (T15).
     Upright,
+    /// Grows along H; one angle delta (ABOP).
     Heading,
 }
 
@@ -30,6 +33,8 @@ pub enum Action {
     Nothing,
     /// Moves by the first parameter, or by `a` without one, and draws a segment.
     Draw,
+    /// As [`Action::Draw`], but inside a polygon its end is no corner.
+    Edge,
     /// Moves likewise and draws nothing.
     Move,
     /// Turns about an axis of the frame by `angle`; with a parameter, by that many degrees with
@@ -50,12 +55,17 @@ pub enum Action {
     Close,
     /// Sets the line width to the parameter, in metres; without one, multiplies it by 0.7.
     Width,
+    /// A leaf as a polygon: a diamond along H in the plane of H and L, as long as the parameter
+    /// (`a` without one) and half as wide.
+    Leaf,
+    /// Removes the rest of its branch from the string, itself included; the turtle never sees it.
+    Cut,
 }
 
 impl Action {
     /// Whether the module makes a segment of wood.
     pub fn draws(self) -> bool {
-        self == Action::Draw
+        matches!(self, Action::Draw | Action::Edge)
     }
 }
 
@@ -101,6 +111,8 @@ impl Dialect {
             (Dialect::Heading, '{') => Some(Command::Fixed(Action::Open)),
             (Dialect::Heading, '.') => Some(Command::Fixed(Action::Corner)),
             (Dialect::Heading, '}') => Some(Command::Fixed(Action::Close)),
+            (Dialect::Heading, '~') => Some(Command::Fixed(Action::Leaf)),
+            (Dialect::Heading, '%') => Some(Command::Fixed(Action::Cut)),
             _ => None,
         }
     }
@@ -119,8 +131,17 @@ impl Dialect {
             (_, 'F') => Action::Draw,
             (Dialect::Upright, 'A' | 'B' | 'C' | 'D' | 'G' | 'S') if parameters > 0 => Action::Draw,
             (_, _) if also.contains(symbol) => Action::Draw,
+            (Dialect::Heading, 'G') => Action::Edge,
             (Dialect::Heading, 'f') => Action::Move,
             _ => Action::Nothing,
+        }
+    }
+
+    /// As a rule file writes it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Dialect::Upright => "upright",
+            Dialect::Heading => "heading",
         }
     }
 
@@ -128,7 +149,7 @@ impl Dialect {
     pub fn commands(self) -> &'static str {
         match self {
             Dialect::Upright => r"[ ] & ^ \ / * % ~ ? $ @ ! #",
-            Dialect::Heading => r"[ ] + - & ^ \ / | $ ! ' { . }",
+            Dialect::Heading => r"[ ] + - & ^ \ / | $ ! ' { . } ~ %",
         }
     }
 }

@@ -7,6 +7,8 @@
 
 use std::ops::Range;
 
+use crate::species::near::{nearest, suggest};
+
 /// Values on the stack of one expression.
 const STACK: usize = 24;
 /// Nested parentheses and operators waiting for their right side.
@@ -211,16 +213,18 @@ impl Code {
         stack[0]
     }
 
-    /// Whether this is a constant or a multiple of one parameter, given the constants.
+    /// Whether this is a constant or a multiple of one parameter, given the constants; NaN stands
+    /// for one not known yet.
     pub fn shape(&self, globals: &[f64]) -> Shape {
         let mut stack: Vec<Shape> = Vec::with_capacity(STACK);
         for op in &self.ops {
             let shape = match *op {
                 Op::Number(x) => Shape::Constant(x),
                 Op::Local(local) => Shape::Scaled { local, factor: 1.0 },
-                Op::Global(i) => {
-                    Shape::Constant(globals.get(usize::from(i)).copied().unwrap_or(f64::NAN))
-                }
+                Op::Global(i) => match globals.get(usize::from(i)) {
+                    Some(x) if !x.is_nan() => Shape::Constant(*x),
+                    _ => Shape::Other,
+                },
                 Op::One(f) => match (f, stack.pop()) {
                     (_, Some(Shape::Constant(x))) => Shape::Constant(f.of(x)),
                     (One::Negate, Some(Shape::Scaled { local, factor })) => {
@@ -336,7 +340,7 @@ impl<'a> Cursor<'a> {
 pub struct Scope<'a> {
     /// Parameters of the predecessor, in order; they hide constants of the same name.
     pub locals: &'a [String],
-    /// Constants in order; `None` for the value of `a`, which the tree's size sets.
+    /// Constants in order; `None` for a value that the tree sets.
     pub globals: &'a [(String, Option<f64>)],
 }
 
@@ -366,7 +370,7 @@ struct Parser<'c, 'a, 's> {
 impl Parser<'_, '_, '_> {
     fn operator(&mut self) -> Option<(Two, usize)> {
         self.cursor.skip_space();
-        if self.cursor.is_at_arrow() {
+        if self.cursor.is_at_arrow() || self.cursor.rest().starts_with("=>") {
             return None;
         }
         let table = [
@@ -386,6 +390,7 @@ impl Parser<'_, '_, '_> {
             ("−", Two::Subtract),
             ("*", Two::Multiply),
             ("·", Two::Multiply),
+            ("×", Two::Multiply),
             ("/", Two::Divide),
             ("^", Two::Power),
         ];
@@ -548,15 +553,23 @@ impl Parser<'_, '_, '_> {
         if let Some((_, count)) = FUNCTIONS.iter().find(|(n, _)| *n == name) {
             return self.call(name, *count, span);
         }
+        let functions = FUNCTIONS.map(|(n, _)| n);
+        if self.cursor.rest().starts_with('(') {
+            let message = format!("unknown function `{name}`");
+            return Err(Slip::new(span, message, suggest(name, &functions)));
+        }
         let mut known: Vec<&str> = self.scope.locals.iter().map(String::as_str).collect();
         let globals = self.scope.globals.iter().map(|(n, _)| n.as_str());
         known.extend(globals.filter(|n| !self.scope.locals.iter().any(|l| l == n)));
-        known.extend(FUNCTIONS.iter().map(|(n, _)| *n));
-        Err(Slip::new(
-            span,
-            format!("unknown name `{name}`"),
-            crate::species::near::suggest(name, &known),
-        ))
+        let remedy = match nearest(name, &known) {
+            Some(near) => format!("did you mean `{near}`?"),
+            None => format!(
+                "define it under `[rule.constants]`, or use one of {}, or a function: {}",
+                known.get(..known.len().min(16)).unwrap_or(&[]).join(", "),
+                functions.join(", ")
+            ),
+        };
+        Err(Slip::new(span, format!("unknown name `{name}`"), remedy))
     }
 
     fn call(&mut self, name: &str, count: usize, span: Range<usize>) -> Result<Option<f64>, Slip> {
@@ -583,10 +596,11 @@ impl Parser<'_, '_, '_> {
         }
         self.close(open)?;
         if values.len() != count {
+            let s = if count == 1 { "" } else { "s" };
             return Err(Slip::new(
                 span.start..self.cursor.at,
-                format!("`{name}` takes {count}, {} given", values.len()),
-                format!("give {count} argument{}", if count == 1 { "" } else { "s" }),
+                format!("`{name}` takes {count} argument{s}, {} given", values.len()),
+                format!("give {count} argument{s}"),
             ));
         }
         let value = match (One::named(name), values.as_slice()) {

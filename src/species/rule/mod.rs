@@ -15,12 +15,16 @@ pub mod expr;
 pub mod parse;
 mod text;
 
-pub use compile::compile;
+pub use compile::{Section, compile};
 pub use dialect::{Action, Axis, Dialect};
 use expr::Code;
 
 /// The constant that every rule has: the first shoot's length, metres.
 pub const FIRST_SHOOT: &str = "a";
+
+/// The constants that tell the tree that grows: its height and crown diameter in metres, its age
+/// in years. Their values in a [`Rule`] are those of the species' typical tree.
+pub const OF_TREE: [&str; 3] = ["height", "crown", "age"];
 
 /// A symbol of the alphabet with the number of parameters it carries.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,7 +51,8 @@ pub struct Production {
     pub predecessor: u8,
     /// The symbol on the path before the module, nearest last, as written.
     pub left: Vec<u8>,
-    /// What follows the module on its axis, nearest first.
+    /// What follows the module on its axis, nearest first; `[`, `]` around what begins a side
+    /// branch.
     pub right: Vec<u8>,
     /// One a local (left context, predecessor, right context, in order): what a module's
     /// parameter is multiplied by to give the local's value.
@@ -65,7 +70,7 @@ pub struct Rule {
     pub symbols: Vec<Symbol>,
     pub axiom: Template,
     pub productions: Vec<Production>,
-    /// Names and values of the constants; the first is [`FIRST_SHOOT`].
+    /// Names and values of the constants: [`FIRST_SHOOT`], those of [`OF_TREE`], the file's own.
     pub constants: Vec<(String, f64)>,
     /// One a symbol: contexts look past it.
     pub is_ignored: Vec<bool>,

@@ -5,6 +5,10 @@
 //! module     := symbol [`(` expression {`,` expression} `)`]
 //! ```
 //!
+//! A symbol is a letter, a digit or a command of the turtle. Brackets are never replaced; in a
+//! right context they stand around what begins a side branch. `{` and `}` may stand on either side
+//! of a bracket, as in ABOP's leaves.
+//!
 //! A predecessor's parameters are names (`F(a)`), or multiples of names (`G(0.5a)`), as Table 3 of
 //! T15 writes them: the name then stands for the module's parameter over that factor, so that
 //! every successor is relative to what it replaces. The contexts' parameters are names too and
@@ -43,7 +47,7 @@ pub struct Parsed {
     pub successor: Vec<Module>,
 }
 
-/// Constants in scope; the first is `a`.
+/// Constants in scope; `None` for the values that the tree sets.
 pub type Globals = [(String, Option<f64>)];
 
 /// Parses modules up to the end of the text, reporting every mistake it can go on after.
@@ -54,11 +58,16 @@ pub fn modules(
     slips: &mut Vec<Slip>,
 ) -> Vec<Module> {
     let mut out = Vec::new();
-    let mut open: Vec<(char, usize)> = Vec::new();
+    let mut brackets: Vec<usize> = Vec::new();
+    let mut braces: Vec<usize> = Vec::new();
+    let most = slips.len() + MAX_SLIPS;
     loop {
         cursor.skip_space();
         let span = cursor.here();
         let Some(symbol) = cursor.peek() else { break };
+        if slips.len() >= most {
+            return out;
+        }
         if cursor.is_at_arrow() {
             slips.push(Slip::new(
                 span,
@@ -70,41 +79,25 @@ pub fn modules(
         cursor.bump();
         match symbol {
             'ε' => continue,
-            '[' | '{' if dialect.command(symbol).is_some() => open.push((symbol, span.start)),
+            '[' => brackets.push(span.start),
+            '{' if dialect.command(symbol).is_some() => braces.push(span.start),
             ']' | '}' if dialect.command(symbol).is_some() => {
-                let opening = if symbol == ']' { '[' } else { '{' };
-                match open.last() {
-                    Some((c, _)) if *c == opening => {
-                        open.pop();
-                    }
-                    Some((c, at)) => {
-                        slips.push(
-                            Slip::new(
-                                span.clone(),
-                                format!("`{symbol}` closes `{c}`"),
-                                format!("close the `{c}` at column {} first", at + 1),
-                            )
-                            .label("does not match"),
-                        );
-                        open.pop();
-                    }
-                    None => slips.push(Slip::new(
+                let (open, opening) = match symbol {
+                    ']' => (&mut brackets, '['),
+                    _ => (&mut braces, '{'),
+                };
+                if open.pop().is_none() {
+                    slips.push(Slip::new(
                         span.clone(),
                         format!("`{symbol}` without `{opening}`"),
                         format!("remove it, or open a `{opening}` before it"),
-                    )),
+                    ));
                 }
             }
-            c if c.is_alphabetic() || dialect.command(c).is_some() => {}
+            c if is_letter(c) || dialect.command(c).is_some() => {}
             c => {
-                slips.push(
-                    Slip::new(
-                        span.clone(),
-                        format!("unknown symbol `{c}`"),
-                        format!("use letters and the turtle's commands {}", dialect.commands()),
-                    )
-                    .label("no such command"),
-                );
+                let before = cursor.text.get(..span.start).and_then(|t| t.chars().next_back());
+                slips.push(stranger(c, before, span, dialect));
                 continue;
             }
         }
@@ -116,7 +109,7 @@ pub fn modules(
                 return out;
             }
         };
-        if matches!(symbol, '[' | ']' | '{' | '}' | '.') && !args.is_empty() {
+        if is_bare(symbol, dialect) && !args.is_empty() {
             slips.push(Slip::new(
                 span.start..cursor.at,
                 format!("`{symbol}` takes no parameter"),
@@ -125,14 +118,54 @@ pub fn modules(
         }
         out.push(Module { symbol, span: span.start..cursor.at, args });
     }
-    for (c, at) in open {
-        let close = if c == '[' { ']' } else { '}' };
-        slips.push(
-            Slip::new(at..at + 1, format!("`{c}` without `{close}`"), format!("add the `{close}`"))
-                .label("opened here"),
-        );
+    for (open, c, close) in [(brackets, '[', ']'), (braces, '{', '}')] {
+        for at in open.into_iter().take(MAX_SLIPS) {
+            let message = format!("`{c}` without `{close}`");
+            let slip = Slip::new(at..at + 1, message, format!("add the `{close}`"));
+            slips.push(slip.label("opened here"));
+        }
     }
     out
+}
+
+/// Mistakes reported of one text.
+const MAX_SLIPS: usize = 20;
+
+/// What may be replaced and needs no command's meaning.
+fn is_letter(c: char) -> bool {
+    c.is_alphabetic() || c.is_ascii_digit()
+}
+
+/// Whether a command never carries a parameter.
+fn is_bare(symbol: char, dialect: Dialect) -> bool {
+    use super::dialect::{Action, Command};
+    matches!(
+        dialect.command(symbol),
+        Some(Command::Fixed(
+            Action::Push
+                | Action::Pop
+                | Action::Open
+                | Action::Close
+                | Action::Corner
+                | Action::Cut
+        ))
+    )
+}
+
+fn stranger(c: char, before: Option<char>, span: Range<usize>, dialect: Dialect) -> Slip {
+    let other = match dialect {
+        Dialect::Upright => Dialect::Heading,
+        Dialect::Heading => Dialect::Upright,
+    };
+    let mut remedy = format!("use letters and the turtle's commands {}", dialect.commands());
+    if other.command(c).is_some() {
+        remedy = format!("`turtle = '{}'` knows it; otherwise {remedy}", other.name());
+    }
+    if c == '.' && before.is_some_and(|b| b.is_ascii_digit()) {
+        remedy = "write parameters in parentheses: `F(0.5a)`".into();
+    }
+    let shown = if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+    Slip::new(span, format!("unknown symbol `{shown}`"), remedy).label("no such command")
 }
 
 fn arguments(cursor: &mut Cursor<'_>, scope: Scope<'_>) -> Result<Vec<Code>, Slip> {
@@ -161,6 +194,16 @@ fn arguments(cursor: &mut Cursor<'_>, scope: Scope<'_>) -> Result<Vec<Code>, Sli
             None | Some('[' | ']') => {
                 Slip::new(open, "`(` without `)`", "close the parenthesis").label("opened here")
             }
+            Some(c @ ('–' | '—')) => Slip::new(
+                cursor.here(),
+                format!("`{c}` is a dash"),
+                "type the keyboard's minus sign, `-`",
+            ),
+            Some('(') => Slip::new(
+                cursor.here(),
+                "expected `,` or `)`, found `(`",
+                "only functions take parentheses: multiply with `*`",
+            ),
             Some(c) => Slip::new(
                 cursor.here(),
                 format!("expected `,` or `)`, found `{c}`"),
@@ -181,7 +224,7 @@ pub fn production(
     slips: &mut Vec<Slip>,
 ) -> Option<Parsed> {
     let mut cursor = Cursor::new(text);
-    let head = match head(&mut cursor) {
+    let head = match head(&mut cursor, dialect) {
         Ok(head) => head,
         Err(slip) => {
             slips.push(slip);
@@ -226,14 +269,16 @@ struct Head {
     locals: Vec<String>,
 }
 
-fn head(cursor: &mut Cursor<'_>) -> Result<Head, Slip> {
+fn head(cursor: &mut Cursor<'_>, dialect: Dialect) -> Result<Head, Slip> {
     let mut locals = Vec::new();
     let mut groups: [Vec<Pattern>; 3] = Default::default();
     // 0: before `<`; 1: the predecessor; 2: after `>`.
     let mut group = 0;
+    let mut open: Vec<usize> = Vec::new();
     loop {
         cursor.skip_space();
         let span = cursor.here();
+        wrong_arrow(cursor)?;
         if cursor.is_at_arrow() || cursor.rest().starts_with(':') {
             break;
         }
@@ -256,7 +301,16 @@ fn head(cursor: &mut Cursor<'_>) -> Result<Head, Slip> {
                 }
                 group = 2;
             }
-            Some(c) if c.is_alphabetic() => {
+            Some(c @ ('[' | ']')) if group == 2 => {
+                cursor.bump();
+                if c == '[' {
+                    open.push(span.start);
+                } else if open.pop().is_none() {
+                    return Err(Slip::new(span, "`]` without `[`", "open a `[` before it"));
+                }
+                groups[2].push(Pattern { symbol: c, span, factors: Vec::new() });
+            }
+            Some(c) if is_letter(c) || (dialect.command(c).is_some() && !is_bare(c, dialect)) => {
                 let pattern = pattern(cursor, &mut locals)?;
                 if let Some(list) = groups.get_mut(group) {
                     list.push(pattern);
@@ -266,7 +320,12 @@ fn head(cursor: &mut Cursor<'_>) -> Result<Head, Slip> {
                 return Err(Slip::new(
                     span,
                     format!("`{c}` can't stand before the arrow"),
-                    "write a production as `F(a) -> …`: a letter is replaced, commands stay",
+                    match c {
+                        '[' | ']' => {
+                            "brackets stay as they are; only a right context may have them"
+                        }
+                        _ => "write a production as `F(a) -> …`: what is replaced, then what by",
+                    },
                 ));
             }
             None => {
@@ -277,6 +336,10 @@ fn head(cursor: &mut Cursor<'_>) -> Result<Head, Slip> {
                 ));
             }
         }
+    }
+    if let Some(at) = open.pop() {
+        let slip = Slip::new(at..at + 1, "`[` without `]`", "add the `]`").label("opened here");
+        return Err(slip);
     }
     if group == 0 {
         groups.swap(0, 1);
@@ -305,6 +368,19 @@ fn head(cursor: &mut Cursor<'_>) -> Result<Head, Slip> {
             "production without a predecessor",
             "write the symbol to be replaced before the arrow",
         )),
+    }
+}
+
+/// What looks like an arrow and is none.
+fn wrong_arrow(cursor: &Cursor<'_>) -> Result<(), Slip> {
+    const WRONG: [&str; 11] = ["=>", ":=", "-->", "==>", "−>", "–>", "—>", "⇒", "⟶", "⟹", "="];
+    match WRONG.iter().find(|w| cursor.rest().starts_with(**w)) {
+        Some(w) => Err(Slip::new(
+            cursor.at..cursor.at + w.len(),
+            format!("`{w}` is not the arrow"),
+            "write `->` between what is replaced and what replaces it",
+        )),
+        None => Ok(()),
     }
 }
 
@@ -411,6 +487,7 @@ fn guards(cursor: &mut Cursor<'_>, scope: Scope<'_>) -> Result<(Guard, Guard), S
         }
         cursor.skip_space();
     }
+    wrong_arrow(cursor)?;
     if !(cursor.take("->") || cursor.take("→")) {
         return Err(match cursor.peek() {
             Some(c) => Slip::new(
@@ -443,7 +520,7 @@ fn guards(cursor: &mut Cursor<'_>, scope: Scope<'_>) -> Result<(Guard, Guard), S
     Ok((condition, Some((code, span))))
 }
 
-/// The constants' values as written, `a` being 1.
+/// The constants' values as written; NaN for those that the tree sets.
 pub fn values(globals: &Globals) -> Vec<f64> {
-    globals.iter().map(|(_, value)| value.unwrap_or(1.0)).collect()
+    globals.iter().map(|(_, value)| value.unwrap_or(f64::NAN)).collect()
 }

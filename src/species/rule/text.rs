@@ -1,5 +1,7 @@
 //! Where each character of a TOML string stands in its file.
 
+use std::ops::Range;
+
 use crate::species::node::{Place, Sources};
 
 /// The decoded text of a string with the place of its characters.
@@ -8,6 +10,8 @@ pub struct Text<'a> {
     place: Place,
     /// Source offset of each byte of `text` and of its end; empty if unknown.
     offsets: Vec<usize>,
+    /// A control character that the file writes as an escape.
+    pub escaped_control: Option<(Range<usize>, char)>,
 }
 
 impl<'a> Text<'a> {
@@ -21,11 +25,19 @@ impl<'a> Text<'a> {
             }
             _ => Vec::new(),
         };
-        Text { text, place: place.clone(), offsets }
+        let is_escape = |at: usize| {
+            let start = offsets.get(at).and_then(|o| o.checked_sub(place.span.start));
+            start.is_some_and(|s| raw.as_bytes().get(s) == Some(&b'\\'))
+        };
+        let escaped_control = text
+            .char_indices()
+            .find(|(at, c)| c.is_control() && is_escape(*at))
+            .map(|(at, c)| (at..at + c.len_utf8(), c));
+        Text { text, place: place.clone(), offsets, escaped_control }
     }
 
     /// The place of bytes of the decoded text; the whole string where that is unknown.
-    pub fn place(&self, span: std::ops::Range<usize>) -> Place {
+    pub fn place(&self, span: Range<usize>) -> Place {
         match (self.offsets.get(span.start), self.offsets.get(span.end)) {
             (Some(&start), Some(&end)) => {
                 Place { source: self.place.source, span: start..end.max(start) }

@@ -55,7 +55,7 @@ fn mistakes_point_at_themselves() {
         ("1/zero", 2..6, "division by zero"),
         ("(a", 0..1, "`(` without `)`"),
         ("a+", 2..2, "expected a value, found the end"),
-        ("min(a)", 0..6, "`min` takes 2, 1 given"),
+        ("min(a)", 0..6, "`min` takes 2 arguments, 1 given"),
         ("sqrt a", 0..4, "`sqrt` is a function"),
         ("sqrt(-1)", 0..8, "this has no finite value"),
         ("1.5.a", 3..4, "expected"),
