@@ -43,11 +43,13 @@ pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<(ValidScene, Option<clo
     match &job.cloud {
         Some(path) => {
             let (skeleton, frame, report) = fitted(job, path, run)?;
-            Ok((stand(job, &skeleton, frame, run)?, Some(report)))
+            let stem_m = report.stem_diameter_m;
+            Ok((stand(job, &skeleton, stem_m, frame, run)?, Some(report)))
         }
         None => {
             let skeleton = grown(job, run)?;
-            Ok((stand(job, &skeleton, Frame::local(DVec3::ZERO), run)?, None))
+            let stem_m = job.species.size.stem_diameter_at(skeleton.height_m());
+            Ok((stand(job, &skeleton, stem_m, Frame::local(DVec3::ZERO), run)?, None))
         }
     }
 }
@@ -106,6 +108,7 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
 fn stand(
     job: &TreeJob,
     skeleton: &Skeleton,
+    stem_diameter_m: f32,
     frame: Frame,
     run: &mut Recorder,
 ) -> Result<ValidScene> {
@@ -140,7 +143,7 @@ fn stand(
             instances: Vec::new(),
         };
         let look = add_materials(&mut scene, species, textures);
-        let facts = facts(species, skeleton);
+        let facts = facts(species, skeleton, stem_diameter_m);
         scene.prototypes.push(prototype(format!("{name}_01"), species, mesh, look));
         scene.instances.push(Instance {
             name: format!("{name}_tree"),
@@ -172,7 +175,7 @@ fn age_years(job: &TreeJob, skeleton: &Skeleton) -> f32 {
     share * size.age_at(grown_m)
 }
 
-fn facts(species: &Species, skeleton: &Skeleton) -> TreeFacts {
+fn facts(species: &Species, skeleton: &Skeleton, stem_diameter_m: f32) -> TreeFacts {
     let height_m = skeleton.height_m();
     TreeFacts {
         id: "1".into(),
@@ -180,7 +183,7 @@ fn facts(species: &Species, skeleton: &Skeleton) -> TreeFacts {
         height_m,
         crown_diameter_m: skeleton.width_m(),
         crown_base_height_m: skeleton.crown_base_m(),
-        stem_diameter_m: species.size.stem_diameter_at(height_m),
+        stem_diameter_m,
         confidence: 1.0,
     }
 }
