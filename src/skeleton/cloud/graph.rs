@@ -167,8 +167,8 @@ fn cheapest(n: usize, known: usize, edges: &[Edge]) -> (Vec<u32>, Vec<f32>, Vec<
     let mut is_done = vec![false; n];
     // Costs are not negative, so their bits are in order.
     let mut heap = BinaryHeap::new();
-    for i in 0..known.min(n) {
-        cost[i] = 0.0;
+    for (i, cost) in cost.iter_mut().enumerate().take(known) {
+        *cost = 0.0;
         heap.push(Reverse((0u32, i as u32)));
     }
     while let Some(Reverse((_, i))) = heap.pop() {

@@ -424,7 +424,7 @@ fn thickness(
     );
     if start.led_by == Led::Stem {
         let at = start.nodes.position.iter().zip(&start.radius_m);
-        let breast = at.filter(|(p, _)| p.z <= pipes.measured_at_m).last();
+        let breast = at.rev().find(|(p, _)| p.z <= pipes.measured_at_m);
         pipes.stem_radius_m = breast.map_or(pipes.stem_radius_m, |(_, &r)| r);
         pipes.tip_radius_m = pipes.tip_radius_m.min(0.5 * pipes.stem_radius_m);
     }
