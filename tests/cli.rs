@@ -352,6 +352,11 @@ fn a_tree_has_stages_and_an_age() {
     assert!(glb("stage12.glb") == glb("grown.glb"), "the last stage is the grown tree");
     tree("young.glb", &["--age", "9"]);
     let o = dir.path().join("x.glb").to_string_lossy().into_owned();
+    tree("hemmed.glb", &["--wall", "1,0", "--wall", "-1.5,-1", "--neighbour", "0,3"]);
+    assert!(glb("hemmed.glb") != glb("grown.glb"));
+    for bad in ["0,0", "3", "a,b", "1,2,3"] {
+        refused(&["tree", "picea_obovata", "--wall", bad, "-o", &o], &["give two numbers"]);
+    }
     refused(&["tree", "picea_obovata", "--stage", "13", "-o", &o], &["13 is not in 1..=12"]);
     refused(&["tree", "picea_obovata", "--age", "-4", "-o", &o], &["--age"]);
     refused(

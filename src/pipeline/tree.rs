@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 use super::forest::{add_materials, detail, mesh_options, prototype};
 use crate::diagnostic::Result;
@@ -14,6 +14,8 @@ use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scan;
 use crate::scene::{Instance, Scene, TreeFacts, ValidScene, identifier};
 use crate::seed::Seed;
+use crate::skeleton::envelope::Envelope;
+use crate::skeleton::surroundings::{Neighbour, Surroundings, Wall};
 use crate::skeleton::{self, STAGES, Skeleton, Target, cloud};
 use crate::species::Species;
 use crate::texture;
@@ -26,6 +28,10 @@ pub struct TreeJob {
     pub height_m: Option<f32>,
     /// The tree as it stood at a stage of its life; grown where `None`.
     pub stage: Option<u16>,
+    /// Upright walls through these places about the stem, square to the way there, metres.
+    pub walls: Vec<Vec2>,
+    /// Where trees like this one stand about it, metres.
+    pub neighbours: Vec<Vec2>,
     pub seed: Seed,
     pub triangles: usize,
     pub texture_px: u32,
@@ -87,7 +93,9 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
     let species = &job.species;
     run.stage("skeleton", |_| {
         let target = Target::FromSpecies { height_m: job.height_m };
-        let skeleton = skeleton::grow(species, target, detail(job.triangles), job.seed)?;
+        let around = surroundings(job);
+        let detail = detail(job.triangles);
+        let skeleton = skeleton::grow_among(species, target, detail, &around, job.seed)?;
         let wanted = job.height_m.unwrap_or(species.size.height_m);
         let off = f64::from((skeleton.height_m() - wanted).abs());
         let skeleton = match job.stage {
@@ -102,6 +110,30 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
         }
         Ok((skeleton, outcome))
     })
+}
+
+fn surroundings(job: &TreeJob) -> Surroundings<'static> {
+    let size = &job.species.size;
+    let height_m = job.height_m.unwrap_or(size.height_m);
+    let own = Envelope::of_species(size, 0.0, height_m, job.seed);
+    Surroundings {
+        walls: job
+            .walls
+            .iter()
+            .map(|at| Wall::Behind { point: at.extend(0.0), normal: -at.extend(0.0).normalize() })
+            .collect(),
+        neighbours: job
+            .neighbours
+            .iter()
+            .map(|at| Neighbour {
+                root: at.extend(0.0),
+                height_m,
+                crown_base_m: own.base_m,
+                crown_radius_m: own.radius_m,
+            })
+            .collect(),
+        ..Surroundings::none()
+    }
 }
 
 /// A skeleton to a scene of that tree alone.
