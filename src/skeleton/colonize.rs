@@ -2,7 +2,7 @@
 //!
 //! Every attractor belongs to its nearest node within the influence distance d_i. A node with
 //! attractors grows a child a step D along the mean direction to them; attractors within the kill
-//! distance d_k of a node are removed. Only new nodes look for attractors, through a [`grid`], and
+//! distance d_k of a node are removed. Only new nodes look for attractors, through a `grid`, and
 //! a node reads no attractors but those it won when it was new, so the cost is close to linear in
 //! the number of attractors. Trees grown together compete: an attractor feeds one of them.
 //!

@@ -10,6 +10,9 @@
 //! by memory alone. Most brackets of a tree are its last shoots, `[^F]`: one turn and one shoot.
 //! Those are drawn from the frame they spring from, which is neither copied nor turned.
 //!
+//! With tropism each drawn segment bends the frame after it (ABOP, §2.1), by at most the way that is
+//! left to the pull, so that no elasticity makes a shoot swing about it.
+//!
 //! A shoot of length ≤ 0 is not grown: no node, no move. `f` moves without drawing; the next
 //! segment then spans the gap. The decay of lengths with distance from the apex is left to the
 //! growth stage, which knows the axes.
@@ -19,7 +22,7 @@ use glam::{DMat3, DQuat, DVec3, Vec3};
 use super::NO_PARENT;
 use super::derive::ModuleString;
 use crate::diagnostic::{Error, Result};
-use crate::species::rule::{Action, Axis, Dialect, Rule, Symbol};
+use crate::species::rule::{Action, Axis, Dialect, Rule, Symbol, Tropism};
 
 /// What the turtle drew, as flat columns; a node and its parent span one segment. Metres, the
 /// origin is node 0, parents come before children.
@@ -307,6 +310,7 @@ struct Turtle {
     open: Vec<Vec<Vec3>>,
     next_axis: u32,
     has_width: bool,
+    tropism: Tropism,
     max_reach: f64,
     out: Scaffold,
 }
@@ -345,6 +349,7 @@ impl Turtle {
             open: Vec::new(),
             next_axis: 0,
             has_width,
+            tropism: rule.tropism,
             max_reach: 0.0,
             out,
         }
@@ -408,6 +413,9 @@ impl Turtle {
         let State { position, axis, order, .. } = self.state;
         self.node(position, axis, order, id);
         self.state.node = (self.out.position.len() - 1) as u32;
+        if self.tropism.elasticity != 0.0 {
+            self.bend();
+        }
     }
 
     /// A bracket with one turn, which takes growth to `growth` of the frame, and one shoot.
@@ -428,6 +436,19 @@ impl Turtle {
             0 => 0,
             _ => self.state.order.saturating_add(1),
         }
+    }
+
+    /// Bends the frame towards the pull, as a segment that has been drawn does.
+    fn bend(&mut self) {
+        let ahead = self.state.pose.growth(self.dialect);
+        let pull = DVec3::from_array(self.tropism.pull);
+        let across = ahead.cross(pull);
+        let Some(axis) = across.try_normalize() else { return };
+        let rest = across.length().atan2(ahead.dot(pull));
+        let turn =
+            (self.tropism.elasticity * across.length()).clamp(rest - std::f64::consts::PI, rest);
+        self.state.pose.rotation =
+            (DQuat::from_axis_angle(axis, turn) * self.state.pose.rotation).normalize();
     }
 
     /// Moves along the axis of growth; false for a length ≤ 0.

@@ -43,6 +43,8 @@ const CASES: &[(&str, &str, &str)] = &[
     ("misspelt axiom", "axiom = ", "axoim = "),
     ("negative count", "iterations = 3", "iterations = -1"),
     ("too many iterations", "iterations = 3", "iterations = 900"),
+    ("tropism out of range", "iterations = 3", "iterations = 3\ntropism = { elasticity = 40 }"),
+    ("tropism misspelt", "iterations = 3", "iterations = 3\ntropism = { elastic = 0.2 }"),
     ("empty axiom", "'F(a)'", "''"),
     ("bracket never opened", "[&F", "&F"),
     ("bracket never closed", ")][&", ")[&"),

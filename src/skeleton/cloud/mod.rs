@@ -2,12 +2,12 @@
 //!
 //! 1. Strays are dropped, and the ground, where the lowest layer is wide and thin, with the low
 //!    growth on it.
-//! 2. The stem: circles in slices across it, followed up and down ([`stem`]). Its foot is the root.
+//! 2. The stem: circles in slices across it, followed up and down (`stem`). Its foot is the root.
 //! 3. The rest of the points become a graph, each joined to its neighbours and parts to one
-//!    another by short bridges; from each, the cheapest way leads to the stem ([`graph`], after
+//!    another by short bridges; from each, the cheapest way leads to the stem (`graph`, after
 //!    Verroust & Lazarus 2000 and Xu, Gossett & Chen 2007).
 //! 4. The longest ways become branches, then what is still farthest, until the nodes are used;
-//!    branches are drawn to the middle of their points ([`trace`]).
+//!    branches are drawn to the middle of their points (`trace`).
 //! 5. Radii: the stem's as measured; the branches' by the pipe model, scaled to the stem where
 //!    they leave it.
 //!

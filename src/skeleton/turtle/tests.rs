@@ -240,3 +240,31 @@ fn polygons_reach_across_brackets() {
     assert_eq!((scaffold.polygon_end.len(), scaffold.polygon.len()), (24, 72));
     assert_eq!(scaffold.len(), 1);
 }
+
+/// In the plane of pull and shoot the angle between them falls by e·sin of it a segment.
+#[test]
+fn tropism_bends_each_segment_towards_its_pull() {
+    let bent = |elasticity: f64, pull: &str| {
+        let text = format!(
+            "[rule]\nturtle = 'heading'\naxiom = '&(60)F(1)F(1)F(1)F(1)'\niterations = 0\n\
+             tropism = {{ pull = {pull}, elasticity = {elasticity} }}"
+        );
+        let rule = crate::species::load_text("bent", &text).unwrap().rule;
+        let string = derive(&rule, &Inputs::new(Seed::new(1))).unwrap();
+        draw(&rule, &string).unwrap().position
+    };
+    for e in [0.0, 0.22, -0.3, 0.9] {
+        let position = bent(e, "[0, 0, -1]");
+        let (mut angle, mut z) = (120f64.to_radians(), 0.0);
+        for p in &position[1..] {
+            z -= angle.cos();
+            assert!((f64::from(p.z) - z).abs() < 1e-5, "{e}: {p} is not at {z}");
+            angle -= e * angle.sin();
+        }
+    }
+    // However elastic, it hangs straight in the end and does not swing.
+    let position = bent(10.0, "[0, 0, -10]");
+    for pair in position[1..].windows(2) {
+        assert!((pair[1] - pair[0] + Vec3::Z).length() < 1e-5, "{pair:?}");
+    }
+}

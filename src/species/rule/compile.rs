@@ -11,7 +11,7 @@ use super::dialect::{Action, Command, Dialect};
 use super::expr::{Cursor, Scope, Shape, Slip, is_name_part, is_name_start};
 use super::parse::{self, Module, Parsed, Pattern};
 use super::text::Text;
-use super::{FIRST_SHOOT, OF_TREE, Production, Rule, Symbol, Template};
+use super::{FIRST_SHOOT, OF_TREE, Production, Rule, Symbol, Template, Tropism};
 use crate::diagnostic::Error;
 use crate::species::near::nearest;
 use crate::species::node::{self, Entry, Node, Place, Sources};
@@ -51,6 +51,8 @@ pub struct Section {
     #[allow(dead_code)]
     #[schemars(with = "BTreeMap<String, f64>", extend("examples" = [{ "k": 0.5 }]))]
     constants: Option<IgnoredAny>,
+    /// How every shoot of the turtle bends towards a pull, such as gravity.
+    tropism: Tropism,
     /// Letters that draw beside the dialect's own.
     draws: String,
     /// Letters that stand for nothing and are meant to.
@@ -105,6 +107,7 @@ pub fn compile(
         );
         return None;
     }
+    compiler.check_tropism(&section.tropism);
     compiler.read_angles();
     compiler.read_constants(section.a);
     let productions = compiler.parse_productions(&section.productions);
@@ -114,6 +117,7 @@ pub fn compile(
     }
     let mut rule =
         compiler.link(&axiom, &axiom_text, productions, section.iterations, &section.ignore);
+    rule.tropism = section.tropism;
     for ((_, slot), value) in rule.constants.iter_mut().skip(1).zip(of_tree) {
         *slot = value;
     }
@@ -183,6 +187,19 @@ impl Compiler<'_> {
     fn slip(&mut self, text: &Text<'_>, slip: Slip) {
         let place = text.place(slip.span);
         self.errors.push(self.sources.error(&place, slip.message, &slip.label).remedy(slip.remedy));
+    }
+
+    fn check_tropism(&mut self, tropism: &Tropism) {
+        let Tropism { pull, elasticity } = *tropism;
+        let place = self.key("tropism");
+        if pull.iter().any(|x| x.abs() > Tropism::MOST) {
+            let message = format!("`pull` is {pull:?}, outside -10 to 10");
+            self.error(&place, message, "give a vector east, north, up: `[0, 0, -1]` is gravity");
+        }
+        if elasticity.abs() > Tropism::MOST {
+            let message = format!("`elasticity` is {elasticity}, outside -10 to 10");
+            self.error(&place, message, "give about 0.1 to 0.4; below 0 turns away from the pull");
+        }
     }
 
     /// The lines of a table such as `angles`, those of the base first.
@@ -490,6 +507,7 @@ impl Compiler<'_> {
         Rule {
             dialect: self.dialect,
             iterations,
+            tropism: Tropism::NONE,
             is_ignored: self.symbols.iter().map(|s| ignore.contains(s.name)).collect(),
             symbols: std::mem::take(&mut self.symbols),
             axiom: axiom_template,

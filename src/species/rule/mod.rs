@@ -62,11 +62,31 @@ pub struct Production {
     pub successor: Template,
 }
 
+/// Bending of shoots in the turtle (ABOP, §2.1): after each segment with heading H the frame turns
+/// towards the pull T by e·|H × T| radians, never past it.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Tropism {
+    /// T: east, north, up. Its length counts.
+    #[schemars(inner(range(min = -Tropism::MOST, max = Tropism::MOST)))]
+    pub pull: [f64; 3],
+    /// e; 0 is stiff, below 0 turns away.
+    #[schemars(range(min = -Tropism::MOST, max = Tropism::MOST))]
+    pub elasticity: f64,
+}
+
+impl Tropism {
+    pub const NONE: Tropism = Tropism { pull: [0.0; 3], elasticity: 0.0 };
+    /// Bound of every number of it.
+    pub const MOST: f64 = 10.0;
+}
+
 /// A compiled rule.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rule {
     pub dialect: Dialect,
     pub iterations: u32,
+    pub tropism: Tropism,
     pub symbols: Vec<Symbol>,
     pub axiom: Template,
     pub productions: Vec<Production>,
