@@ -179,15 +179,17 @@ fn endless_doubling() -> Result<f64> {
 }
 
 fn endless_shrinking() -> Result<f64> {
-    let drawn = drawn("axiom = 'F(a)'\niterations = 64\nproductions = ['F(a) -> F(1e-6a)']")?;
+    let drawn = drawn("axiom = 'F(a)'\niterations = 64\nproductions = ['F(a) -> F(a * 1e-6)']")?;
     Ok(drawn.position.iter().filter(|p| !p.is_finite()).count() as f64)
 }
 
-/// r of 0 to 3 below an apex with shoots of 1 m, α = 0.5: the last two of seven have no length.
+/// r of 0 to 3 m below an apex with shoots of 1 m, α = 0.5 m²: the last three of seven have no
+/// length.
 fn negative_lengths() -> Result<f64> {
     let side = |r: f64| format!("[^F(a - 0.5 / a * {r:.1})]");
     let sides: String = (0..7).map(|i| side(0.5 * f64::from(i))).collect();
-    let drawn = drawn(&format!("axiom = 'F(a){sides}'\niterations = 0"))?;
+    let drawn =
+        drawn(&format!("axiom = 'F(a){sides}'\niterations = 0\nangles = {{ alpha = 30 }}"))?;
     Ok(drawn.len().abs_diff(1 + 1 + 4) as f64)
 }
 
@@ -195,8 +197,9 @@ fn tiny_apex() -> Result<f64> {
     let mut unsound = 0;
     for production in ["F(a) -> F(a)[^F(a - 0.5 / (a * 1e-300))]", "F(a) -> F(a)[^F(a / (a - a))]"]
     {
-        let rule =
-            rule(&format!("axiom = 'F(a)'\niterations = 2\nproductions = ['{production}']"))?;
+        let rule = rule(&format!(
+            "axiom = 'F(a)'\niterations = 2\nangles = {{ alpha = 30 }}\nproductions = ['{production}']"
+        ))?;
         match derived(&rule).and_then(|string| draw(&rule, &string)) {
             Ok(drawn) => unsound += drawn.position.iter().filter(|p| !p.is_finite()).count(),
             Err(error) => unsound += usize::from(!error.message().contains(production)),
