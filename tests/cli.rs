@@ -276,6 +276,54 @@ fn commands_stop_where_they_are_done() {
     assert_eq!(grown, ["skeleton", "texture", "mesh", "scene", "export"]);
 }
 
+/// A tree fitted to a scan tells how well it fits; a forest, a flat cloud and a height beside the
+/// cloud are refused.
+#[test]
+fn a_tree_is_fitted_to_its_cloud() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let out = d.join("out.glb").to_string_lossy().into_owned();
+    // A pole of 10 cm radius with boughs, on far coordinates.
+    let mut points = String::new();
+    for k in 0..6000 {
+        let (z, turn) = (k as f64 * 0.001, k as f64 * 2.399963);
+        let (x, y) = (0.1 * turn.cos(), 0.1 * turn.sin());
+        points += &format!("{:.3} {:.3} {:.3}\n", 6_000_000.0 + x, 500_000.0 + y, 120.0 + z);
+    }
+    for k in 0..2000 {
+        let (bough, t) = (f64::from(k % 10), f64::from(k / 10) * 0.01);
+        let (s, c) = (bough * 0.628).sin_cos();
+        let z = 123.0 + 0.3 * bough + 0.5 * t;
+        let (x, y) = ((0.1 + t) * c, (0.1 + t) * s);
+        points += &format!("{:.3} {:.3} {:.3}\n", 6_000_000.0 + x, 500_000.0 + y, z);
+    }
+    let cloud = write(d, "one.xyz", &points);
+    let tree = ["--json", "tree", "betula_pendula", "--texture", "64", "--bare", "-o", &out];
+    let done = larix(&[&tree[..], &["--cloud", &cloud]].concat());
+    let said = text(&done.stderr);
+    assert!(done.status.success(), "{said}");
+    assert!(said.contains("points to wood: mean") && said.contains("stem seen, 2"), "{said}");
+    let report: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    let fit = &report["fit"];
+    assert!(fit["mean_m"].as_f64().unwrap() < 0.01, "{fit}");
+    assert!((fit["stem_diameter_m"].as_f64().unwrap() - 0.2).abs() < 0.01, "{fit}");
+    assert!(fit["outside_length"].as_f64().unwrap() < 0.05, "{fit}");
+    assert_eq!(fit["measured"], 8000);
+    let origin = &report["scene"]["origin"];
+    assert!((origin[0].as_f64().unwrap() - 6_000_000.0).abs() < 0.05, "{origin}");
+    assert!(d.join("out.glb").exists());
+
+    let refuse = |more: &[&str], says: &[&str]| refused(&[&tree[..], more].concat(), says);
+    refuse(&["--cloud", &cloud, "--height", "6"], &["--height", "cannot be used with"]);
+    let flat: String = (0..900).map(|i| format!("{} {} 0\n", i % 30, i / 30)).collect();
+    let flat = write(d, "flat.xyz", flat);
+    refuse(&["--cloud", &flat], &["flat.xyz", "0.0 m high is no tree", "help:"]);
+    let wide: String = (0..9000).map(|i| format!("{} {} {}\n", i % 90, i / 900, i % 7)).collect();
+    let wide = write(d, "wide.xyz", wide);
+    refuse(&["--cloud", &wide], &["wide.xyz", "is no single tree", "larix forest"]);
+    refuse(&["--cloud", "nowhere.laz"], &["nowhere.laz", "help:"]);
+}
+
 #[test]
 fn a_tree_has_stages_and_an_age() {
     let dir = tempfile::tempdir().unwrap();
@@ -304,6 +352,11 @@ fn a_tree_has_stages_and_an_age() {
     assert!(glb("stage12.glb") == glb("grown.glb"), "the last stage is the grown tree");
     tree("young.glb", &["--age", "9"]);
     let o = dir.path().join("x.glb").to_string_lossy().into_owned();
+    tree("hemmed.glb", &["--wall", "1,0", "--wall", "-1.5,-1", "--neighbour", "0,3"]);
+    assert!(glb("hemmed.glb") != glb("grown.glb"));
+    for bad in ["0,0", "3", "a,b", "1,2,3"] {
+        refused(&["tree", "picea_obovata", "--wall", bad, "-o", &o], &["give two numbers"]);
+    }
     refused(&["tree", "picea_obovata", "--stage", "13", "-o", &o], &["13 is not in 1..=12"]);
     refused(&["tree", "picea_obovata", "--age", "-4", "-o", &o], &["--age"]);
     refused(

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use glam::Vec2;
 
 use crate::skeleton::STAGES;
 
@@ -106,6 +107,16 @@ fn years(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
         _ => Err("give a number of years greater than 0".into()),
+    }
+}
+
+fn place(text: &str) -> Result<Vec2, String> {
+    let numbers: Vec<f32> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
+    match numbers[..] {
+        [x, y] if text.matches(',').count() == 1 && (0.3..=1000.0).contains(&x.hypot(y)) => {
+            Ok(Vec2::new(x, y))
+        }
+        _ => Err("give two numbers, metres east and north, 0.3 to 1000 m away: 3,-1.5".into()),
     }
 }
 
@@ -223,6 +234,12 @@ pub struct Tree {
     /// The same tree as it stood at stage 1 to 12 of its life; each stage holds the one before.
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=i64::from(STAGES)))]
     pub stage: Option<u16>,
+    /// An upright wall through X,Y metres east and north of the stem, square to the way there.
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, value_parser = place, conflicts_with = "cloud")]
+    pub wall: Vec<Vec2>,
+    /// A tree like this one at X,Y metres east and north, whose crown is left free.
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, value_parser = place, conflicts_with = "cloud")]
+    pub neighbour: Vec<Vec2>,
     /// A scan of one tree, from the ground or the air, to fit the tree to (.las, .laz, .xyz).
     #[arg(long, value_name = "SCAN", conflicts_with_all = ["height", "age", "stage"])]
     pub cloud: Option<PathBuf>,

@@ -263,6 +263,8 @@ fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
         height_m: a.height.or(a.age.map(|years| species.size.height_at(years))),
         species,
         stage: a.stage,
+        walls: a.wall.clone(),
+        neighbours: a.neighbour.clone(),
         seed: seed(a.seed),
         triangles: a.triangles as usize,
         texture_px: a.texture,

@@ -5,6 +5,8 @@ use std::f32::consts::TAU;
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
+use rstar::RTree;
+use rstar::primitives::GeomWithData;
 
 use super::drape::drape;
 use super::survey;
@@ -20,6 +22,7 @@ use crate::scene::{
     identifier,
 };
 use crate::seed::Seed;
+use crate::skeleton::surroundings::{Neighbour, Surroundings};
 use crate::skeleton::{self, Detail, Skeleton, Target};
 use crate::species::Species;
 use crate::terrain::{Facets, Terrain};
@@ -125,6 +128,12 @@ fn grow(
     run: &mut Recorder,
 ) -> Result<Vec<Skeleton>> {
     run.stage("skeleton", |_| {
+        let roots = RTree::bulk_load(
+            (0..survey.trees.len())
+                .map(|i| GeomWithData::new(survey.trees[i].crown.root.truncate().to_array(), i))
+                .collect(),
+        );
+        let widest_m = survey.trees.iter().map(|t| t.crown.diameter_m).fold(0.0, f32::max);
         let skeletons: Vec<Skeleton> = models
             .par_iter()
             .map(|m| {
@@ -132,7 +141,19 @@ fn grow(
                 let seed = job.survey.seed.derive("tree", crown.key);
                 let detail = detail(job.triangles);
                 let species = &job.survey.species[m.species];
-                skeleton::grow(species, Target::FromCrown(crown), detail, seed)
+                let target = Target::FromCrown(crown);
+                // A model that several trees share stands in no one place.
+                if m.members.len() > 1 {
+                    return skeleton::grow(species, target, detail, seed);
+                }
+                let ground =
+                    |p: Vec2| survey.terrain.height_at(p + crown.root.truncate()) - crown.root.z;
+                let around = Surroundings {
+                    ground: Some(&ground),
+                    neighbours: neighbours(survey, &roots, widest_m, m.exemplar),
+                    ..Surroundings::none()
+                };
+                skeleton::grow_among(species, target, detail, &around, seed)
             })
             .collect::<Result<_>>()?;
         let nodes = skeletons.iter().map(Skeleton::len).sum();
@@ -153,6 +174,32 @@ fn grow(
     })
 }
 
+/// Horizontal places of all roots, with the numbers of their trees.
+type Roots = RTree<GeomWithData<[f32; 2], usize>>;
+
+/// The trees whose crowns may touch that of tree `i`, in its own coordinates; `widest_m` is the
+/// greatest crown diameter of all.
+fn neighbours(survey: &Survey, roots: &Roots, widest_m: f32, i: usize) -> Vec<Neighbour> {
+    let own = &survey.trees[i].crown;
+    let reach_m = 0.5 * (own.diameter_m + widest_m);
+    let mut near: Vec<usize> = roots
+        .locate_within_distance(own.root.truncate().to_array(), reach_m * reach_m)
+        .map(|r| r.data)
+        .filter(|&k| k != i)
+        .collect();
+    near.sort_unstable();
+    near.into_iter()
+        .map(|k| &survey.trees[k].crown)
+        .filter(|c| c.root.truncate().distance(own.root.truncate()) > 0.1)
+        .map(|c| Neighbour {
+            root: c.root - own.root,
+            height_m: c.height_m,
+            crown_base_m: c.base_height_m,
+            crown_radius_m: 0.5 * c.diameter_m,
+        })
+        .collect()
+}
+
 /// Buttresses and finer rings are for trees that are seen from near.
 pub(super) fn mesh_options(triangles: usize) -> MeshOptions {
     let preset = if triangles < 10_000 { MeshOptions::FOREST } else { MeshOptions::HERO };
@@ -168,7 +215,7 @@ pub(super) fn detail(triangles: usize) -> Detail {
 fn fill_distance(skeleton: &Skeleton, crown: &crate::crown::Crown) -> (f64, usize) {
     let nodes: Vec<[f32; 3]> =
         skeleton.position.iter().map(|p| (*p + crown.root).to_array()).collect();
-    let tree = rstar::RTree::bulk_load(nodes);
+    let tree = RTree::bulk_load(nodes);
     let sum = crown
         .attractors
         .iter()

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 use super::forest::{add_materials, detail, mesh_options, prototype};
 use crate::diagnostic::Result;
@@ -14,6 +14,8 @@ use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scan;
 use crate::scene::{Instance, Scene, TreeFacts, ValidScene, identifier};
 use crate::seed::Seed;
+use crate::skeleton::envelope::Envelope;
+use crate::skeleton::surroundings::{Neighbour, Surroundings, Wall};
 use crate::skeleton::{self, STAGES, Skeleton, Target, cloud};
 use crate::species::Species;
 use crate::texture;
@@ -26,6 +28,10 @@ pub struct TreeJob {
     pub height_m: Option<f32>,
     /// The tree as it stood at a stage of its life; grown where `None`.
     pub stage: Option<u16>,
+    /// Upright walls through these places about the stem, square to the way there, metres.
+    pub walls: Vec<Vec2>,
+    /// Where trees like this one stand about it, metres.
+    pub neighbours: Vec<Vec2>,
     pub seed: Seed,
     pub triangles: usize,
     pub texture_px: u32,
@@ -43,11 +49,13 @@ pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<(ValidScene, Option<clo
     match &job.cloud {
         Some(path) => {
             let (skeleton, frame, report) = fitted(job, path, run)?;
-            Ok((stand(job, &skeleton, frame, run)?, Some(report)))
+            let stem_m = report.stem_diameter_m;
+            Ok((stand(job, &skeleton, stem_m, frame, run)?, Some(report)))
         }
         None => {
             let skeleton = grown(job, run)?;
-            Ok((stand(job, &skeleton, Frame::local(DVec3::ZERO), run)?, None))
+            let stem_m = job.species.size.stem_diameter_at(skeleton.height_m());
+            Ok((stand(job, &skeleton, stem_m, Frame::local(DVec3::ZERO), run)?, None))
         }
     }
 }
@@ -85,7 +93,9 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
     let species = &job.species;
     run.stage("skeleton", |_| {
         let target = Target::FromSpecies { height_m: job.height_m };
-        let skeleton = skeleton::grow(species, target, detail(job.triangles), job.seed)?;
+        let around = surroundings(job);
+        let detail = detail(job.triangles);
+        let skeleton = skeleton::grow_among(species, target, detail, &around, job.seed)?;
         let wanted = job.height_m.unwrap_or(species.size.height_m);
         let off = f64::from((skeleton.height_m() - wanted).abs());
         let skeleton = match job.stage {
@@ -102,10 +112,35 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
     })
 }
 
+fn surroundings(job: &TreeJob) -> Surroundings<'static> {
+    let size = &job.species.size;
+    let height_m = job.height_m.unwrap_or(size.height_m);
+    let own = Envelope::of_species(size, 0.0, height_m, job.seed);
+    Surroundings {
+        walls: job
+            .walls
+            .iter()
+            .map(|at| Wall::Behind { point: at.extend(0.0), normal: -at.extend(0.0).normalize() })
+            .collect(),
+        neighbours: job
+            .neighbours
+            .iter()
+            .map(|at| Neighbour {
+                root: at.extend(0.0),
+                height_m,
+                crown_base_m: own.base_m,
+                crown_radius_m: own.radius_m,
+            })
+            .collect(),
+        ..Surroundings::none()
+    }
+}
+
 /// A skeleton to a scene of that tree alone.
 fn stand(
     job: &TreeJob,
     skeleton: &Skeleton,
+    stem_diameter_m: f32,
     frame: Frame,
     run: &mut Recorder,
 ) -> Result<ValidScene> {
@@ -140,7 +175,7 @@ fn stand(
             instances: Vec::new(),
         };
         let look = add_materials(&mut scene, species, textures);
-        let facts = facts(species, skeleton);
+        let facts = facts(species, skeleton, stem_diameter_m);
         scene.prototypes.push(prototype(format!("{name}_01"), species, mesh, look));
         scene.instances.push(Instance {
             name: format!("{name}_tree"),
@@ -172,7 +207,7 @@ fn age_years(job: &TreeJob, skeleton: &Skeleton) -> f32 {
     share * size.age_at(grown_m)
 }
 
-fn facts(species: &Species, skeleton: &Skeleton) -> TreeFacts {
+fn facts(species: &Species, skeleton: &Skeleton, stem_diameter_m: f32) -> TreeFacts {
     let height_m = skeleton.height_m();
     TreeFacts {
         id: "1".into(),
@@ -180,7 +215,7 @@ fn facts(species: &Species, skeleton: &Skeleton) -> TreeFacts {
         height_m,
         crown_diameter_m: skeleton.width_m(),
         crown_base_height_m: skeleton.crown_base_m(),
-        stem_diameter_m: species.size.stem_diameter_at(height_m),
+        stem_diameter_m,
         confidence: 1.0,
     }
 }

@@ -22,7 +22,7 @@ use super::limb::{Limb, sides};
 use super::radii::{Pipes, radii};
 use super::scaffold::{Shoot, scaffold};
 use super::stage::births;
-use super::surroundings::Open;
+use super::surroundings::{Space, Surroundings};
 use super::{NO_PARENT, Skeleton, polish};
 use crate::crown::Crown;
 use crate::diagnostic::{Error, Result};
@@ -63,16 +63,33 @@ impl Detail {
 const NODES: std::ops::RangeInclusive<u32> = 40..=200_000;
 /// Nodes at which a species' counts of whorls are meant.
 const FULL_NODES: f32 = 4000.0;
+/// Nodes that a stem needs: a tree of few has fewer stems.
+const NODES_OF_STEM: usize = 24;
 /// Stems of one tree; their axes have the first ids of the scaffold.
 const MAX_STEMS: u32 = 64;
 /// Share of the nodes that the scaffold may take.
 const SCAFFOLD_SHARE: f32 = 0.65;
 
-/// Grows the tree. Same arguments, same bytes.
+/// Grows a tree that stands alone. Same arguments, same bytes.
 ///
 /// # Errors
 /// A height outside [`HEIGHTS_M`] or a crown that is not finite.
 pub fn grow(species: &Species, target: Target, detail: Detail, seed: Seed) -> Result<Skeleton> {
+    grow_among(species, target, detail, &Surroundings::none(), seed)
+}
+
+/// Grows a tree whose branches leave its surroundings free: no wood but the stem's is in a wall,
+/// in the ground or in a neighbour's crown. The tree's own crown radius is set here.
+///
+/// # Errors
+/// As [`grow`].
+pub fn grow_among(
+    species: &Species,
+    target: Target,
+    detail: Detail,
+    around: &Surroundings<'_>,
+    seed: Seed,
+) -> Result<Skeleton> {
     let growth = &species.growth;
     let (envelope, seen) = match target {
         Target::FromSpecies { height_m } => {
@@ -90,7 +107,8 @@ pub fn grow(species: &Species, target: Target, detail: Detail, seed: Seed) -> Re
         }
     };
     let (max_nodes, spacing_m) = fineness(&envelope, species, detail);
-    let mut tree = Tree::new(species, &envelope, seed, spacing_m, max_nodes);
+    let around = Surroundings { crown_radius_m: envelope.radius_m, ..around.clone() };
+    let mut tree = Tree::new(species, &envelope, &around, seed, spacing_m, max_nodes);
     tree.add_stem_and_branches()?;
     tree.colonize(&seen);
     Ok(tree.finish())
@@ -141,6 +159,7 @@ struct Tree<'a> {
     species: &'a Species,
     growth: &'a Growth,
     envelope: &'a Envelope,
+    around: &'a Surroundings<'a>,
     seed: Seed,
     spacing_m: f32,
     max_nodes: usize,
@@ -159,6 +178,7 @@ impl<'a> Tree<'a> {
     fn new(
         species: &'a Species,
         envelope: &'a Envelope,
+        around: &'a Surroundings<'a>,
         seed: Seed,
         spacing_m: f32,
         max_nodes: u32,
@@ -167,6 +187,7 @@ impl<'a> Tree<'a> {
             species,
             growth: &species.growth,
             envelope,
+            around,
             seed,
             spacing_m,
             max_nodes: max_nodes as usize,
@@ -266,7 +287,7 @@ impl<'a> Tree<'a> {
     fn draw_stems(&mut self, shoots: &[Shoot], drawn: &mut [Drawn], whorl: &mut [u32]) {
         let feet: Vec<usize> = (0..shoots.len())
             .filter(|&i| shoots[i].depth == 0 && shoots[i].parent.is_none())
-            .take(MAX_STEMS as usize)
+            .take((self.max_nodes / NODES_OF_STEM).clamp(1, MAX_STEMS as usize))
             .collect();
         for (number, &foot) in feet.iter().enumerate() {
             let mut chain = vec![foot];
@@ -432,7 +453,8 @@ impl<'a> Tree<'a> {
             clearance_m: self.clearance_m,
             segment_m: 1.1 * self.spacing_m,
         };
-        let path = limb.trace(self.envelope, &mut draws);
+        let mut path = limb.trace(self.envelope, &mut draws);
+        self.cut(origin, &mut path);
         let axis = if is_leader { self.scaffold[base as usize] } else { id + MAX_STEMS };
         self.draw_branch(base, &path, axis, shoot.depth)
     }
@@ -448,6 +470,20 @@ impl<'a> Tree<'a> {
             false => curve(&by.light, light_at(tip, self.envelope)),
         };
         height * azimuth * light
+    }
+
+    /// Ends a branch from `base` where it would enter something.
+    fn cut(&self, base: Vec3, path: &mut Vec<Vec3>) {
+        if self.around.is_none() {
+            return;
+        }
+        let mut from = base;
+        let met = path.iter().position(|&to| {
+            let is_met = self.around.meets(from, to).is_some();
+            from = to;
+            is_met
+        });
+        path.truncate(met.unwrap_or(path.len()));
     }
 
     fn draw_branch(&mut self, base: u32, path: &[Vec3], axis: u32, depth: u8) -> Option<Drawn> {
@@ -520,7 +556,7 @@ impl<'a> Tree<'a> {
                 is_open: self.is_open[i],
             })
             .collect();
-        let grown = colonize(&starts, &attractors, &reach, &answer, pull, &Open, &limits);
+        let grown = colonize(&starts, &attractors, &reach, &answer, pull, self.around, &limits);
         for (at, parent) in grown.position.into_iter().zip(grown.parent) {
             let at = at.with_z(at.z.max(self.clearance_m));
             let heading = (at - self.position[parent as usize]).normalize_or_zero();
@@ -595,7 +631,14 @@ impl<'a> Tree<'a> {
             birth: vec![0; n],
         };
         let mut tree = whole.subset(&keep);
-        fit(&mut tree, e);
+        fit(&mut tree, e, self.around.is_none());
+        if !self.around.is_none() {
+            // Smoothing and hanging may have moved a shoot over a border.
+            let is_stem = tree.is_stem();
+            let is_free = |i: usize| is_stem[i] || self.around.is_free(tree.position[i]);
+            let keep: Vec<bool> = (0..tree.len()).map(is_free).collect();
+            tree = tree.subset(&keep);
+        }
         tree.birth = births(&tree, &self.species.size);
         let pipes = Pipes::of_species(self.species, e.height_m);
         tree.radius_m = radii(&tree.position, &tree.parent, &tree.is_stem(), &pipes);
@@ -603,13 +646,15 @@ impl<'a> Tree<'a> {
     }
 }
 
-/// Scales heights and widths so that the tree is as tall and as wide as the envelope.
-fn fit(tree: &mut Skeleton, e: &Envelope) {
+/// Scales heights and widths so that the tree is as tall and as wide as the envelope; one that is
+/// hemmed in is not widened.
+fn fit(tree: &mut Skeleton, e: &Envelope, is_alone: bool) {
     let up = e.height_m / tree.height_m().max(1e-6);
     for p in &mut tree.position {
         p.z *= up;
     }
-    let out = (2.0 * e.radius_m / tree.width_m().max(1e-6)).clamp(0.8, 1.25);
+    let out =
+        (2.0 * e.radius_m / tree.width_m().max(1e-6)).clamp(0.8, if is_alone { 1.25 } else { 1.0 });
     for p in &mut tree.position {
         let centre = e.centre(p.z);
         let side = centre + (p.truncate() - centre) * out;

@@ -19,7 +19,7 @@ use glam::Vec3;
 
 use crate::diagnostic::{Error, Result};
 
-pub use grow::{Detail, Target, grow};
+pub use grow::{Detail, Target, grow, grow_among};
 pub use stage::{STAGES, at_stage};
 
 /// No parent: only the root has this.

@@ -73,9 +73,11 @@ pub fn radii(position: &[Vec3], parent: &[u32], is_stem: &[bool], pipes: &Pipes)
     };
     // Half of all pipes begin at tips, half along the way.
     let per_m = tips as f64 / total_m.max(1e-6);
-    // The crown's length holds all pipes; a metre of bole once held its share.
+    // The crown's length holds all pipes; a metre of bole once held its share, each stem of a stool
+    // its part of it.
     let top_m = position.iter().map(|p| f64::from(p.z)).fold(1e-6, f64::max);
-    let shed_per_m = SHED * 2.0 * tips as f64 / top_m;
+    let stems = (1..n).filter(|&i| is_stem[i] && parent[i] == 0).count().max(1);
+    let shed_per_m = SHED * 2.0 * tips as f64 / (top_m * stems as f64);
     for i in (0..n).rev() {
         if carried[i] == 0.0 {
             carried[i] = 1.0;

@@ -103,7 +103,7 @@ pub fn cases() -> Vec<Case> {
         case!("α that makes lengths negative", "such shoots are not grown", 0.0 "nodes too many", negative_lengths),
         case!("division by an L_apex of 10⁻³⁰⁰", "shoots without a length, or an error that names the production",
             0.0 "nodes unsound", tiny_apex),
-        case!("α of ±10⁹ in a species", "a sound tree of its height", 0.02 "of the height", wild_decay),
+        case!("α of ±10³ in a species, the most a rule file may say", "a sound tree of its height", 0.02 "of the height", wild_decay),
         case!("lengths of 0 and 1 : 10⁶", "no node for 0, none lost beside 10⁶", 1e-6 "of the height", length_ratios),
         case!("angles of 0, 90, 180 and 360°", "exact places", 1e-6 "m", special_angles),
         case!("first shoot of 10⁻⁶ and 10⁶ m", "the same tree to scale", 1e-6 "of the height", scales),
@@ -210,7 +210,7 @@ fn tiny_apex() -> Result<f64> {
 
 fn wild_decay() -> Result<f64> {
     let mut worst = 0.0f64;
-    for decay in ["1e9", "-1e9", "0.0, 1e9, -1e9"] {
+    for decay in ["1e3", "-1e3", "0.0, 1e3, -1e3"] {
         let text = format!("extends = 'larix_sibirica'\n[growth]\ndecay = [{decay}]");
         let species = species::load_text("stability", &text)?;
         let target = Target::FromSpecies { height_m: Some(12.0) };

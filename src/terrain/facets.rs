@@ -170,8 +170,7 @@ impl Terrain {
         let mut ladder = Vec::new();
         let mut rungs = LADDER_M.into_iter().peekable();
         let mut worst_m = least;
-        loop {
-            let Some((bits, Reverse(node), ids)) = heap.pop() else { break };
+        while let Some((bits, Reverse(node), ids)) = heap.pop() {
             if !is_face(&tin, ids) {
                 continue;
             }

@@ -17,8 +17,6 @@ const COST_POWER: f32 = 1.6;
 const BRIDGE_STARTS: usize = 3000;
 const BRIDGE_TRIES: usize = 120;
 const MOST_ROUNDS: u32 = 40;
-/// Share of the cloud that counts as a part of its own.
-const PART: f32 = 0.1;
 
 /// The cheapest ways to the known wood.
 pub(super) struct Ways {
@@ -28,14 +26,17 @@ pub(super) struct Ways {
     pub length_m: Vec<f32>,
     /// Vertices from the nearest by cost to the farthest, known nodes first.
     pub order: Vec<u32>,
-    /// Longest bridge to a part of at least a tenth of the cloud, metres.
-    pub gap_m: f32,
 }
 
-struct Sets(Vec<u32>);
+/// Disjoint sets of ids.
+pub(super) struct Sets(Vec<u32>);
 
 impl Sets {
-    fn find(&mut self, mut i: u32) -> u32 {
+    pub fn new(count: usize) -> Sets {
+        Sets((0..count as u32).collect())
+    }
+
+    pub fn find(&mut self, mut i: u32) -> u32 {
         while self.0[i as usize] != i {
             let up = self.0[self.0[i as usize] as usize];
             self.0[i as usize] = up;
@@ -44,7 +45,7 @@ impl Sets {
         i
     }
 
-    fn join(&mut self, a: u32, b: u32) {
+    pub fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.find(a), self.find(b));
         // The smaller id leads, so that the known wood, which holds id 0, keeps its name.
         self.0[a.max(b) as usize] = a.min(b);
@@ -80,14 +81,13 @@ pub(super) fn ways(
                 .map(move |(j, length_m)| Edge { ends: [i as u32, j], length_m })
         })
         .collect();
-    let mut sets = Sets((0..n as u32).collect());
+    let mut sets = Sets::new(n);
     for i in 1..known {
         sets.join(0, i as u32);
     }
     for e in &edges {
         sets.join(e.ends[0], e.ends[1]);
     }
-    let mut gap_m = 0.0f32;
     for _ in 0..MOST_ROUNDS {
         let label: Vec<u32> = (0..n as u32).map(|i| sets.find(i)).collect();
         let mut parts: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
@@ -98,23 +98,17 @@ pub(super) fn ways(
             break;
         }
         let parts: Vec<Vec<u32>> = parts.into_values().collect();
-        let bridges: Vec<(usize, Edge)> = parts
+        let bridges: Vec<Edge> = parts
             .par_iter()
-            .filter_map(|part| {
-                let found = bridge(vertices, known, near, wood, &label, part);
-                found.map(|edge| (part.len(), edge))
-            })
+            .filter_map(|part| bridge(vertices, known, near, wood, &label, part))
             .collect();
-        for (size, edge) in bridges {
-            if size as f32 >= PART * (n - known) as f32 {
-                gap_m = gap_m.max(edge.length_m);
-            }
+        for edge in bridges {
             sets.join(edge.ends[0], edge.ends[1]);
             edges.push(edge);
         }
     }
     let (next, length_m, order) = cheapest(n, known, &edges);
-    Ways { next, length_m, order, gap_m }
+    Ways { next, length_m, order }
 }
 
 /// A short edge from a part to what is not of it; the shortest unless the part is large.
@@ -173,8 +167,8 @@ fn cheapest(n: usize, known: usize, edges: &[Edge]) -> (Vec<u32>, Vec<f32>, Vec<
     let mut is_done = vec![false; n];
     // Costs are not negative, so their bits are in order.
     let mut heap = BinaryHeap::new();
-    for i in 0..known.min(n) {
-        cost[i] = 0.0;
+    for (i, cost) in cost.iter_mut().enumerate().take(known) {
+        *cost = 0.0;
         heap.push(Reverse((0u32, i as u32)));
     }
     while let Some(Reverse((_, i))) = heap.pop() {

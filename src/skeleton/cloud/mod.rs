@@ -57,6 +57,16 @@ const LEAST_HEIGHT_M: f32 = 0.3;
 const VERTICES: std::ops::RangeInclusive<usize> = 5_000..=80_000;
 /// Finest cell that vertices are thinned to, metres.
 const FINEST_M: f32 = 0.01;
+/// Points nearer to wood than this need no way of their own, however sparse the cloud, metres.
+const FINEST_WAY_M: f32 = 0.15;
+/// Points within this share of the stem's radius from its surface are bark, and bear no branch.
+const BARK: f32 = 0.45;
+/// How often longer internodes are tried where nodes are few.
+const STEP_TRIES: usize = 4;
+/// Parts this share of the height apart, seen from above, are trees of their own; and the least
+/// such distance in metres.
+const APART: f32 = 0.15;
+const APART_LEAST_M: f32 = 1.5;
 
 /// What the tree was led by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -128,7 +138,12 @@ pub fn fit(species: &Species, points: &[Vec3], detail: Detail, seed: Seed) -> Re
         Some(g) => kept.iter().copied().filter(|p| g.above_m(*p) > g.low_m).collect(),
         None => kept.clone(),
     };
-    checked(&standing)?;
+    let (_, top) = checked(&standing)?;
+    let gap_m = (APART * (top.z - low.z)).max(APART_LEAST_M);
+    if parts::is_parted(&standing, gap_m) {
+        return Err(Error::new(format!("the cloud is in parts more than {gap_m:.1} m apart"))
+            .remedy("cut one tree out of it, or use `larix forest` for all of them"));
+    }
     let slices = stem::stem(&standing, floor_m(0.5 * (low + high)), height_m, seed);
     let root = match slices.first() {
         Some(lowest) => {
@@ -339,7 +354,7 @@ fn grown(
     // What lies on the stem or in it needs no branch.
     free.retain(|p| {
         wood.nearest(*p).is_none_or(|(cone, d)| {
-            d > (0.3 * cone.radius_m[0].max(cone.radius_m[1])).max(0.015).max(edge_m)
+            d > (BARK * cone.radius_m[0].max(cone.radius_m[1])).max(0.015).max(edge_m)
         })
     });
     let near = Points::new(&free);
@@ -349,24 +364,27 @@ fn grown(
     let spacing_m = gaps.get(gaps.len() / 2).copied().unwrap_or(edge_m).max(edge_m);
     let mut vertices = start.nodes.position.clone();
     vertices.extend_from_slice(&free);
-    let ways = graph::ways(&vertices, known, &near, &wood, 2.5 * spacing_m + 0.03);
-    let most_m = (0.3 * height_m).max(2.0);
-    if ways.gap_m > most_m && led_by != Led::Crown {
-        return Err(Error::new(format!(
-            "the cloud is in parts {:.1} m apart: more than one tree, or only part of one",
-            ways.gap_m
-        ))
-        .remedy("cut one tree out of it, or use `larix forest` for all of them"));
-    }
     let top_m = start.radius_m.last().copied().unwrap_or(0.05);
-    let limits = trace::Bounds {
+    let ways = graph::ways(&vertices, known, &near, &wood, 2.5 * spacing_m + 0.03 + BARK * top_m);
+    let mut limits = trace::Bounds {
         max_nodes,
         step_m: (0.005 * height_m).clamp(0.03, 0.15).max(2.0 * spacing_m),
         spacing_m,
+        finest_m: (1.5 * spacing_m).min(FINEST_WAY_M),
         limb_m: if led_by == Led::Stem { top_m } else { 0.5 * top_m },
         coarse_m: (0.04 * height_m).clamp(0.1, 0.8).max(4.0 * spacing_m),
     };
-    let mut nodes = trace::trace(&vertices, stem, &near, &wood, &ways, &limits);
+    // Few nodes are better spent on many coarse branches than on some fine ones.
+    let mut nodes = stem.clone();
+    for _ in 0..STEP_TRIES {
+        let (traced, allowed_m) =
+            trace::trace(&vertices, stem.clone(), &near, &wood, &ways, &limits);
+        nodes = traced;
+        if allowed_m <= 2.0 * limits.step_m {
+            break;
+        }
+        limits.step_m = (1.5 * limits.step_m).max(0.6 * allowed_m);
+    }
     let scaffold: Vec<u32> = (0..nodes.position.len())
         .map(|i| start.axis.get(i).copied().unwrap_or(polish::FREE))
         .collect();
@@ -406,7 +424,7 @@ fn thickness(
     );
     if start.led_by == Led::Stem {
         let at = start.nodes.position.iter().zip(&start.radius_m);
-        let breast = at.filter(|(p, _)| p.z <= pipes.measured_at_m).last();
+        let breast = at.rev().find(|(p, _)| p.z <= pipes.measured_at_m);
         pipes.stem_radius_m = breast.map_or(pipes.stem_radius_m, |(_, &r)| r);
         pipes.tip_radius_m = pipes.tip_radius_m.min(0.5 * pipes.stem_radius_m);
     }

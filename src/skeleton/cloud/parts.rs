@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::graph::Sets;
 use super::near::Points;
 
 /// A point whose neighbours are farther than this many times the usual is a stray.
@@ -120,6 +121,25 @@ fn fitted_plane(points: &[Vec3]) -> Option<(Vec2, f32)> {
     }
     let slope = glam::DVec2::new(xz * yy - yz * xy, yz * xx - xz * xy) / determinant;
     Some((slope.as_vec2(), (mean.z - slope.dot(mean.truncate())) as f32))
+}
+
+/// Whether a tenth of the points or more stand apart from the rest, seen from above, by `gap_m`.
+pub(super) fn is_parted(points: &[Vec3], gap_m: f32) -> bool {
+    let plan: Vec<Vec3> = points.iter().map(|p| p.with_z(0.0)).collect();
+    let edge_m = 0.2 * gap_m;
+    let places = thinned(&plan, edge_m);
+    let near = Points::new(&places);
+    let mut sets = Sets::new(places.len());
+    for (i, p) in places.iter().enumerate() {
+        for (j, _) in near.within(*p, gap_m) {
+            sets.join(i as u32, j);
+        }
+    }
+    let mut sizes: BTreeMap<u32, usize> = BTreeMap::new();
+    for (place, _) in plan.iter().filter_map(|p| near.nearest(*p)) {
+        *sizes.entry(sets.find(place)).or_default() += 1;
+    }
+    sizes.values().filter(|&&size| 10 * size >= points.len()).count() > 1
 }
 
 /// Least and greatest corner; zero without points.

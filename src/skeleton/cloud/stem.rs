@@ -67,9 +67,10 @@ impl Circle {
         p.distance(self.centre) - self.radius_m
     }
 
-    /// How far from the circle a point still belongs to it.
+    /// How far from the circle a point still belongs to it: bark is rougher on thick stems, but
+    /// were this a mere share of the radius, the largest circle would always win.
     fn tolerance_m(&self) -> f32 {
-        0.006 + 0.1 * self.radius_m
+        (0.006 + 0.1 * self.radius_m).min(0.022)
     }
 
     /// Least squares of the distances of the inliers, a few steps.

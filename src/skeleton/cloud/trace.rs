@@ -17,6 +17,7 @@ const FINER: f32 = 0.7;
 const ROUNDS: usize = 6;
 
 /// A tree of nodes; the known ones first.
+#[derive(Clone)]
 pub(super) struct Nodes {
     pub position: Vec<Vec3>,
     pub parent: Vec<u32>,
@@ -27,8 +28,10 @@ pub(super) struct Bounds {
     pub max_nodes: usize,
     /// Length of an internode.
     pub step_m: f32,
-    /// Usual distance between vertices; nothing finer is followed.
+    /// Usual distance between vertices.
     pub spacing_m: f32,
+    /// Vertices nearer to wood than this are left alone.
+    pub finest_m: f32,
     /// Radius of the wood that carries all vertices.
     pub limb_m: f32,
     /// Distance allowed on the first level.
@@ -51,7 +54,8 @@ struct Tracing<'a> {
     nearest: Vec<u32>,
 }
 
-/// Adds ways through the vertices to the known nodes, as many as the bounds allow.
+/// Adds ways through the vertices to the known nodes, as many as the bounds allow. Tells too how
+/// far vertices were still allowed to be from wood when the nodes were used.
 pub(super) fn trace(
     vertices: &[Vec3],
     known: Nodes,
@@ -59,7 +63,7 @@ pub(super) fn trace(
     wood: &Wood,
     ways: &Ways,
     bounds: &Bounds,
-) -> Nodes {
+) -> (Nodes, f32) {
     let (n, k) = (vertices.len(), known.position.len());
     let first: Vec<(f32, u32)> = vertices
         .par_iter()
@@ -80,7 +84,7 @@ pub(super) fn trace(
     let mut far: Vec<u32> = (k as u32..n as u32).collect();
     far.sort_by(|a, b| ways.length_m[*b as usize].total_cmp(&ways.length_m[*a as usize]));
     let mut allowed_m = bounds.coarse_m;
-    while allowed_m >= 1.5 * bounds.spacing_m && tracing.has_room() {
+    while allowed_m >= bounds.finest_m && tracing.has_room() {
         for &v in &far {
             if !tracing.has_room() {
                 break;
@@ -89,9 +93,11 @@ pub(super) fn trace(
                 tracing.take(v, allowed_m);
             }
         }
-        allowed_m *= FINER;
+        if tracing.has_room() {
+            allowed_m *= FINER;
+        }
     }
-    tracing.nodes
+    (tracing.nodes, allowed_m)
 }
 
 /// Radius of the limb through each vertex, from the vertices whose ways lead through it or beside

@@ -129,6 +129,7 @@ impl Grid {
         for (group, ids) in self.group[groups.clone()].iter_mut().zip(&self.id[groups]) {
             let mut d = [0.0f32; LANES];
             let mut is_nearer = false;
+            #[allow(clippy::needless_range_loop)] // one vector operation a line
             for i in 0..LANES {
                 let (x, y, z) = (group.x[i] - at.x, group.y[i] - at.y, group.z[i] - at.z);
                 d[i] = x * x + y * y + z * z;
@@ -150,9 +151,8 @@ impl Grid {
                     }
                 }
             }
-            for i in 0..LANES {
-                let d = group.distance_sq[i];
-                far_sq[i] = if d > far_sq[i] { d } else { far_sq[i] };
+            for (far, &d) in far_sq.iter_mut().zip(&group.distance_sq) {
+                *far = if d > *far { d } else { *far };
             }
         }
         if is_better {

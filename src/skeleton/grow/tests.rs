@@ -1,4 +1,5 @@
 use super::*;
+use crate::skeleton::surroundings::{Neighbour, Wall};
 use crate::species;
 use proptest::prelude::*;
 
@@ -315,4 +316,35 @@ fn a_rule_grows_otherwise_when_the_tree_is_young() {
     assert_ne!(grown(": age > 29", 10.0), grown("", 10.0));
     assert_eq!(grown(": age > 79", 20.0), grown("", 20.0));
     assert_ne!(grown(": height < 9", 10.0), grown("", 10.0));
+}
+
+#[test]
+fn branches_leave_walls_the_ground_and_neighbours_free() {
+    let wall = Wall::Behind { point: Vec3::X * 1.2, normal: -Vec3::X };
+    let slope = |p: Vec2| 5.0 * p.y;
+    let neighbour =
+        Neighbour { root: Vec3::X * 4.0, height_m: 40.0, crown_base_m: 0.0, crown_radius_m: 5.0 };
+    let cases: [(&str, Surroundings); 3] = [
+        ("wall", Surroundings { walls: vec![wall], ..Surroundings::none() }),
+        ("ground", Surroundings { ground: Some(&slope), ..Surroundings::none() }),
+        ("neighbour", Surroundings { neighbours: vec![neighbour], ..Surroundings::none() }),
+    ];
+    for (what, around) in cases {
+        for name in ["picea_obovata", "betula_pendula", "quercus_robur"] {
+            let species = species::load(name).unwrap();
+            let target = Target::FromSpecies { height_m: None };
+            let detail = Detail { max_nodes: 1200, attractor_spacing_m: None };
+            let s = grow_among(&species, target, detail, &around, Seed::new(3)).unwrap();
+            s.check().unwrap();
+            let crown_radius_m = 0.5 * species.size.crown_diameter_m;
+            let bound = Surroundings { crown_radius_m, ..around.clone() };
+            let is_stem = s.is_stem();
+            let inside = (0..s.len()).filter(|&i| !is_stem[i] && !bound.is_free(s.position[i]));
+            assert_eq!(inside.count(), 0, "{name} in the {what}");
+            assert!(s.len() > 300, "{name} by the {what}: {} nodes", s.len());
+            let alone = grow(&species, target, detail, Seed::new(3)).unwrap();
+            let there = (0..alone.len()).filter(|&i| !bound.is_free(alone.position[i])).count();
+            assert!(there > 20, "{name}: nothing to leave free in the {what}");
+        }
+    }
 }
