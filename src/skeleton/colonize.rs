@@ -374,17 +374,18 @@ impl<'a, P: Fn(Vec3) -> Vec3, S: Space> Front<'a, P, S> {
             let mut call = Call { sum: Vec3::ZERO, nearest: at, nearest_sq: f32::INFINITY };
             for r in read..read + count as usize {
                 let id = self.won[r];
-                if grid.owner[id as usize] != node {
+                let attractor = grid.attractor[id as usize];
+                if attractor.owner != node {
                     continue;
                 }
                 self.won[written] = id;
                 written += 1;
-                let way = grid.point[id as usize] - at;
+                let way = attractor.at - at;
                 let d_sq = way.length_squared();
                 call.sum += way / d_sq.sqrt();
                 if d_sq < call.nearest_sq {
                     call.nearest_sq = d_sq;
-                    call.nearest = grid.point[id as usize];
+                    call.nearest = attractor.at;
                 }
             }
             read += count as usize;

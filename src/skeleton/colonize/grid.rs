@@ -46,9 +46,14 @@ pub(super) struct Grid {
     /// Ids of the attractors of each group.
     id: Vec<[u32; LANES]>,
     /// By id, cell after cell.
-    pub point: Vec<Vec3>,
-    /// The nearest node of each attractor within the influence distance.
-    pub owner: Vec<u32>,
+    pub attractor: Vec<Attractor>,
+}
+
+/// An attractor, and its nearest node within the influence distance.
+#[derive(Clone, Copy)]
+pub(super) struct Attractor {
+    pub at: Vec3,
+    pub owner: u32,
 }
 
 impl Grid {
@@ -78,7 +83,7 @@ impl Grid {
         let far_sq = count.iter().map(|&n| if n > 0 { influence_sq } else { NONE_SQ }).collect();
         let mut group = vec![FREE; groups as usize];
         let mut id = vec![[0; LANES]; groups as usize];
-        let mut point = vec![Vec3::ZERO; points.len()];
+        let mut attractor = vec![Attractor { at: Vec3::ZERO, owner: NOBODY }; points.len()];
         let mut filled = vec![0u32; buckets];
         for (&p, &b) in points.iter().zip(&in_bucket) {
             let b = b as usize;
@@ -86,14 +91,13 @@ impl Grid {
             filled[b] += 1;
             let (place, lane) = (first_group[b] as usize + nth / LANES, nth % LANES);
             let own_id = first_id[b] + nth as u32;
-            point[own_id as usize] = p;
+            attractor[own_id as usize].at = p;
             id[place][lane] = own_id;
             let place = &mut group[place];
             (place.x[lane], place.y[lane], place.z[lane]) = (p.x, p.y, p.z);
             place.distance_sq[lane] = influence_sq;
         }
-        let owner = vec![NOBODY; points.len()];
-        Some(Grid { influence_m, cells_per_m, table, first_group, far_sq, group, id, point, owner })
+        Some(Grid { influence_m, cells_per_m, table, first_group, far_sq, group, id, attractor })
     }
 
     /// Gives `node` the attractors it is nearest to, writes their ids to `gained`, and removes
@@ -142,10 +146,10 @@ impl Grid {
                         let id = ids[i];
                         if d[i] <= kill_sq {
                             group.distance_sq[i] = NONE_SQ;
-                            self.owner[id as usize] = GONE;
+                            self.attractor[id as usize].owner = GONE;
                         } else {
                             group.distance_sq[i] = d[i];
-                            self.owner[id as usize] = node;
+                            self.attractor[id as usize].owner = node;
                             gained.push(id);
                         }
                     }
@@ -161,8 +165,7 @@ impl Grid {
     }
 
     pub fn living(&self) -> Vec<Vec3> {
-        let lives = |(point, owner): (&Vec3, &u32)| (*owner != GONE).then_some(*point);
-        self.point.iter().zip(&self.owner).filter_map(lives).collect()
+        self.attractor.iter().filter(|a| a.owner != GONE).map(|a| a.at).collect()
     }
 }
 

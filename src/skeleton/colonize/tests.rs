@@ -217,15 +217,15 @@ fn owners_are_the_nearest_nodes() {
     for (i, &n) in nodes.iter().enumerate() {
         grid.visit(i as u32, n, 0.0, &mut won);
     }
-    for (i, p) in grid.point.iter().enumerate() {
+    for (i, attractor) in grid.attractor.iter().enumerate() {
         let near = nodes
             .iter()
-            .map(|n| n.distance_squared(*p))
+            .map(|n| n.distance_squared(attractor.at))
             .enumerate()
             .filter(|(_, d)| *d < 0.81)
             .min_by(|a, b| a.1.total_cmp(&b.1));
         let owner = near.map_or(NOBODY, |(n, _)| n as u32);
-        assert_eq!(grid.owner[i], owner);
+        assert_eq!(attractor.owner, owner);
         assert!(owner == NOBODY || won.contains(&(i as u32)));
     }
 }
