@@ -249,6 +249,11 @@ impl<'a> Tree<'a> {
         let of_tree = self.of_tree();
         let seed = self.seed.derive("rule", 0);
         let shoots = scaffold(&self.species.rule, internodes, &of_tree, seed)?;
+        if shoots.is_empty() {
+            return Err(Error::new("the rule draws no shoot").remedy(
+                "let the axiom or a production draw, for example `F(a)`, with a length above 0",
+            ));
+        }
         let mut drawn: Vec<Drawn> = vec![Drawn::default(); shoots.len()];
         let mut whorl = vec![0u32; shoots.len()];
         let mut is_continued = vec![false; shoots.len()];

@@ -39,7 +39,7 @@ pub const MAX_FACTOR: f64 = 100.0;
 /// for each number in it. The schema shows the same.
 pub const RANGES: &[(&str, Range)] = &[
     ("luminance", Within(0.0, 255.0)),
-    ("size.height_m", AboveZero(150.0)),
+    ("size.height_m", AboveZero(130.0)),
     ("size.crown_diameter_m", AboveZero(100.0)),
     ("size.age_years", AboveZero(5000.0)),
     ("size.crown_base", Within(0.0, 0.95)),
@@ -54,7 +54,7 @@ pub const RANGES: &[(&str, Range)] = &[
     ("growth.step", AboveZero(100.0)),
     ("growth.influence", AboveZero(1000.0)),
     ("growth.kill", AboveZero(1000.0)),
-    ("growth.pipe_exponent", Within(1.0, 6.0)),
+    ("growth.pipe_exponent", Within(1.0, 4.0)),
     ("growth.tip_radius_m", AboveZero(0.5)),
     ("growth.internodes", Within(1.0, 200.0)),
     ("growth.roll_deg", Within(-360.0, 360.0)),

@@ -355,7 +355,13 @@ fn read_chain(
                 return None;
             }
         };
-        if links.iter().any(|l| l.identity == link.identity) || links.len() >= MAX_EXTENDS {
+        if links.len() >= MAX_EXTENDS {
+            let message = format!("`extends` goes over more than {MAX_EXTENDS} files");
+            let error = sources.error(&place, message, "one too many");
+            errors.push(error.remedy("lay the file over one that is nearer the base"));
+            return None;
+        }
+        if links.iter().any(|l| l.identity == link.identity) {
             let mut names: Vec<&str> = links.iter().map(|l| l.identity.as_str()).collect();
             names.push(&link.identity);
             errors.push(

@@ -45,6 +45,7 @@ const CASES: &[(&str, &str, &str)] = &[
     ("too many iterations", "iterations = 3", "iterations = 900"),
     ("tropism out of range", "iterations = 3", "iterations = 3\ntropism = { elasticity = 40 }"),
     ("tropism misspelt", "iterations = 3", "iterations = 3\ntropism = { elastic = 0.2 }"),
+    ("no arrow between two of one name", "F(a) -> F(a)[^F(0.5a)]", "F(a) F(a)[^F(0.5a)]"),
     ("empty axiom", "'F(a)'", "''"),
     ("bracket never opened", "[&F", "&F"),
     ("bracket never closed", ")][&", ")[&"),

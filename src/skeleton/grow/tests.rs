@@ -348,3 +348,14 @@ fn branches_leave_walls_the_ground_and_neighbours_free() {
         }
     }
 }
+
+#[test]
+fn a_rule_that_draws_nothing_is_refused() {
+    for production in ["F(a) -> F(0)", "F(a) -> ε"] {
+        let text = format!("[rule]\naxiom = 'F(a)'\nproductions = ['{production}']");
+        let species = species::load_text("nothing", &text).unwrap();
+        let target = Target::FromSpecies { height_m: None };
+        let error = grow(&species, target, Detail::FOREST, Seed::new(1)).unwrap_err();
+        assert_eq!(error.message(), "the rule draws no shoot");
+    }
+}

@@ -395,6 +395,13 @@ fn pattern(cursor: &mut Cursor<'_>, locals: &mut Vec<String>) -> Result<Pattern,
             let at = cursor.at;
             let (name, factor) = parameter(cursor)?;
             if locals.contains(&name) {
+                if !(cursor.text.contains("->") || cursor.text.contains('→')) {
+                    return Err(Slip::new(
+                        cursor.here(),
+                        "production without an arrow",
+                        "write it as `F(a) -> F(a)[^F(0.5a)]`",
+                    ));
+                }
                 return Err(Slip::new(
                     at..cursor.at,
                     format!("`{name}` names two parameters"),
