@@ -74,10 +74,23 @@ impl Shape {
         self.radius_m * r * (1.0 + lobes)
     }
 
-    /// Metres inside the crown's surface, sideways; negative outside.
-    pub fn depth(&self, x: f32, y: f32, z: f32) -> f32 {
+    /// Share of a beam of radius `beam_m` that the crown fills, and how far inside the crown's
+    /// surface its axis is, sideways; negative outside.
+    pub fn filled(&self, x: f32, y: f32, z: f32, beam_m: f32) -> (f32, f32) {
         let (dx, dy) = (x - self.x, y - self.y);
-        self.radius_at(z, dy.atan2(dx)) - dx.hypot(dy)
+        let reach = self.reach_m() + beam_m;
+        if dx * dx + dy * dy > reach * reach {
+            return (0.0, f32::NEG_INFINITY);
+        }
+        let radius = self.radius_at(z, dy.atan2(dx));
+        let depth = radius - dx.hypot(dy);
+        if beam_m <= 0.0 {
+            return (if depth > 0.0 { 1.0 } else { 0.0 }, depth);
+        }
+        // Across a straight edge the share falls evenly; a crown thinner than the beam fills no
+        // more of it than its own section.
+        let across = ((depth + beam_m) / (2.0 * beam_m)).clamp(0.0, 1.0);
+        (across.min((radius / beam_m).powi(2)), depth)
     }
 
     /// Height of the crown's surface seen from above; `None` beside the crown.
@@ -125,7 +138,11 @@ mod tests {
         let c = cone(3.0, 4.0, 0.0, 5.0, 15.0, 2.0);
         assert!((c.radius_at(10.0, 1.0) - 1.0).abs() < 1e-5);
         assert_eq!(c.radius_at(4.9, 0.0), 0.0);
-        assert!((c.depth(3.5, 4.0, 10.0) - 0.5).abs() < 1e-5);
+        assert!((c.filled(3.5, 4.0, 10.0, 0.0).1 - 0.5).abs() < 1e-5);
+        assert_eq!(c.filled(3.5, 4.0, 10.0, 0.0).0, 1.0);
+        // An edge cuts the beam in half; a tip of 0.1 m fills a quarter of a beam of 0.2 m.
+        assert!((c.filled(4.0, 4.0, 10.0, 0.2).0 - 0.5).abs() < 1e-4);
+        assert!((c.filled(3.0, 4.0, 14.5, 0.2).0 - 0.25).abs() < 1e-3);
         let z = c.surface_at(4.0, 4.0).unwrap();
         assert!((z - 10.0).abs() <= 10.0 / 128.0 + 1e-4, "{z}");
         assert_eq!(c.surface_at(5.5, 4.0), None);
