@@ -3,6 +3,7 @@
 //! canopy surface in place of single points; a watershed). Every local maximum gets a basin, so
 //! one crown may hold several; `hierarchy` decides which belong together.
 
+use super::canopy::Canopy;
 use crate::raster::Grid;
 
 pub(super) const NONE: u32 = u32::MAX;
@@ -66,11 +67,12 @@ pub(super) struct Basins {
 /// Cells lower than this part of their top are skirts: undergrowth beside the crown.
 const SKIRT: f32 = 0.25;
 
-/// Cells below `min_height_m` are bare.
-pub(super) fn find(canopy: &Grid<f32>, min_height_m: f32) -> Basins {
+/// Cells below `min_height_m` are bare, as are those that the smoothing alone has raised.
+pub(super) fn find(canopy: &Canopy, min_height_m: f32) -> Basins {
+    let Canopy { top: raw, smooth: canopy } = canopy;
     let g = canopy.geometry;
-    let mut order: Vec<u32> =
-        (0..g.len() as u32).filter(|&i| canopy.data[i as usize] >= min_height_m).collect();
+    let is_tall = |i: &u32| raw.data[*i as usize].min(canopy.data[*i as usize]) >= min_height_m;
+    let mut order: Vec<u32> = (0..g.len() as u32).filter(is_tall).collect();
     order.sort_unstable_by(|&a, &b| {
         canopy.data[b as usize].total_cmp(&canopy.data[a as usize]).then(a.cmp(&b))
     });
@@ -103,7 +105,8 @@ pub(super) fn find(canopy: &Grid<f32>, min_height_m: f32) -> Basins {
     }
     for &i in &order {
         let basin = &mut of_cell[i as usize];
-        if canopy.data[i as usize] < SKIRT * canopy.data[top[*basin as usize] as usize] {
+        let height_m = raw.data[i as usize].min(canopy.data[i as usize]);
+        if height_m < SKIRT * canopy.data[top[*basin as usize] as usize] {
             *basin = NONE;
         }
     }

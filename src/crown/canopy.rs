@@ -53,13 +53,21 @@ pub(super) fn geometry(min: [f64; 2], max: [f64; 2], cell_m: f64, count: usize) 
     GridGeometry::covering(min, max, cell)
 }
 
+/// The canopy on one grid.
+pub(super) struct Canopy {
+    /// Greatest height in each cell, voids and pits filled; 0 where bare.
+    pub top: Grid<f32>,
+    /// That, smoothed: what crowns are told apart by. It spills over the crowns' edges.
+    pub smooth: Grid<f32>,
+}
+
 /// `points`: place and height above terrain of each point that may be canopy; `bare`: places seen
 /// to be ground.
 pub(super) fn build(
     geometry: GridGeometry,
     points: impl Iterator<Item = (Vec3, f32)>,
     bare: impl Iterator<Item = Vec3>,
-) -> Grid<f32> {
+) -> Canopy {
     let mut top = Grid::filled(geometry, f32::NEG_INFINITY);
     for p in bare {
         if let Some((c, r)) = geometry.cell_of(f64::from(p.x), f64::from(p.y)) {
@@ -73,7 +81,8 @@ pub(super) fn build(
     }
     fill_voids(&mut top);
     fill_pits(&mut top);
-    smoothed(top)
+    let smooth = smoothed(&top);
+    Canopy { top, smooth }
 }
 
 /// Calls `f` with the values of the up to 8 neighbours.
@@ -151,19 +160,19 @@ fn fill_pits(grid: &mut Grid<f32>) {
 }
 
 /// Each cell from the Gaussian whose width fits its height, linear between precomputed levels.
-fn smoothed(grid: Grid<f32>) -> Grid<f32> {
+fn smoothed(grid: &Grid<f32>) -> Grid<f32> {
     let g = grid.geometry;
     let cell = g.cell_x as f32;
     let highest = grid.data.iter().copied().fold(0.0f32, f32::max);
     let width = |h: f32| KERNEL_BASE_M + KERNEL_PER_M * h;
     let mut level_m = KERNEL_BASE_M;
-    let mut lower = gaussian(&grid, level_m / cell);
+    let mut lower = gaussian(grid, level_m / cell);
     // The width is chosen by the mildly smoothed height: a single high return widens nothing.
     let guide = lower.data.clone();
     let mut out = lower.clone();
     while level_m < width(highest) {
         let upper_m = level_m * KERNEL_STEP;
-        let upper = gaussian(&grid, upper_m / cell);
+        let upper = gaussian(grid, upper_m / cell);
         for (i, value) in out.data.iter_mut().enumerate() {
             let w = width(guide[i]);
             if w > level_m {

@@ -8,8 +8,8 @@
 //!
 //! The chance is a logistic model of ten measures of shape, fitted by `tools/fit_crowns.py` to the
 //! boxes of the 615 annotated crowns of the IDTReeS plots (a closed broadleaf canopy and an open pine
-//! stand). By that tool F1 is 0.54 fitted on all plots, 0.53 cross-validated over plots; on the
-//! broadleaf site 0.58 and fitted on the pines alone 0.54; on the pine site 0.46 and fitted on the
+//! stand). By that tool F1 is 0.54 fitted on all plots, 0.54 cross-validated over plots; on the
+//! broadleaf site 0.57 and fitted on the pines alone 0.54; on the pine site 0.47 and fitted on the
 //! broadleaves alone 0.46. Cell and kernel were chosen on all plots at once; the price on the plots and
 //! on simulated stands. Outside the measures' range in those plots the nearest value inside it is
 //! taken.
@@ -181,15 +181,15 @@ pub(super) fn merge(basins: &Basins, cols: usize, cell_m: f32) -> Hierarchy {
 
 const MEASURES: usize = 9;
 /// First and 99th percentile of each measure over all regions of the annotated plots.
-const LOWEST: [f64; MEASURES] = [-0.371, 1.173, 0.676, 0.203, 0.416, 0.014, 0.0, 0.0, 0.0];
-const HIGHEST: [f64; MEASURES] = [3.087, 3.575, 0.978, 1.0, 1.0, 0.694, 0.482, 0.939, 0.964];
-const BIAS: f64 = -8.817;
+const LOWEST: [f64; MEASURES] = [-0.443, 1.169, 0.653, 0.209, 0.412, 0.013, 0.0, 0.0, 0.0];
+const HIGHEST: [f64; MEASURES] = [3.077, 3.575, 0.977, 1.0, 1.0, 0.687, 0.425, 0.964, 0.964];
+const BIAS: f64 = -7.766;
 const WEIGHT: [f64; MEASURES] =
-    [5.559, 1.55, 0.901, 1.096, -0.234, -0.773, -8.253, -0.243, 0.064];
+    [5.158, 1.123, 1.172, 1.057, -0.502, -0.68, -12.498, -0.098, -0.044];
 /// Of diameter², diameter · height and height² (logarithms).
-const WEIGHT_SIZE: [f64; 3] = [-2.912, 1.58, -0.596];
+const WEIGHT_SIZE: [f64; 3] = [-2.807, 1.592, -0.534];
 /// Of the logarithm of the drop from the top to the highest pass out, over [`LEAST_DROP_M`].
-const WEIGHT_DROP: f64 = 0.274;
+const WEIGHT_DROP: f64 = 0.302;
 const LEAST_DROP_M: f64 = 0.1;
 /// A drop is taken as no more than this part of the top.
 const GREATEST_DROP: f64 = 0.8;

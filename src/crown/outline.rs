@@ -2,7 +2,8 @@
 //!
 //! Seen from the region's middle, the farthest cell corner in each of 20 sectors becomes a corner
 //! of the outline. Corners in order of direction make a star-shaped polygon, which can't cross
-//! itself. Where the middle sees the region only on one side, its convex hull is taken.
+//! itself. Where the middle sees the region only on one side, its convex hull is taken. Both are
+//! drawn in to the region's area.
 
 use glam::Vec2;
 
@@ -89,11 +90,18 @@ pub(super) fn trace(middle: &[Vec2], cell_m: f32) -> Option<Vec<Vec2>> {
         .fold(0.0, f32::max);
     let star: Vec<Vec2> = star.into_iter().map(|s| s.1).collect();
     // Rounding may bring near corners out of order: the star is taken only if it holds.
-    if star.len() >= 3 && widest_gap < 3.0 && is_simple(&star) && area_sq_m(&star) > 0.0 {
-        return Some(star);
+    let is_star = star.len() >= 3 && widest_gap < 3.0 && is_simple(&star) && area_sq_m(&star) > 0.0;
+    let polygon = if is_star { star } else { convex_hull(all.collect()) };
+    let area = area_sq_m(&polygon);
+    if polygon.len() < 3 || area <= 0.0 {
+        return None;
     }
-    let hull = convex_hull(all.collect());
-    (hull.len() >= 3 && area_sq_m(&hull) > 0.0).then_some(hull)
+    // The farthest corners lie outside most of the border: shrunk to the area of the cells.
+    let cells = middle.len() as f64 * f64::from(cell_m).powi(2);
+    let scale = (cells / area).sqrt().min(1.0) as f32;
+    let shrunk: Vec<Vec2> = polygon.iter().map(|&p| centre + scale * (p - centre)).collect();
+    let is_sound = is_simple(&shrunk) && area_sq_m(&shrunk) > 0.0;
+    Some(if is_sound { shrunk } else { polygon })
 }
 
 /// Andrew's monotone chain, counter-clockwise, no three corners in line.
