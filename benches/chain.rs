@@ -7,6 +7,7 @@ use larix::ground::Method;
 use larix::pipeline::{self, ForestJob, Sharing, SurveyJob};
 use larix::report::{Recorder, Silent};
 use larix::seed::Seed;
+use larix::simulate::StandOptions;
 use larix::species::{self, Species};
 
 fn main() {
@@ -19,7 +20,8 @@ fn job() -> (tempfile::TempDir, ForestJob) {
     let species: Vec<Species> = names.iter().map(|n| species::load(n).expect("built in")).collect();
     let seed = Seed::new(1);
     let mut run = Recorder::new(&Silent);
-    let made = pipeline::demo::survey_of_stand(240, &species, seed, &mut run).expect("a stand");
+    let made = pipeline::demo::survey_of_stand(&StandOptions::default(), &species, seed, &mut run)
+        .expect("a stand");
     let dir = tempfile::tempdir().expect("a temporary folder");
     let scan = dir.path().join("scan.laz");
     std::fs::write(&scan, made.scan).expect("room for the scan");

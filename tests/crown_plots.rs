@@ -135,7 +135,8 @@ fn write_geojson(path: &Path, crowns: &[Crown], origin: DVec3) {
         ring.extend(ring.first().copied());
         serde_json::json!({
             "type": "Feature",
-            "properties": {"height_m": c.height_m, "confidence": c.confidence},
+            "properties": {"height_m": c.height_m, "confidence": c.confidence, "points": c.point_count,
+                "is_understory": c.is_understory, "diameter_m": c.diameter_m},
             "geometry": {"type": "Polygon", "coordinates": [ring]},
         })
     };

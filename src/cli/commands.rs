@@ -14,6 +14,7 @@ use crate::raster::geotiff::{self, Raster, Samples};
 use crate::report::{self, Outcome, Recorder, Silent};
 use crate::scene::ValidScene;
 use crate::seed::Seed;
+use crate::simulate::StandOptions;
 use crate::species::{self, Species};
 
 /// Species to choose among where none are named.
@@ -332,7 +333,8 @@ fn fit_lines(fit: &crate::skeleton::cloud::Report) -> Vec<String> {
 fn demo(a: &args::Demo, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&a.output)?;
     let species = load_species(&[])?;
-    let survey = pipeline::demo::survey_of_stand(a.trees as usize, &species, seed(a.seed), run)?;
+    let options = StandOptions { trees: a.trees as usize, ..StandOptions::default() };
+    let survey = pipeline::demo::survey_of_stand(&options, &species, seed(a.seed), run)?;
     // The pipeline reads the very files a surveyor would hand over.
     let held = tempfile::tempdir().map_err(|e| {
         Error::new(format!("no temporary folder can be made: {e}"))

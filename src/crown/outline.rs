@@ -33,6 +33,23 @@ pub(super) fn centroid(polygon: &[Vec2]) -> Vec2 {
     if total > 0.0 { first + (sum / total).as_vec2() } else { first }
 }
 
+/// Mean of the greatest width of the corners and their width across it.
+pub(super) fn spread_m(polygon: &[Vec2]) -> f32 {
+    let mut longest = Vec2::ZERO;
+    for (i, &a) in polygon.iter().enumerate() {
+        for &b in &polygon[i + 1..] {
+            if (b - a).length_squared() > longest.length_squared() {
+                longest = b - a;
+            }
+        }
+    }
+    let across = longest.perp().normalize_or_zero();
+    let along = polygon.iter().map(|p| p.dot(across));
+    let (low, high) =
+        along.fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+    0.5 * (longest.length() + (high - low).max(0.0))
+}
+
 /// Whether the polygon holds the point (even-odd rule).
 pub(super) fn contains(polygon: &[Vec2], p: Vec2) -> bool {
     let mut inside = false;
@@ -143,6 +160,13 @@ mod tests {
         assert!((93.0..=100.0).contains(&area), "{area}");
         assert!((centroid(&outline) - Vec2::splat(5.0)).length() < 0.2);
         assert!(contains(&outline, Vec2::splat(5.0)) && !contains(&outline, Vec2::new(11.0, 5.0)));
+    }
+
+    #[test]
+    fn the_spread_is_the_mean_of_two_widths() {
+        let v = Vec2::new;
+        let lozenge = [v(-4.0, 0.0), v(0.0, -1.5), v(4.0, 0.0), v(0.0, 1.5)];
+        assert!((spread_m(&lozenge) - 5.5).abs() < 1e-5);
     }
 
     #[test]

@@ -49,9 +49,13 @@ fn columns(tree: &Tree, frame: &Frame) -> Map<String, Value> {
     m.insert("z".into(), rounded(root.z));
     m.insert("height_m".into(), rounded(c.height_m.into()));
     m.insert("crown_diameter_m".into(), rounded(c.diameter_m.into()));
+    m.insert("crown_spread_m".into(), rounded(c.spread_m.into()));
+    m.insert("crown_volume_m3".into(), rounded(c.volume_cu_m.into()));
+    m.insert("crown_surface_m2".into(), rounded(c.surface_sq_m.into()));
     m.insert("crown_base_height_m".into(), rounded(c.base_height_m.into()));
     m.insert("stem_diameter_m".into(), rounded(tree.stem_diameter_m.into()));
     m.insert("points".into(), json!(c.point_count));
+    m.insert("is_understory".into(), json!(c.is_understory));
     m.insert("confidence".into(), rounded(c.confidence.into()));
     let luminance = tree.luminance.map_or(Value::Null, |y| rounded(y.into()));
     m.insert("luminance".into(), luminance);
@@ -104,8 +108,8 @@ pub fn to_geojson(trees: &[Tree], frame: &Frame) -> Vec<u8> {
 pub fn to_csv(trees: &[Tree], frame: &Frame) -> Result<Vec<u8>> {
     let fail = |e: &dyn std::fmt::Display| Error::new(format!("the table cannot be written: {e}"));
     let mut out = csv::Writer::from_writer(Vec::new());
-    let header = "id,species,species_from,x,y,z,height_m,crown_diameter_m,crown_base_height_m,\
-                  stem_diameter_m,points,confidence,luminance,luminance_distance,outline_wkt";
+    let header = "id,species,species_from,x,y,z,height_m,crown_diameter_m,crown_spread_m,crown_volume_m3,\
+                  crown_surface_m2,crown_base_height_m,stem_diameter_m,points,is_understory,confidence,luminance,luminance_distance,outline_wkt";
     out.write_record(header.split(',')).map_err(|e| fail(&e))?;
     for tree in trees {
         let mut row: Vec<String> = columns(tree, frame)
@@ -140,6 +144,10 @@ mod tests {
             height_m: 20.0,
             base_height_m: 6.0,
             diameter_m: 5.0,
+            spread_m: 5.0,
+            volume_cu_m: 60.0,
+            surface_sq_m: 90.0,
+            is_understory: false,
             outline: vec![Vec2::new(8.0, 18.0), Vec2::new(12.0, 18.0), Vec2::new(10.0, 22.5)],
             attractors: Vec::new(),
             point_count: 42,
@@ -179,8 +187,8 @@ mod tests {
         let row = reader.records().next().unwrap().unwrap();
         assert_eq!(row.len(), reader.headers().unwrap().len());
         assert_eq!(&row[0], "0000000000000abc");
-        assert!(row[14].starts_with("POLYGON ((500008 6200018, "), "{}", &row[14]);
-        assert_eq!(&row[12], "");
+        assert!(row[18].starts_with("POLYGON ((500008 6200018, "), "{}", &row[18]);
+        assert_eq!(&row[16], "");
     }
 
     #[test]

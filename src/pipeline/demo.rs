@@ -25,16 +25,15 @@ pub struct Simulated {
 /// Plants a stand of these species and flies a scanner and a camera over it.
 ///
 /// # Errors
-/// A stand that has no room for so many trees.
+/// A stand without species or trees.
 pub fn survey_of_stand(
-    trees: usize,
+    options: &StandOptions,
     species: &[Species],
     seed: Seed,
     run: &mut Recorder,
 ) -> Result<Simulated> {
     run.stage("simulate", |_| {
-        let options = StandOptions { trees, ..StandOptions::default() };
-        let stand = simulate::stand(species, &options, seed)?;
+        let stand = simulate::stand(species, options, seed)?;
         let cloud = simulate::scan(&stand, &ScannerOptions::default(), seed);
         let photo = simulate::photo(&stand, &PhotoOptions::default(), seed);
         let points = cloud.len();

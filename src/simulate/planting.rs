@@ -18,13 +18,15 @@ pub struct StandOptions {
     pub cover: f32,
     /// Between lowest and highest ground, metres.
     pub relief_m: f64,
+    /// Lower trees beneath the crowns of others, beside `trees`.
+    pub understory: usize,
     /// Surveyed ground beyond the outermost trees, metres.
     pub margin_m: f64,
 }
 
 impl Default for StandOptions {
     fn default() -> Self {
-        StandOptions { trees: 240, cover: 0.55, relief_m: 20.0, margin_m: 8.0 }
+        StandOptions { trees: 240, cover: 0.55, understory: 0, relief_m: 20.0, margin_m: 8.0 }
     }
 }
 
@@ -87,6 +89,7 @@ pub fn stand(species: &[Species], options: &StandOptions, seed: Seed) -> Result<
     let side_m = planted_m + 2.0 * options.margin_m;
     let relief = Relief::new(side_m, options.relief_m, seed);
     let mut trees = place(sizes, species, options.margin_m, planted_m, seed);
+    plant_understory(&mut trees, options.understory, seed);
     for t in &mut trees {
         t.z = relief.height_at(t.x, t.y);
     }
@@ -206,6 +209,32 @@ fn place(
         [trees[i].x, trees[i].y] = best.0;
     }
     trees
+}
+
+/// Small trees of the same species under crowns that leave them room.
+fn plant_understory(trees: &mut Vec<TrueTree>, count: usize, seed: Seed) {
+    let over: Vec<TrueTree> =
+        trees.iter().filter(|t| t.crown_base_height_m >= 7.0).cloned().collect();
+    if over.is_empty() {
+        return;
+    }
+    for i in 0..count {
+        let mut d = seed.derive("understory", i as u64).draws();
+        let t = &over[i % over.len()];
+        let height_m = d.between(3.0, t.crown_base_height_m - 3.0);
+        let shrink = height_m / t.height_m;
+        let (away, azimuth) =
+            (d.between(0.5, 0.6 + 0.2 * t.crown_diameter_m), d.between(0.0, std::f32::consts::TAU));
+        trees.push(TrueTree {
+            x: t.x + f64::from(away * azimuth.cos()),
+            y: t.y + f64::from(away * azimuth.sin()),
+            height_m,
+            crown_diameter_m: (t.crown_diameter_m * shrink * 1.5).max(1.5),
+            crown_base_height_m: 0.2 * height_m,
+            stem_diameter_m: t.stem_diameter_m * shrink.powf(1.5),
+            ..t.clone()
+        });
+    }
 }
 
 fn spot(d: &mut Draws, margin_m: f64, planted_m: f64) -> [f64; 2] {
