@@ -61,7 +61,13 @@ impl Hierarchy {
 pub(super) struct Chosen {
     pub region: u32,
     pub chance: f32,
+    /// Wide enough for a crown, and next to no other touches it: what else could it be?
+    pub is_alone: bool,
 }
+
+/// Crowns that touch no more of the border, or no higher up, than this leave a region alone.
+const ALONE: f64 = 0.15;
+const ALONE_DIAMETER_M: f64 = 2.0;
 
 #[derive(Clone, Copy, Default)]
 struct Link {
@@ -280,7 +286,11 @@ pub(super) fn choose(h: &Hierarchy, cols: usize, cell_m: f32) -> Vec<Chosen> {
     while let Some(i) = stack.pop() {
         match h.region[i as usize].parts {
             Some(parts) if !is_own[i as usize] => stack.extend(parts),
-            _ => chosen.push(Chosen { region: i, chance: chance[i as usize] }),
+            _ => {
+                let m = measures(&h.region[i as usize], cols, cell_m);
+                let is_alone = m[8] < ALONE && m[0].exp() >= ALONE_DIAMETER_M;
+                chosen.push(Chosen { region: i, chance: chance[i as usize], is_alone });
+            }
         }
     }
     chosen.sort_unstable_by_key(|c| c.region);

@@ -184,13 +184,14 @@ fn solid(points: &[Vec3], outline: &[Vec2], ground: f32, base_m: f32, height_m: 
         }
     }
     let (mut volume, mut surface) = (0.0f32, 0.0f32);
-    for l in 0..SOLID_LAYERS {
-        for s in 0..SECTORS {
-            let next = radius[l][(s + 1) % SECTORS];
-            volume += 0.5 * width * radius[l][s].powi(2) * step;
-            let above = if l + 1 < SOLID_LAYERS { radius[l + 1][s] } else { 0.0 };
-            let slant = step.hypot(above - radius[l][s]);
-            surface += 0.5 * width * (radius[l][s] + next) * slant;
+    for s in 0..SECTORS {
+        surface += 0.5 * width * radius[0][s] * step;
+        for l in 0..SOLID_LAYERS {
+            let here = radius[l][s];
+            // From the middle of this layer to that of the next, or to the apex.
+            let (above, rise) = radius.get(l + 1).map_or((0.0, 0.5 * step), |next| (next[s], step));
+            volume += 0.5 * width * here.powi(2) * step;
+            surface += 0.5 * width * (here + above) * rise.hypot(above - here);
         }
     }
     (volume.max(1e-3), surface.max(1e-3))

@@ -106,8 +106,8 @@ impl Crown {
 pub struct CrownOptions {
     /// Lower trees are left out, metres.
     pub min_height_m: f32,
-    /// Regions less sure to be a tree are left out, 0…1. The default loses little of the canopy;
-    /// 0.26 gives the best F1 on the annotated plots, 0 keeps all.
+    /// Regions less sure to be a tree are left out, 0…1, unless they stand alone. The default loses
+    /// little of the canopy; 0.26 gives the best F1 on the annotated plots, 0 keeps all.
     pub min_confidence: f32,
     /// Cell of the canopy surface, metres; from the density where not given.
     pub cell_m: Option<f32>,
@@ -208,7 +208,7 @@ pub fn detect(
     };
     let all: Vec<u32> = vegetation().map(|i| i as u32).collect();
     let every_voxel: Vec<u32> = (0..stand.centres.len() as u32).collect();
-    let upper = Evidence { points: 1, confidence: options.min_confidence };
+    let upper = Evidence { points: 1, confidence: options.min_confidence, may_stand_alone: true };
     let upper = stand.layer(&all, &every_voxel, upper);
     let left = upper.left(&stand, &all, &every_voxel);
     let lower = Evidence { confidence: LOWER.confidence.max(options.min_confidence), ..LOWER };
@@ -251,7 +251,7 @@ pub fn detect(
 /// What is taken for a lower tree. Seen through gaps, boughs and undergrowth look more like trees
 /// than from above: on the annotated plots, where only crowns seen from above are marked, 40 places
 /// pass, at the least confidence of the canopy 134.
-const LOWER: Evidence = Evidence { points: 10, confidence: 0.5 };
+const LOWER: Evidence = Evidence { points: 10, confidence: 0.5, may_stand_alone: false };
 /// A lower tree ends this far below the crown over it, metres and part of that tree's height.
 const CLEARANCE_M: f32 = 1.0;
 const CLEARANCE_RELATIVE: f32 = 0.05;
@@ -279,6 +279,8 @@ struct Stand<'a> {
 struct Evidence {
     points: usize,
     confidence: f32,
+    /// What stands alone needs no confidence.
+    may_stand_alone: bool,
 }
 
 /// The trees of one storey.
@@ -323,7 +325,7 @@ impl Stand<'_> {
         let regions = hierarchy::merge(&basins, g.cols, cell_m);
         let mut chosen = hierarchy::choose(&regions, g.cols, cell_m);
         let candidates = chosen.len();
-        chosen.retain(|c| c.chance >= least.confidence);
+        chosen.retain(|c| c.chance >= least.confidence || least.may_stand_alone && c.is_alone);
         let left_out = candidates - chosen.len();
         let tree_of_basin = regions.tree_of_basin(&chosen, basins.extent.len());
         let mut tree_of_cell: Vec<u32> = (basins.of_cell.iter())
