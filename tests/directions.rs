@@ -35,8 +35,9 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 11] = [
+const HOMES: [(&str, &[&str]); 12] = [
     ("ab_glyph", &["render"]),
+    ("crs_definitions", &["scan"]),
     ("las", &["scan"]),
     ("tiff", &["raster"]),
     ("image", &["raster"]),
