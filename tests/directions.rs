@@ -35,7 +35,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 12] = [
+const HOMES: [(&str, &[&str]); 14] = [
     ("ab_glyph", &["render"]),
     ("crs_definitions", &["scan"]),
     ("las", &["scan"]),
@@ -46,6 +46,8 @@ const HOMES: [(&str, &[&str]); 12] = [
     ("clap", &["cli"]),
     ("indicatif", &["cli"]),
     ("csv", &["inventory"]),
+    ("flatgeobuf", &["inventory"]),
+    ("flate2", &["raster"]),
     ("schemars", &["species"]),
     ("tempfile", &["export", "cli"]),
 ];

@@ -207,7 +207,7 @@ pub struct Inventory {
     pub scan: ScanArgs,
     #[command(flatten)]
     pub tree: TreeArgs,
-    /// .geojson or .csv
+    /// .geojson, .fgb (FlatGeobuf) or .csv
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }
@@ -216,7 +216,7 @@ pub struct Inventory {
 pub struct Terrain {
     #[command(flatten)]
     pub scan: ScanArgs,
-    /// .tif
+    /// .tif (Cloud Optimized GeoTIFF)
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }

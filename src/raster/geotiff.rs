@@ -1,22 +1,22 @@
-//! GeoTIFF reading and writing (OGC GeoTIFF 1.1 tags by hand over the `tiff` crate).
+//! GeoTIFF reading (OGC GeoTIFF 1.1 tags by hand over the `tiff` crate).
 //!
 //! Read: 8, 16 and 32-bit integer and 32/64-bit float samples, any number of interleaved or planar
-//! bands, strips or tiles, uncompressed, LZW, deflate, PackBits or JPEG. A rotated raster is
-//! refused. Written: interleaved strips, deflate, "pixel is area".
+//! bands, strips or tiles, uncompressed, LZW, deflate, PackBits or JPEG, the latter also of
+//! luminance and chrominance. A pixel that its alpha band hides is black. A rotated raster is
+//! refused. Written: as [`cog`] says.
 
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
 use tiff::decoder::{Decoder, DecodingResult, Limits};
-use tiff::encoder::{Compression, DirectoryEncoder, TiffEncoder, TiffKind};
 use tiff::tags::Tag;
 
-use super::GridGeometry;
+use super::{GridGeometry, cog};
 use crate::diagnostic::{Error, Result};
+use crate::frame::Crs;
 
 const KEY_RASTER_TYPE: u16 = 1025;
-const KEY_MODEL_TYPE: u16 = 1024;
 const KEY_PROJECTED_CRS: u16 = 3072;
 const PIXEL_IS_POINT: u16 = 2;
 
@@ -130,12 +130,34 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
         return Err(Error::new("the TIFF holds fewer pixels than its header says")
             .remedy("the file is cut short; fetch it again"));
     }
+    // 1 and 2: the last band is alpha.
+    let has_alpha = bands == 4
+        && decoder
+            .get_tag_u16_vec(Tag::ExtraSamples)
+            .is_ok_and(|extra| matches!(extra.as_slice(), [1 | 2]));
     match &mut samples {
-        Samples::U8(v) => v.truncate(values),
-        Samples::U16(v) => v.truncate(values),
-        Samples::F32(v) => v.truncate(values),
+        Samples::U8(v) => {
+            v.truncate(values);
+            hide(v, has_alpha);
+        }
+        Samples::U16(v) => {
+            v.truncate(values);
+            hide(v, has_alpha);
+        }
+        Samples::F32(v) => {
+            v.truncate(values);
+            hide(v, has_alpha);
+        }
     }
     Ok(Raster { width, height, bands, samples, geometry, epsg, nodata })
+}
+
+/// Blackens the pixels of no alpha.
+pub(super) fn hide<T: Copy + Default + PartialEq>(samples: &mut [T], has_alpha: bool) {
+    if has_alpha {
+        let hidden = samples.chunks_exact_mut(4).filter(|pixel| pixel[3] == T::default());
+        hidden.for_each(|pixel| pixel.fill(T::default()));
+    }
 }
 
 fn to_samples(data: DecodingResult) -> Option<Samples> {
@@ -246,71 +268,30 @@ fn georeference<R: Read + Seek>(
     Ok(Some(GridGeometry { west, north, cell_x, cell_y, cols, rows }))
 }
 
-/// GeoTIFF bytes of a raster: one image, deflate, "pixel is area".
+/// Cloud Optimized GeoTIFF bytes of a raster.
 ///
 /// # Errors
-/// A size that disagrees with the data, or a band count other than 1, 3 or 4 for integers.
+/// A size that disagrees with the data, or a band count other than 1, 3 or 4.
 pub fn encode(raster: &Raster) -> Result<Vec<u8>> {
-    use tiff::encoder::colortype::{Gray8, Gray16, Gray32Float, RGB8, RGB16, RGBA8};
     if raster.samples.len() != raster.width * raster.height * raster.bands {
         return Err(Error::new("a raster's size and data disagree"));
     }
-    let (w, h) = (raster.width as u32, raster.height as u32);
-    let mut out = Cursor::new(Vec::new());
-    let mut encoder = TiffEncoder::new(&mut out)
-        .map_err(cannot_write)?
-        .with_compression(Compression::Deflate(Default::default()));
-    macro_rules! write {
-        ($colour:ty, $data:expr) => {{
-            let mut image = encoder.new_image::<$colour>(w, h).map_err(cannot_write)?;
-            write_geo_tags(image.encoder(), raster)?;
-            image.write_data($data).map_err(cannot_write)?;
-        }};
-    }
-    match (&raster.samples, raster.bands) {
-        (Samples::U8(v), 1) => write!(Gray8, v),
-        (Samples::U8(v), 3) => write!(RGB8, v),
-        (Samples::U8(v), 4) => write!(RGBA8, v),
-        (Samples::U16(v), 1) => write!(Gray16, v),
-        (Samples::U16(v), 3) => write!(RGB16, v),
-        (Samples::F32(v), 1) => write!(Gray32Float, v),
-        (_, bands) => {
-            return Err(Error::new(format!("a raster of {bands} such bands cannot be written")));
-        }
-    }
-    Ok(out.into_inner())
-}
-
-fn cannot_write(e: tiff::TiffError) -> Error {
-    Error::new(format!("the raster cannot be encoded: {e}"))
-        .remedy("choose a larger cell so that it stays under 4 GiB")
-}
-
-fn write_geo_tags<W: std::io::Write + Seek, K: TiffKind>(
-    directory: &mut DirectoryEncoder<'_, W, K>,
-    raster: &Raster,
-) -> Result<()> {
-    if let Some(g) = &raster.geometry {
-        let scale: [f64; 3] = [g.cell_x, g.cell_y, 0.0];
-        let tie: [f64; 6] = [0.0, 0.0, 0.0, g.west, g.north, 0.0];
-        directory.write_tag(Tag::ModelPixelScaleTag, &scale[..]).map_err(cannot_write)?;
-        directory.write_tag(Tag::ModelTiepointTag, &tie[..]).map_err(cannot_write)?;
-        let mut keys: Vec<[u16; 4]> = Vec::new();
-        if raster.epsg.is_some() {
-            keys.push([KEY_MODEL_TYPE, 0, 1, 1]);
-        }
-        keys.push([KEY_RASTER_TYPE, 0, 1, 1]);
-        if let Some(code) = raster.epsg.and_then(|c| u16::try_from(c).ok()) {
-            keys.push([KEY_PROJECTED_CRS, 0, 1, code]);
-        }
-        let mut flat = vec![1u16, 1, 0, keys.len() as u16];
-        flat.extend(keys.iter().flatten());
-        directory.write_tag(Tag::GeoKeyDirectoryTag, &flat[..]).map_err(cannot_write)?;
-    }
-    if let Some(nodata) = raster.nodata {
-        directory.write_tag(Tag::GdalNodata, nodata.to_string().as_str()).map_err(cannot_write)?;
-    }
-    Ok(())
+    let crs = raster.epsg.map(Crs::from_epsg);
+    cog::encode(&cog::Sheet {
+        width: raster.width,
+        height: raster.height,
+        bands: raster.bands,
+        kind: match raster.samples {
+            Samples::U8(_) => cog::Kind::U8,
+            Samples::U16(_) => cog::Kind::U16,
+            Samples::F32(_) => cog::Kind::F32,
+        },
+        geometry: raster.geometry,
+        crs: crs.as_ref(),
+        nodata: raster.nodata,
+        unit: None,
+        value: &|col, row, band| raster.value(col, row, band),
+    })
 }
 
 #[cfg(test)]
@@ -343,6 +324,8 @@ mod tests {
             sample(3, Samples::U8((0..36).collect())),
             sample(4, Samples::U8((0..48).collect())),
             sample(1, Samples::U16((0..12).map(|i| i * 5000).collect())),
+            sample(3, Samples::U16((0..36).map(|i| i * 1800).collect())),
+            sample(4, Samples::F32((0..48).map(|i| i as f32 / 7.0 + 0.1).collect())),
         ] {
             assert_eq!(from_bytes(&encode(&raster).unwrap()).unwrap(), raster);
         }

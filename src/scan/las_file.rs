@@ -211,18 +211,20 @@ fn decode_laz(
         }
     }
     let mut told = Vec::new();
+    // A table that holds too few points and does not reach the end of the data.
+    table_is_wrong |= !chunks.is_table_whole && held > 0 && left > 0;
     if table_is_wrong {
         let trouble = chunks.trouble.as_deref().unwrap_or("wrong");
-        if !chunks.can_walk() {
+        if !chunks.can_walk() && decoded.steps.is_empty() {
             return Err(damaged(format!(
                 "its LAZ chunk table is {trouble}, without which chunks of varying size can't be read"
             )));
         }
         told.push(format!(
-            "its LAZ chunk table is {trouble}; its chunks were found one after the other"
+            "its LAZ chunk table is {trouble}; its chunks were looked for one by one"
         ));
     }
-    if !chunks.is_table_whole {
+    if !chunks.is_table_whole && chunks.can_walk() {
         damaged_chunks += walk(source, &chunks, walk_from, left, layout, options, decoded)?;
     }
     if damaged_chunks > 0 {

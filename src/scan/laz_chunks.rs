@@ -42,14 +42,21 @@ pub(super) struct Chunk {
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Points {
     Exactly(u64),
-    /// As many as its bytes give, at most so many.
-    UpTo(u64),
+    /// The last chunk's: so many by the header, which may be wrong; as its bytes give, at most
+    /// so many.
+    Between(u64, u64),
 }
 
 impl Points {
     pub fn most(self) -> u64 {
         match self {
-            Points::Exactly(n) | Points::UpTo(n) => n,
+            Points::Exactly(n) | Points::Between(_, n) => n,
+        }
+    }
+
+    fn least(self) -> u64 {
+        match self {
+            Points::Exactly(n) | Points::Between(n, _) => n,
         }
     }
 }
@@ -220,8 +227,7 @@ impl LazChunks {
     pub fn unpack_chunk(&self, packed: Packed<'_>, sink: impl FnMut(&[u8])) -> Option<u64> {
         let out = self.unpack(packed.bytes, packed.points, sink)?;
         let is_exact = out.bytes == packed.bytes.len() as u64 && !out.is_cut;
-        let is_all = matches!(packed.points, Points::UpTo(_)) || out.points == packed.points.most();
-        (is_exact && is_all).then_some(out.points)
+        is_exact.then_some(out.points)
     }
 
     /// Unpacks the chunk at the start of `bytes`; `None` where it makes no sense.
@@ -239,7 +245,7 @@ impl LazChunks {
             }
             points = match points {
                 Points::Exactly(n) if count + 1 < n => return None,
-                Points::UpTo(n) => Points::Exactly(count.clamp(1, n.max(1))),
+                Points::Between(_, n) => Points::Exactly(count.clamp(1, n.max(1))),
                 exact => exact,
             };
         }
@@ -319,6 +325,9 @@ impl LazChunks {
                 if is_variable { entry.point_count } else { u64::from(self.vlr.chunk_size()) };
             let end = offset.checked_add(entry.byte_count).filter(|end| *end <= table_at);
             let Some(end) = end else { return Err("wrong: a chunk ends past the data".into()) };
+            if points > u64::from(u32::MAX) {
+                return Err("wrong: a chunk has more points than can be".into());
+            }
             if entry.byte_count > 0 && points > 0 {
                 let points = Points::Exactly(points);
                 self.chunks.push(Chunk { offset, bytes: entry.byte_count, points });
@@ -332,11 +341,8 @@ impl LazChunks {
         if !is_variable && let Some((last, before)) = self.chunks.split_last_mut() {
             let full = u64::from(self.vlr.chunk_size());
             let in_last = layout.point_count.checked_sub(full.saturating_mul(before.len() as u64));
-            last.points = match in_last {
-                Some(n) if n >= 1 && n <= full => Points::Exactly(n),
-                // The header's count is wrong.
-                _ => Points::UpTo(full),
-            };
+            let least = in_last.filter(|n| (1..=full).contains(n)).unwrap_or(1);
+            last.points = Points::Between(least, full);
         }
         Ok(())
     }
@@ -357,16 +363,23 @@ fn run<'a>(
         let want = (points.most() - given).min(slab_points) as usize;
         let mut got = 0;
         for record in slab.chunks_exact_mut(size).take(want) {
+            let begin = unpacker.get().position();
             if let Err(error) = unpacker.decompress_next(record) {
                 let is_end = error.kind() == ErrorKind::UnexpectedEof;
                 if !is_end || unpacker.get().position() < bytes {
                     return None;
                 }
-                is_cut = true;
+                // A point that begins at the end is one that never was.
+                is_at_end = begin == bytes && matches!(points, Points::Between(..));
+                is_cut = !is_at_end;
                 break;
             }
             got += 1;
-            if matches!(points, Points::UpTo(_)) && unpacker.get().position() >= bytes {
+            let is_varying = matches!(points, Points::Between(..));
+            if is_varying
+                && given + got as u64 >= points.least()
+                && unpacker.get().position() >= bytes
+            {
                 is_at_end = true;
                 break;
             }
