@@ -35,7 +35,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 14] = [
+const HOMES: [(&str, &[&str]); 15] = [
     ("ab_glyph", &["render"]),
     ("crs_definitions", &["scan"]),
     ("las", &["scan"]),
@@ -48,6 +48,7 @@ const HOMES: [(&str, &[&str]); 14] = [
     ("csv", &["inventory"]),
     ("flatgeobuf", &["inventory"]),
     ("flate2", &["raster"]),
+    ("weezl", &["raster"]),
     ("schemars", &["species"]),
     ("tempfile", &["export", "cli"]),
 ];

@@ -12,7 +12,7 @@ use std::path::Path;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 
-use super::{GridGeometry, cog};
+use super::{GridGeometry, cog, lzw};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Crs;
 
@@ -117,18 +117,25 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
         .map_err(broken)?
         .is_some_and(|p| p == 2)
         && bands > 1;
-    let mut samples = if is_planar {
-        read_planes(&mut decoder, width, height, bands).map_err(broken)?
-    } else {
-        to_samples(decoder.read_image().map_err(broken)?)
-    }
-    .ok_or_else(|| {
+    let shape = lzw::Shape { width, height, bands, is_planar };
+    let samples = match lzw::read(&mut decoder, &shape).map_err(broken)? {
+        Some(samples) => Some(samples),
+        None if is_planar => read_planes(&mut decoder, width, height, bands).map_err(broken)?,
+        None => to_samples(decoder.read_image().map_err(broken)?),
+    };
+    let mut samples = samples.ok_or_else(|| {
         Error::new("the TIFF's sample type is not supported")
             .remedy("convert it to 8 or 16 bits or float32, e.g. `gdal_translate -ot Float32`")
     })?;
     if samples.len() < values {
         return Err(Error::new("the TIFF holds fewer pixels than its header says")
             .remedy("the file is cut short; fetch it again"));
+    }
+    if matches!(decoder.colortype(), Ok(tiff::ColorType::YCbCr(8)))
+        && bands == 3
+        && let Samples::U8(v) = &mut samples
+    {
+        v.chunks_exact_mut(3).for_each(rgb_from_ycbcr);
     }
     // 1 and 2: the last band is alpha.
     let has_alpha = bands == 4
@@ -150,6 +157,15 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
         }
     }
     Ok(Raster { width, height, bands, samples, geometry, epsg, nodata })
+}
+
+/// JFIF 1.02, full range.
+fn rgb_from_ycbcr(pixel: &mut [u8]) {
+    if let [y, cb, cr] = pixel {
+        let (luma, b, r) = (f32::from(*y), f32::from(*cb) - 128.0, f32::from(*cr) - 128.0);
+        let rgb = [luma + 1.402 * r, luma - 0.344_136 * b - 0.714_136 * r, luma + 1.772 * b];
+        [*y, *cb, *cr] = rgb.map(|v| v.round() as u8);
+    }
 }
 
 /// Blackens the pixels of no alpha.
@@ -238,6 +254,10 @@ fn georeference<R: Read + Seek>(
     let (mut west, mut north, cell_x, cell_y);
     if let Ok(m) = decoder.get_tag_f64_vec(Tag::ModelTransformationTag) {
         let [a, b, _, x, d, e, _, y] = *m.first_chunk::<8>().ok_or_else(rotated)?;
+        if [a, b, x, d, e, y] == [1.0, 0.0, 0.0, 0.0, 1.0, 0.0] {
+            // Columns and rows as they are: no place.
+            return Ok(None);
+        }
         if b != 0.0 || d != 0.0 || e >= 0.0 {
             return Err(rotated());
         }

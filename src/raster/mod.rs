@@ -6,6 +6,7 @@
 pub mod cog;
 pub mod geotiff;
 pub mod inpaint;
+mod lzw;
 pub mod picture;
 mod world_file;
 
