@@ -137,7 +137,7 @@ pub struct ScanArgs {
 /// How trees are told apart and named.
 #[derive(Debug, Args)]
 pub struct TreeArgs {
-    /// Georeferenced aerial photo (GeoTIFF).
+    /// Georeferenced aerial photo: GeoTIFF, or PNG or JPEG with a world file beside it.
     #[arg(long, value_name = "FILE")]
     pub photo: Option<PathBuf>,
     /// Species to choose among, comma separated; `larix species list` shows them.

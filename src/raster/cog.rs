@@ -265,11 +265,13 @@ fn geo_keys(crs: Option<&Crs>) -> (Vec<u16>, String) {
     match crs {
         None => keys.push([1025, 0, 1, 1]),
         Some(crs) => {
-            keys.push([1024, 0, 1, 1]);
-            keys.push([1025, 0, 1, 1]);
             let code = crs.epsg.and_then(|code| u16::try_from(code).ok());
+            let wkt = if code.is_none() { crs.wkt.as_deref() } else { None };
+            // Only in a model that is neither projected nor geographic do readers look for a text.
+            keys.push([1024, 0, 1, if wkt.is_some() { USER_DEFINED } else { 1 }]);
+            keys.push([1025, 0, 1, 1]);
             keys.push([3072, 0, 1, code.unwrap_or(USER_DEFINED)]);
-            if let (None, Some(wkt)) = (code, &crs.wkt) {
+            if let Some(wkt) = wkt {
                 // A bar ends a text of this field.
                 text = format!("ESRI PE String = {}|", wkt.replace('|', " "));
                 keys.push([3073, 34737, u16::try_from(text.len()).unwrap_or(u16::MAX), 0]);

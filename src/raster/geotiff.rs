@@ -20,7 +20,7 @@ const KEY_RASTER_TYPE: u16 = 1025;
 const KEY_PROJECTED_CRS: u16 = 3072;
 const PIXEL_IS_POINT: u16 = 2;
 
-/// Pixel values as the file has them, interleaved by pixel.
+/// Pixel values as the file has them, interleaved by pixel; floats beyond ±1e30 are NaN.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Samples {
     U8(Vec<u8>),
@@ -153,6 +153,8 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
         }
         Samples::F32(v) => {
             v.truncate(values);
+            // Fillers near the end of the range, whose nodata text is often rounded.
+            v.iter_mut().filter(|v| v.abs() > 1e30).for_each(|v| *v = f32::NAN);
             hide(v, has_alpha);
         }
     }
@@ -352,10 +354,28 @@ mod tests {
     }
 
     #[test]
+    fn fillers_at_the_end_of_the_range_are_no_values() {
+        let mut values: Vec<f32> = (0..12).map(|i| i as f32).collect();
+        (values[3], values[4]) = (-3.4e38, 1.7e38);
+        let mut raster = sample(1, Samples::F32(values));
+        raster.nodata = Some(-3.4e38);
+        let back = from_bytes(&encode(&raster).unwrap()).unwrap();
+        assert!(back.value(3, 0, 0).is_nan() && back.value(0, 1, 0).is_nan());
+        assert_eq!(back.value(1, 1, 0), 5.0);
+    }
+
+    #[test]
     fn truncated_and_garbage_files_are_refused_in_words() {
         let bytes = encode(&sample(3, Samples::U8((0..36).collect()))).unwrap();
         for cut in 0..bytes.len() {
             let _ = from_bytes(&bytes[..cut]);
+        }
+        let mut draws = crate::seed::Seed::new(7).draws();
+        for _ in 0..3000 {
+            let mut mutated = bytes.clone();
+            let at = draws.index(mutated.len());
+            mutated[at] = [0, 0x7f, 0xff, draws.bits() as u8][draws.index(4)];
+            let _ = from_bytes(&mutated);
         }
         let e = from_bytes(b"this is no picture").unwrap_err();
         assert!(e.message().starts_with("not a readable TIFF"), "{e:?}");

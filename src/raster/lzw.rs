@@ -63,9 +63,7 @@ pub(super) fn read<R: Read + Seek>(
     let (across, down) =
         (shape.width.div_ceil(chunk_width.max(1)), shape.height.div_ceil(chunk_height.max(1)));
     let row_bytes = chunk_width.saturating_mul(stride).saturating_mul(bytes);
-    // A tile larger than the picture it is part of is not believed beyond its first rows.
-    let whole = shape.width.saturating_mul(shape.height).saturating_mul(stride * bytes);
-    if row_bytes > whole.saturating_mul(4).saturating_add(1 << 20) {
+    if row_bytes == 0 || chunk_height == 0 {
         return Ok(None);
     }
     let mut out = vec![0u32; shape.width * shape.height * shape.bands];
@@ -80,7 +78,12 @@ pub(super) fn read<R: Read + Seek>(
         packed.clear();
         decoder.inner().seek(SeekFrom::Start(*offset))?;
         decoder.inner().take(*length).read_to_end(&mut packed)?;
-        let mut unpacked = vec![0u8; row_bytes * rows];
+        // A code of at least 9 bits stands for at most 4096 bytes.
+        let room = row_bytes.saturating_mul(rows);
+        if room > packed.len().saturating_mul(4096) {
+            return Err(early().into());
+        }
+        let mut unpacked = vec![0u8; room];
         unpack(&packed, &mut unpacked)?;
         for (y, row) in unpacked.chunks_exact_mut(row_bytes).enumerate() {
             let values = values(row, bytes, stride, predictor, is_big);
@@ -101,6 +104,10 @@ pub(super) fn read<R: Read + Seek>(
     }))
 }
 
+fn early() -> std::io::Error {
+    std::io::Error::new(std::io::ErrorKind::UnexpectedEof, "LZW pixels end early")
+}
+
 /// Fills `out`.
 fn unpack(packed: &[u8], out: &mut [u8]) -> std::io::Result<()> {
     let mut decoder = Configuration::with_tiff_size_switch(BitOrder::Msb, 8).build();
@@ -115,10 +122,7 @@ fn unpack(packed: &[u8], out: &mut [u8]) -> std::io::Result<()> {
         let is_stuck = step.consumed_in == 0 && step.consumed_out == 0;
         let is_over = !matches!(step.status, Ok(LzwStatus::Ok)) || is_stuck;
         if is_over && to < out.len() {
-            return Err(std::io::Error::new(
-                std::io::ErrorKind::UnexpectedEof,
-                "LZW pixels end early",
-            ));
+            return Err(early());
         }
     }
     Ok(())
