@@ -9,7 +9,7 @@ use std::fs::File;
 use std::io::{BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
-use tiff::decoder::{Decoder, DecodingResult, Limits};
+use tiff::decoder::{ChunkType, Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 
 use super::{GridGeometry, cog, lzw};
@@ -92,7 +92,7 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
         Error::new(format!("not a readable TIFF: {e}"))
             .remedy("give a complete GeoTIFF; `gdal_translate in.tif out.tif` rewrites odd ones")
     };
-    let mut decoder = Decoder::new(reader).map_err(broken)?.with_limits(Limits::unlimited());
+    let mut decoder = Decoder::new(reader).map_err(broken)?;
     let (width, height) = decoder.dimensions().map_err(broken)?;
     let (width, height) = (width as usize, height as usize);
     let bands = usize::from(
@@ -106,6 +106,23 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
         ))
         .remedy("the file is damaged or cut short; fetch it again"));
     }
+    // The decoder takes room for a whole tile or strip.
+    let (chunk_width, chunk_height) = decoder.chunk_dimensions();
+    let in_chunk = u64::from(chunk_width) * u64::from(chunk_height);
+    let believed = (values as u64).saturating_mul(4).saturating_add(1 << 24);
+    let is_strip = decoder.get_chunk_type() == ChunkType::Strip;
+    if in_chunk == 0 || (!is_strip && in_chunk.saturating_mul(bands as u64) > believed) {
+        return Err(Error::new(format!(
+            "the TIFF header claims tiles of {chunk_width} × {chunk_height} pixels in a picture of \
+             {width} × {height}"
+        ))
+        .remedy("the file is damaged; fetch it again"));
+    }
+    let mut limits = Limits::default();
+    limits.decoding_buffer_size = usize::try_from(believed.saturating_mul(8)).unwrap_or(usize::MAX);
+    limits.intermediate_buffer_size = limits.decoding_buffer_size;
+    limits.ifd_value_size = usize::try_from(file_bytes).unwrap_or(usize::MAX);
+    let mut decoder = decoder.with_limits(limits);
     let geometry = georeference(&mut decoder, width, height)?;
     let epsg = geo_key(&mut decoder, KEY_PROJECTED_CRS).map(u32::from).filter(|&c| c != 32767);
     let nodata = decoder
