@@ -35,8 +35,9 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 11] = [
+const HOMES: [(&str, &[&str]); 15] = [
     ("ab_glyph", &["render"]),
+    ("crs_definitions", &["scan"]),
     ("las", &["scan"]),
     ("tiff", &["raster"]),
     ("image", &["raster"]),
@@ -45,6 +46,9 @@ const HOMES: [(&str, &[&str]); 11] = [
     ("clap", &["cli"]),
     ("indicatif", &["cli"]),
     ("csv", &["inventory"]),
+    ("flatgeobuf", &["inventory"]),
+    ("flate2", &["raster"]),
+    ("weezl", &["raster"]),
     ("schemars", &["species"]),
     ("tempfile", &["export", "cli"]),
 ];

@@ -137,7 +137,7 @@ pub struct ScanArgs {
 /// How trees are told apart and named.
 #[derive(Debug, Args)]
 pub struct TreeArgs {
-    /// Georeferenced aerial photo (GeoTIFF).
+    /// Georeferenced aerial photo: GeoTIFF, or PNG or JPEG with a world file beside it.
     #[arg(long, value_name = "FILE")]
     pub photo: Option<PathBuf>,
     /// Species to choose among, comma separated; `larix species list` shows them.
@@ -207,7 +207,7 @@ pub struct Inventory {
     pub scan: ScanArgs,
     #[command(flatten)]
     pub tree: TreeArgs,
-    /// .geojson or .csv
+    /// .geojson, .fgb (FlatGeobuf) or .csv
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }
@@ -216,7 +216,7 @@ pub struct Inventory {
 pub struct Terrain {
     #[command(flatten)]
     pub scan: ScanArgs,
-    /// .tif
+    /// .tif (Cloud Optimized GeoTIFF)
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }

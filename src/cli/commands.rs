@@ -10,7 +10,7 @@ use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, OutputFile};
 use crate::ground::Method;
 use crate::pipeline::{self, ForestJob, Sharing, SurveyJob, TreeJob};
-use crate::raster::geotiff::{self, Raster, Samples};
+use crate::raster::{GridGeometry, cog};
 use crate::report::{self, Outcome, Recorder, Silent};
 use crate::scene::ValidScene;
 use crate::seed::Seed;
@@ -189,39 +189,43 @@ pub(super) fn file(path: &str, bytes: Vec<u8>) -> OutputFile {
 
 /// Heights in the scan's own system and vertical unit; every cell has a value.
 fn terrain_tiff(frame: &crate::frame::Frame, terrain: &crate::terrain::Terrain) -> Result<Vec<u8>> {
-    let g = terrain.heights.geometry;
+    let heights = &terrain.heights;
+    let g = heights.geometry;
     let unit = frame.unit_m();
-    let data: Vec<f32> = terrain
-        .heights
-        .data
-        .iter()
-        .map(|&z| (frame.origin.z + f64::from(z) / unit.z) as f32)
-        .collect();
-    geotiff::encode(&Raster {
+    let geometry = GridGeometry {
+        west: frame.origin.x + g.west / unit.x,
+        north: frame.origin.y + g.north / unit.y,
+        cell_x: g.cell_x / unit.x,
+        cell_y: g.cell_y / unit.y,
+        ..g
+    };
+    cog::encode(&cog::Sheet {
         width: g.cols,
         height: g.rows,
         bands: 1,
-        samples: Samples::F32(data),
-        geometry: Some(crate::raster::GridGeometry {
-            west: frame.origin.x + g.west / unit.x,
-            north: frame.origin.y + g.north / unit.y,
-            cell_x: g.cell_x / unit.x,
-            cell_y: g.cell_y / unit.y,
-            ..g
-        }),
-        epsg: frame.crs.as_ref().and_then(|c| c.epsg),
+        kind: cog::Kind::F32,
+        geometry: Some(geometry),
+        crs: frame.crs.as_ref(),
         nodata: Some(-9999.0),
+        unit: Some(match unit.z {
+            1.0 => "metre",
+            z if (z - 0.3048).abs() < 1e-9 => "foot",
+            z if (z - 1200.0 / 3937.0).abs() < 1e-9 => "US survey foot",
+            _ => "",
+        }),
+        value: &|col, row, _| (frame.origin.z + f64::from(heights.at(col, row)) / unit.z) as f32,
     })
 }
 
 fn inventory(a: &args::Inventory, run: &mut Recorder) -> Result<Told> {
-    let extension = extension(&a.output, &["geojson", "json", "csv"])?;
+    let extension = extension(&a.output, &["geojson", "json", "fgb", "csv"])?;
     let job = survey_job(&a.scan, &a.tree)?;
     let (dir, name) = place(&a.output)?;
     export::check_writable(&dir)?;
     let survey = pipeline::survey::inventory(&job, run)?;
     let bytes = match extension {
         "csv" => crate::inventory::to_csv(&survey.trees, &survey.frame)?,
+        "fgb" => crate::inventory::to_fgb(&survey.trees, &survey.frame)?,
         _ => crate::inventory::to_geojson(&survey.trees, &survey.frame),
     };
     export::write_all(&dir, &[file(&name, bytes)])?;

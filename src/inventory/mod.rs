@@ -1,11 +1,16 @@
-//! Trees as a table in the scan's own coordinates: GeoJSON and CSV. Knows nothing of scenes.
+//! Trees as a table in the scan's own coordinates: GeoJSON, FlatGeobuf and CSV, all with the
+//! columns of one list. Knows nothing of scenes.
 
-use glam::Vec3;
+mod fgb;
+
+use glam::{DVec3, Vec3};
 use serde_json::{Map, Value, json};
 
 use crate::crown::Crown;
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
+
+pub use fgb::to_fgb;
 
 /// One tree of the inventory.
 #[derive(Debug, Clone)]
@@ -31,36 +36,59 @@ pub fn id(crown: &Crown) -> String {
 }
 
 /// Three decimals: a millimetre, enough and short in text.
-fn rounded(value: f64) -> Value {
-    let r = (value * 1000.0).round() / 1000.0;
-    json!(if r == 0.0 { 0.0 } else { r })
+fn rounded(value: f64) -> f64 {
+    (value * 1000.0).round() / 1000.0 + 0.0
 }
 
+/// How a column's values are had from a tree.
+enum Values {
+    Text(fn(&Tree) -> &str),
+    Count(fn(&Tree) -> u64),
+    Flag(fn(&Tree) -> bool),
+    /// Rounded to three decimals; `None` stays empty.
+    Number(fn(&Tree, &Frame) -> Option<f64>),
+}
+
+use Values::{Count, Flag, Number, Text};
+
 /// Columns beside the geometry, in order.
+const COLUMNS: &[(&str, Values)] = &[
+    ("id", Text(|t| &t.id)),
+    ("species", Text(|t| &t.species)),
+    ("species_from", Text(|t| &t.species_from)),
+    ("x", Number(|t, f| Some(root(t, f).x))),
+    ("y", Number(|t, f| Some(root(t, f).y))),
+    ("z", Number(|t, f| Some(root(t, f).z))),
+    ("height_m", Number(|t, _| Some(t.crown.height_m.into()))),
+    ("crown_diameter_m", Number(|t, _| Some(t.crown.diameter_m.into()))),
+    ("crown_spread_m", Number(|t, _| Some(t.crown.spread_m.into()))),
+    ("crown_volume_m3", Number(|t, _| Some(t.crown.volume_cu_m.into()))),
+    ("crown_surface_m2", Number(|t, _| Some(t.crown.surface_sq_m.into()))),
+    ("crown_base_height_m", Number(|t, _| Some(t.crown.base_height_m.into()))),
+    ("stem_diameter_m", Number(|t, _| Some(t.stem_diameter_m.into()))),
+    ("points", Count(|t| t.crown.point_count.into())),
+    ("is_understory", Flag(|t| t.crown.is_understory)),
+    ("confidence", Number(|t, _| Some(t.crown.confidence.into()))),
+    ("luminance", Number(|t, _| t.luminance.map(f64::from))),
+    ("luminance_distance", Number(|t, _| Some(t.luminance_distance.into()))),
+];
+
+fn root(tree: &Tree, frame: &Frame) -> DVec3 {
+    frame.world_from_local(tree.crown.root)
+}
+
+/// The value of a column; a number that is not finite is empty.
+fn value(values: &Values, tree: &Tree, frame: &Frame) -> Value {
+    match values {
+        Text(text) => json!(text(tree)),
+        Count(count) => json!(count(tree)),
+        Flag(flag) => json!(flag(tree)),
+        Number(number) => json!(number(tree, frame).filter(|v| v.is_finite()).map(rounded)),
+    }
+}
+
 fn columns(tree: &Tree, frame: &Frame) -> Map<String, Value> {
-    let c = &tree.crown;
-    let root = frame.world_from_local(c.root);
-    let mut m = Map::new();
-    m.insert("id".into(), json!(tree.id));
-    m.insert("species".into(), json!(tree.species));
-    m.insert("species_from".into(), json!(tree.species_from));
-    m.insert("x".into(), rounded(root.x));
-    m.insert("y".into(), rounded(root.y));
-    m.insert("z".into(), rounded(root.z));
-    m.insert("height_m".into(), rounded(c.height_m.into()));
-    m.insert("crown_diameter_m".into(), rounded(c.diameter_m.into()));
-    m.insert("crown_spread_m".into(), rounded(c.spread_m.into()));
-    m.insert("crown_volume_m3".into(), rounded(c.volume_cu_m.into()));
-    m.insert("crown_surface_m2".into(), rounded(c.surface_sq_m.into()));
-    m.insert("crown_base_height_m".into(), rounded(c.base_height_m.into()));
-    m.insert("stem_diameter_m".into(), rounded(tree.stem_diameter_m.into()));
-    m.insert("points".into(), json!(c.point_count));
-    m.insert("is_understory".into(), json!(c.is_understory));
-    m.insert("confidence".into(), rounded(c.confidence.into()));
-    let luminance = tree.luminance.map_or(Value::Null, |y| rounded(y.into()));
-    m.insert("luminance".into(), luminance);
-    m.insert("luminance_distance".into(), rounded(tree.luminance_distance.into()));
-    m
+    COLUMNS.iter().map(|(name, values)| ((*name).into(), value(values, tree, frame))).collect()
 }
 
 /// The outline in world coordinates, closed (first corner repeated), counter-clockwise.
@@ -70,7 +98,7 @@ fn ring(tree: &Tree, frame: &Frame) -> Vec<[f64; 2]> {
         .iter()
         .map(|p| {
             let w = frame.world_from_local(Vec3::new(p.x, p.y, 0.0));
-            [(w.x * 1000.0).round() / 1000.0, (w.y * 1000.0).round() / 1000.0]
+            [rounded(w.x), rounded(w.y)]
         })
         .collect();
     ring.extend(ring.first().copied());
@@ -108,9 +136,8 @@ pub fn to_geojson(trees: &[Tree], frame: &Frame) -> Vec<u8> {
 pub fn to_csv(trees: &[Tree], frame: &Frame) -> Result<Vec<u8>> {
     let fail = |e: &dyn std::fmt::Display| Error::new(format!("the table cannot be written: {e}"));
     let mut out = csv::Writer::from_writer(Vec::new());
-    let header = "id,species,species_from,x,y,z,height_m,crown_diameter_m,crown_spread_m,crown_volume_m3,\
-                  crown_surface_m2,crown_base_height_m,stem_diameter_m,points,is_understory,confidence,luminance,luminance_distance,outline_wkt";
-    out.write_record(header.split(',')).map_err(|e| fail(&e))?;
+    let header = COLUMNS.iter().map(|(name, _)| *name).chain(["outline_wkt"]);
+    out.write_record(header).map_err(|e| fail(&e))?;
     for tree in trees {
         let mut row: Vec<String> = columns(tree, frame)
             .values()
@@ -185,10 +212,13 @@ mod tests {
         let text = to_csv(&trees, &frame).unwrap();
         let mut reader = csv::Reader::from_reader(&text[..]);
         let row = reader.records().next().unwrap().unwrap();
-        assert_eq!(row.len(), reader.headers().unwrap().len());
+        assert_eq!(row.len(), COLUMNS.len() + 1);
         assert_eq!(&row[0], "0000000000000abc");
-        assert!(row[18].starts_with("POLYGON ((500008 6200018, "), "{}", &row[18]);
-        assert_eq!(&row[16], "");
+        let headers = reader.headers().unwrap();
+        let of = |name| headers.iter().position(|h| h == name).unwrap();
+        let outline = &row[of("outline_wkt")];
+        assert!(outline.starts_with("POLYGON ((500008 6200018, "), "{outline}");
+        assert_eq!(&row[of("luminance")], "");
     }
 
     #[test]
@@ -197,5 +227,36 @@ mod tests {
         let v: Value = serde_json::from_slice(&to_geojson(&[], &frame)).unwrap();
         assert_eq!(v["features"].as_array().unwrap().len(), 0);
         assert_eq!(to_csv(&[], &frame).unwrap().iter().filter(|&&b| b == b'\n').count(), 1);
+        assert!(to_fgb(&[], &frame).unwrap().starts_with(b"fgb"));
+    }
+
+    #[test]
+    fn flatgeobuf_holds_what_geojson_holds() {
+        use flatgeobuf::{FallibleStreamingIterator, FeatureProperties, FgbReader};
+        let (mut trees, frame) = example();
+        trees.push(Tree {
+            luminance: Some(90.25),
+            id: "0000000000000def".into(),
+            ..trees[0].clone()
+        });
+        let bytes = to_fgb(&trees, &frame).unwrap();
+        assert_eq!(bytes, to_fgb(&trees, &frame).unwrap());
+        let reader = FgbReader::open(std::io::Cursor::new(bytes)).unwrap();
+        let header = reader.header();
+        assert_eq!((header.features_count(), header.crs().unwrap().code()), (2, 32646));
+        let names: Vec<&str> = header.columns().unwrap().iter().map(|c| c.name()).collect();
+        assert_eq!(names, COLUMNS.iter().map(|(name, _)| *name).collect::<Vec<_>>());
+        let mut features = reader.select_all().unwrap();
+        let mut seen = 0;
+        while let Some(feature) = features.next().unwrap() {
+            let id: String = feature.property("id").unwrap();
+            let tree = trees.iter().find(|t| t.id == id).unwrap();
+            let height: f64 = feature.property("height_m").unwrap();
+            assert_eq!(height, 20.0);
+            let luminance: Option<f64> = feature.property("luminance").ok();
+            assert_eq!(luminance, tree.luminance.map(f64::from));
+            seen += 1;
+        }
+        assert_eq!(seen, 2);
     }
 }

@@ -10,7 +10,7 @@ use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::ground::{self, Classified, GroundOptions, Kind};
 use crate::inventory::{self, Tree};
-use crate::raster::geotiff::{self, Raster};
+use crate::raster::{self, geotiff::Raster};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scan::{self, ReadOptions};
 use crate::seed::Seed;
@@ -92,10 +92,10 @@ fn classify(job: &SurveyJob, run: &mut Recorder) -> Result<(Classified, f32)> {
 /// # Errors
 /// A file that can't be read, or has no place on the ground.
 fn photo_raster(path: &Path) -> Result<Raster> {
-    let raster = geotiff::read(path)?;
+    let raster = raster::read(path)?;
     if raster.geometry.is_none() {
         return Err(Error::new("the photo has no georeference").in_file(path).remedy(
-            "give a GeoTIFF that says where it lies, e.g. made by `gdal_translate -a_ullr`",
+            "give a GeoTIFF, or put a world file beside the photo (.tfw, .pgw, .jgw, .wld)",
         ));
     }
     Ok(raster)

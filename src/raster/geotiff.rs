@@ -1,26 +1,26 @@
-//! GeoTIFF reading and writing (OGC GeoTIFF 1.1 tags by hand over the `tiff` crate).
+//! GeoTIFF reading (OGC GeoTIFF 1.1 tags by hand over the `tiff` crate).
 //!
 //! Read: 8, 16 and 32-bit integer and 32/64-bit float samples, any number of interleaved or planar
-//! bands, strips or tiles, uncompressed, LZW, deflate, PackBits or JPEG. A rotated raster is
-//! refused. Written: interleaved strips, deflate, "pixel is area".
+//! bands, strips or tiles, uncompressed, LZW, deflate, PackBits or JPEG, the latter also of
+//! luminance and chrominance. A pixel that its alpha band hides is black. A rotated raster is
+//! refused. Written: as [`cog`] says.
 
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
-use tiff::decoder::{Decoder, DecodingResult, Limits};
-use tiff::encoder::{Compression, DirectoryEncoder, TiffEncoder, TiffKind};
+use tiff::decoder::{ChunkType, Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 
-use super::GridGeometry;
+use super::{GridGeometry, cog, lzw};
 use crate::diagnostic::{Error, Result};
+use crate::frame::Crs;
 
 const KEY_RASTER_TYPE: u16 = 1025;
-const KEY_MODEL_TYPE: u16 = 1024;
 const KEY_PROJECTED_CRS: u16 = 3072;
 const PIXEL_IS_POINT: u16 = 2;
 
-/// Pixel values as the file has them, interleaved by pixel.
+/// Pixel values as the file has them, interleaved by pixel; floats beyond ±1e30 are NaN.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Samples {
     U8(Vec<u8>),
@@ -92,7 +92,7 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
         Error::new(format!("not a readable TIFF: {e}"))
             .remedy("give a complete GeoTIFF; `gdal_translate in.tif out.tif` rewrites odd ones")
     };
-    let mut decoder = Decoder::new(reader).map_err(broken)?.with_limits(Limits::unlimited());
+    let mut decoder = Decoder::new(reader).map_err(broken)?;
     let (width, height) = decoder.dimensions().map_err(broken)?;
     let (width, height) = (width as usize, height as usize);
     let bands = usize::from(
@@ -106,6 +106,23 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
         ))
         .remedy("the file is damaged or cut short; fetch it again"));
     }
+    // The decoder takes room for a whole tile or strip.
+    let (chunk_width, chunk_height) = decoder.chunk_dimensions();
+    let in_chunk = u64::from(chunk_width) * u64::from(chunk_height);
+    let believed = (values as u64).saturating_mul(4).saturating_add(1 << 24);
+    let is_strip = decoder.get_chunk_type() == ChunkType::Strip;
+    if in_chunk == 0 || (!is_strip && in_chunk.saturating_mul(bands as u64) > believed) {
+        return Err(Error::new(format!(
+            "the TIFF header claims tiles of {chunk_width} × {chunk_height} pixels in a picture of \
+             {width} × {height}"
+        ))
+        .remedy("the file is damaged; fetch it again"));
+    }
+    let mut limits = Limits::default();
+    limits.decoding_buffer_size = usize::try_from(believed.saturating_mul(8)).unwrap_or(usize::MAX);
+    limits.intermediate_buffer_size = limits.decoding_buffer_size;
+    limits.ifd_value_size = usize::try_from(file_bytes).unwrap_or(usize::MAX);
+    let mut decoder = decoder.with_limits(limits);
     let geometry = georeference(&mut decoder, width, height)?;
     let epsg = geo_key(&mut decoder, KEY_PROJECTED_CRS).map(u32::from).filter(|&c| c != 32767);
     let nodata = decoder
@@ -117,12 +134,13 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
         .map_err(broken)?
         .is_some_and(|p| p == 2)
         && bands > 1;
-    let mut samples = if is_planar {
-        read_planes(&mut decoder, width, height, bands).map_err(broken)?
-    } else {
-        to_samples(decoder.read_image().map_err(broken)?)
-    }
-    .ok_or_else(|| {
+    let shape = lzw::Shape { width, height, bands, is_planar };
+    let samples = match lzw::read(&mut decoder, &shape).map_err(broken)? {
+        Some(samples) => Some(samples),
+        None if is_planar => read_planes(&mut decoder, width, height, bands).map_err(broken)?,
+        None => to_samples(decoder.read_image().map_err(broken)?),
+    };
+    let mut samples = samples.ok_or_else(|| {
         Error::new("the TIFF's sample type is not supported")
             .remedy("convert it to 8 or 16 bits or float32, e.g. `gdal_translate -ot Float32`")
     })?;
@@ -130,12 +148,51 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
         return Err(Error::new("the TIFF holds fewer pixels than its header says")
             .remedy("the file is cut short; fetch it again"));
     }
+    if matches!(decoder.colortype(), Ok(tiff::ColorType::YCbCr(8)))
+        && bands == 3
+        && let Samples::U8(v) = &mut samples
+    {
+        v.chunks_exact_mut(3).for_each(rgb_from_ycbcr);
+    }
+    // 1 and 2: the last band is alpha.
+    let has_alpha = bands == 4
+        && decoder
+            .get_tag_u16_vec(Tag::ExtraSamples)
+            .is_ok_and(|extra| matches!(extra.as_slice(), [1 | 2]));
     match &mut samples {
-        Samples::U8(v) => v.truncate(values),
-        Samples::U16(v) => v.truncate(values),
-        Samples::F32(v) => v.truncate(values),
+        Samples::U8(v) => {
+            v.truncate(values);
+            hide(v, has_alpha);
+        }
+        Samples::U16(v) => {
+            v.truncate(values);
+            hide(v, has_alpha);
+        }
+        Samples::F32(v) => {
+            v.truncate(values);
+            // Fillers near the end of the range, whose nodata text is often rounded.
+            v.iter_mut().filter(|v| v.abs() > 1e30).for_each(|v| *v = f32::NAN);
+            hide(v, has_alpha);
+        }
     }
     Ok(Raster { width, height, bands, samples, geometry, epsg, nodata })
+}
+
+/// JFIF 1.02, full range.
+fn rgb_from_ycbcr(pixel: &mut [u8]) {
+    if let [y, cb, cr] = pixel {
+        let (luma, b, r) = (f32::from(*y), f32::from(*cb) - 128.0, f32::from(*cr) - 128.0);
+        let rgb = [luma + 1.402 * r, luma - 0.344_136 * b - 0.714_136 * r, luma + 1.772 * b];
+        [*y, *cb, *cr] = rgb.map(|v| v.round() as u8);
+    }
+}
+
+/// Blackens the pixels of no alpha.
+pub(super) fn hide<T: Copy + Default + PartialEq>(samples: &mut [T], has_alpha: bool) {
+    if has_alpha {
+        let hidden = samples.chunks_exact_mut(4).filter(|pixel| pixel[3] == T::default());
+        hidden.for_each(|pixel| pixel.fill(T::default()));
+    }
 }
 
 fn to_samples(data: DecodingResult) -> Option<Samples> {
@@ -216,6 +273,10 @@ fn georeference<R: Read + Seek>(
     let (mut west, mut north, cell_x, cell_y);
     if let Ok(m) = decoder.get_tag_f64_vec(Tag::ModelTransformationTag) {
         let [a, b, _, x, d, e, _, y] = *m.first_chunk::<8>().ok_or_else(rotated)?;
+        if [a, b, x, d, e, y] == [1.0, 0.0, 0.0, 0.0, 1.0, 0.0] {
+            // Columns and rows as they are: no place.
+            return Ok(None);
+        }
         if b != 0.0 || d != 0.0 || e >= 0.0 {
             return Err(rotated());
         }
@@ -246,71 +307,30 @@ fn georeference<R: Read + Seek>(
     Ok(Some(GridGeometry { west, north, cell_x, cell_y, cols, rows }))
 }
 
-/// GeoTIFF bytes of a raster: one image, deflate, "pixel is area".
+/// Cloud Optimized GeoTIFF bytes of a raster.
 ///
 /// # Errors
-/// A size that disagrees with the data, or a band count other than 1, 3 or 4 for integers.
+/// A size that disagrees with the data, or a band count other than 1, 3 or 4.
 pub fn encode(raster: &Raster) -> Result<Vec<u8>> {
-    use tiff::encoder::colortype::{Gray8, Gray16, Gray32Float, RGB8, RGB16, RGBA8};
     if raster.samples.len() != raster.width * raster.height * raster.bands {
         return Err(Error::new("a raster's size and data disagree"));
     }
-    let (w, h) = (raster.width as u32, raster.height as u32);
-    let mut out = Cursor::new(Vec::new());
-    let mut encoder = TiffEncoder::new(&mut out)
-        .map_err(cannot_write)?
-        .with_compression(Compression::Deflate(Default::default()));
-    macro_rules! write {
-        ($colour:ty, $data:expr) => {{
-            let mut image = encoder.new_image::<$colour>(w, h).map_err(cannot_write)?;
-            write_geo_tags(image.encoder(), raster)?;
-            image.write_data($data).map_err(cannot_write)?;
-        }};
-    }
-    match (&raster.samples, raster.bands) {
-        (Samples::U8(v), 1) => write!(Gray8, v),
-        (Samples::U8(v), 3) => write!(RGB8, v),
-        (Samples::U8(v), 4) => write!(RGBA8, v),
-        (Samples::U16(v), 1) => write!(Gray16, v),
-        (Samples::U16(v), 3) => write!(RGB16, v),
-        (Samples::F32(v), 1) => write!(Gray32Float, v),
-        (_, bands) => {
-            return Err(Error::new(format!("a raster of {bands} such bands cannot be written")));
-        }
-    }
-    Ok(out.into_inner())
-}
-
-fn cannot_write(e: tiff::TiffError) -> Error {
-    Error::new(format!("the raster cannot be encoded: {e}"))
-        .remedy("choose a larger cell so that it stays under 4 GiB")
-}
-
-fn write_geo_tags<W: std::io::Write + Seek, K: TiffKind>(
-    directory: &mut DirectoryEncoder<'_, W, K>,
-    raster: &Raster,
-) -> Result<()> {
-    if let Some(g) = &raster.geometry {
-        let scale: [f64; 3] = [g.cell_x, g.cell_y, 0.0];
-        let tie: [f64; 6] = [0.0, 0.0, 0.0, g.west, g.north, 0.0];
-        directory.write_tag(Tag::ModelPixelScaleTag, &scale[..]).map_err(cannot_write)?;
-        directory.write_tag(Tag::ModelTiepointTag, &tie[..]).map_err(cannot_write)?;
-        let mut keys: Vec<[u16; 4]> = Vec::new();
-        if raster.epsg.is_some() {
-            keys.push([KEY_MODEL_TYPE, 0, 1, 1]);
-        }
-        keys.push([KEY_RASTER_TYPE, 0, 1, 1]);
-        if let Some(code) = raster.epsg.and_then(|c| u16::try_from(c).ok()) {
-            keys.push([KEY_PROJECTED_CRS, 0, 1, code]);
-        }
-        let mut flat = vec![1u16, 1, 0, keys.len() as u16];
-        flat.extend(keys.iter().flatten());
-        directory.write_tag(Tag::GeoKeyDirectoryTag, &flat[..]).map_err(cannot_write)?;
-    }
-    if let Some(nodata) = raster.nodata {
-        directory.write_tag(Tag::GdalNodata, nodata.to_string().as_str()).map_err(cannot_write)?;
-    }
-    Ok(())
+    let crs = raster.epsg.map(Crs::from_epsg);
+    cog::encode(&cog::Sheet {
+        width: raster.width,
+        height: raster.height,
+        bands: raster.bands,
+        kind: match raster.samples {
+            Samples::U8(_) => cog::Kind::U8,
+            Samples::U16(_) => cog::Kind::U16,
+            Samples::F32(_) => cog::Kind::F32,
+        },
+        geometry: raster.geometry,
+        crs: crs.as_ref(),
+        nodata: raster.nodata,
+        unit: None,
+        value: &|col, row, band| raster.value(col, row, band),
+    })
 }
 
 #[cfg(test)]
@@ -343,9 +363,22 @@ mod tests {
             sample(3, Samples::U8((0..36).collect())),
             sample(4, Samples::U8((0..48).collect())),
             sample(1, Samples::U16((0..12).map(|i| i * 5000).collect())),
+            sample(3, Samples::U16((0..36).map(|i| i * 1800).collect())),
+            sample(4, Samples::F32((0..48).map(|i| i as f32 / 7.0 + 0.1).collect())),
         ] {
             assert_eq!(from_bytes(&encode(&raster).unwrap()).unwrap(), raster);
         }
+    }
+
+    #[test]
+    fn fillers_at_the_end_of_the_range_are_no_values() {
+        let mut values: Vec<f32> = (0..12).map(|i| i as f32).collect();
+        (values[3], values[4]) = (-3.4e38, 1.7e38);
+        let mut raster = sample(1, Samples::F32(values));
+        raster.nodata = Some(-3.4e38);
+        let back = from_bytes(&encode(&raster).unwrap()).unwrap();
+        assert!(back.value(3, 0, 0).is_nan() && back.value(0, 1, 0).is_nan());
+        assert_eq!(back.value(1, 1, 0), 5.0);
     }
 
     #[test]
@@ -353,6 +386,13 @@ mod tests {
         let bytes = encode(&sample(3, Samples::U8((0..36).collect()))).unwrap();
         for cut in 0..bytes.len() {
             let _ = from_bytes(&bytes[..cut]);
+        }
+        let mut draws = crate::seed::Seed::new(7).draws();
+        for _ in 0..3000 {
+            let mut mutated = bytes.clone();
+            let at = draws.index(mutated.len());
+            mutated[at] = [0, 0x7f, 0xff, draws.bits() as u8][draws.index(4)];
+            let _ = from_bytes(&mutated);
         }
         let e = from_bytes(b"this is no picture").unwrap_err();
         assert!(e.message().starts_with("not a readable TIFF"), "{e:?}");

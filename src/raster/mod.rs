@@ -3,11 +3,15 @@
 //! Every grid here is north-up and cell-centred ("pixel is area"): row 0 is the northernmost,
 //! a value stands for the middle of its cell.
 
+pub mod cog;
 pub mod geotiff;
 pub mod inpaint;
+mod lzw;
 pub mod picture;
+mod world_file;
 
 pub use picture::Picture;
+pub use world_file::read;
 
 /// Placement of a north-up grid. Units are the owner's: local metres for terrain, world units for
 /// a photo.

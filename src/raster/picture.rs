@@ -2,6 +2,7 @@
 
 use image::{ImageBuffer, Rgba};
 
+use super::geotiff::{Samples, hide};
 use crate::diagnostic::{Error, Result};
 
 /// An sRGB picture with straight (not premultiplied) alpha, row 0 on top.
@@ -55,6 +56,33 @@ impl Picture {
         let (width, height) = image.dimensions();
         Ok(Picture { width, height, data: image.pixels().map(|p| p.0).collect() })
     }
+}
+
+/// Width, height, bands and values of PNG or JPEG bytes: one band of grey, three of colour, four
+/// with alpha; 8 or 16 bits. A pixel that its alpha hides is black.
+pub(super) fn bands_from_bytes(bytes: &[u8]) -> Result<(usize, usize, usize, Samples)> {
+    use image::DynamicImage;
+    let image = image::load_from_memory(bytes).map_err(|e| {
+        Error::new(format!("not a readable picture: {e}")).remedy("give a PNG or JPEG file")
+    })?;
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let (bands, samples) = match image {
+        DynamicImage::ImageLuma8(p) => (1, Samples::U8(p.into_raw())),
+        DynamicImage::ImageRgb8(p) => (3, Samples::U8(p.into_raw())),
+        DynamicImage::ImageLuma16(p) => (1, Samples::U16(p.into_raw())),
+        DynamicImage::ImageRgb16(p) => (3, Samples::U16(p.into_raw())),
+        DynamicImage::ImageRgba16(p) => {
+            let mut raw = p.into_raw();
+            hide(&mut raw, true);
+            (4, Samples::U16(raw))
+        }
+        other => {
+            let mut raw = other.to_rgba8().into_raw();
+            hide(&mut raw, true);
+            (4, Samples::U8(raw))
+        }
+    };
+    Ok((width, height, bands, samples))
 }
 
 #[cfg(test)]

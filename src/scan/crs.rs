@@ -1,17 +1,16 @@
 //! The coordinate reference system a LAS file states, as WKT (record 2112) or as GeoTIFF keys
 //! (records 34735–34737, OGC 19-008r4).
 //!
-//! Nothing is looked up: where a system's code is given without its unit, the unit is a metre
-//! unless a citation in the keys speaks of feet.
+//! A unit that is stated counts; else the EPSG code tells it, else a citation in the keys that
+//! speaks of feet; else it is a metre. Heights of no known unit are in the horizontal one.
 
 use glam::DVec3;
 
+use super::epsg::{self, FOOT_M, US_SURVEY_FOOT_M};
 use super::wkt;
 use crate::diagnostic::{Error, Result};
 use crate::frame::Crs;
 
-const US_SURVEY_FOOT_M: f64 = 1200.0 / 3937.0;
-const FOOT_M: f64 = 0.3048;
 const USER_DEFINED: u16 = 32767;
 
 /// The records of a LAS file that speak of its system.
@@ -37,6 +36,8 @@ struct Found {
     epsg: Option<u32>,
     horizontal_unit_m: Option<f64>,
     vertical_unit_m: Option<f64>,
+    /// Of the horizontal system, from words.
+    cited_unit_m: Option<f64>,
 }
 
 /// Reads the records; `prefers_wkt` is bit 4 of the global encoding.
@@ -53,7 +54,8 @@ pub(super) fn parse(records: &Records, prefers_wkt: bool) -> Result<Stated> {
         in_degrees: f.kind == wkt::Kind::Geodetic,
         epsg: f.epsg,
         horizontal_unit_m: f.horizontal_unit_m,
-        vertical_unit_m: f.vertical_unit_m,
+        vertical_unit_m: f.vertical_unit_m.or_else(|| epsg::vertical_unit_m(f.vertical_epsg?)),
+        cited_unit_m: None,
     });
     if text.is_some() && from_wkt.is_none() {
         stated.warnings.push("the WKT of its coordinate system can't be read".into());
@@ -74,10 +76,23 @@ pub(super) fn parse(records: &Records, prefers_wkt: bool) -> Result<Stated> {
         }
         (None, None, _) => return Ok(stated),
     };
-    stated.in_degrees = found.in_degrees;
-    let horizontal_unit_m = found.horizontal_unit_m.unwrap_or(1.0);
-    let vertical_unit_m = found.vertical_unit_m.unwrap_or(horizontal_unit_m);
-    if found.vertical_unit_m.is_none() && horizontal_unit_m != 1.0 {
+    let known = found.epsg.and_then(epsg::system);
+    stated.in_degrees = found.in_degrees || known.is_some_and(|known| known.is_geodetic);
+    let of_code = known.and_then(|known| known.horizontal_unit_m);
+    if let (Some(stated_m), Some(code_m), Some(code)) =
+        (found.horizontal_unit_m, of_code, found.epsg)
+        && (stated_m - code_m).abs() > 1e-6
+    {
+        stated.warnings.push(format!(
+            "its unit is stated as {stated_m} m, but EPSG:{code} counts in {code_m} m; \
+             the stated one is used"
+        ));
+    }
+    let horizontal_unit_m =
+        found.horizontal_unit_m.or(of_code).or(found.cited_unit_m).unwrap_or(1.0);
+    let of_heights = found.vertical_unit_m.or(known.and_then(|known| known.vertical_unit_m));
+    let vertical_unit_m = of_heights.unwrap_or(horizontal_unit_m);
+    if of_heights.is_none() && horizontal_unit_m != 1.0 {
         stated.warnings.push(format!(
             "no unit is stated for its heights; taken as the horizontal one, {horizontal_unit_m} m"
         ));
@@ -152,18 +167,15 @@ impl GeoKeys {
         if epsg.is_none() && projected.is_none() && !in_degrees && self.short(3076).is_none() {
             return Ok(None);
         }
-        let horizontal_unit_m = match self.short(3076) {
-            Some(code) => Some(self.unit_m(code, self.double(3077))?),
-            None => self.unit_of_citations_m(),
-        };
+        let horizontal_unit_m =
+            self.short(3076).map(|code| self.unit_m(code, self.double(3077))).transpose()?;
         let vertical_unit_m = match (self.short(4099), self.short(4096)) {
             (Some(code), _) => Some(self.unit_m(code, None)?),
-            (None, Some(6360 | 5702)) => Some(US_SURVEY_FOOT_M),
-            (None, Some(8228)) => Some(FOOT_M),
-            (None, Some(5701 | 5703 | 5773 | 6647)) => Some(1.0),
-            _ => None,
+            (None, Some(code)) => epsg::vertical_unit_m(u32::from(code)),
+            (None, None) => None,
         };
-        Ok(Some(Found { in_degrees, epsg, horizontal_unit_m, vertical_unit_m }))
+        let cited_unit_m = self.unit_of_citations_m();
+        Ok(Some(Found { in_degrees, epsg, horizontal_unit_m, vertical_unit_m, cited_unit_m }))
     }
 
     fn unit_m(&self, code: u16, size_m: Option<f64>) -> Result<f64> {
@@ -262,11 +274,47 @@ mod tests {
     }
 
     #[test]
+    fn codes_tell_feet_where_no_key_does() {
+        let unit = |keys: &[[u16; 4]]| {
+            let crs = parse(&directory(keys), false).unwrap().crs.unwrap();
+            (crs.horizontal_unit_m, crs.vertical_unit_m)
+        };
+        let us = US_SURVEY_FOOT_M;
+        assert_eq!(unit(&[[1024, 0, 1, 1], [3072, 0, 1, 2229]]), (us, us));
+        assert_eq!(unit(&[[1024, 0, 1, 1], [3072, 0, 1, 2269]]), (FOOT_M, FOOT_M));
+        assert_eq!(unit(&[[3072, 0, 1, 2229], [4096, 0, 1, 5703]]), (us, 1.0));
+        assert_eq!(unit(&[[3072, 0, 1, 26911], [4096, 0, 1, 6360]]), (1.0, us));
+        assert_eq!(unit(&[[3072, 0, 1, 26911], [4096, 0, 1, 8228]]), (1.0, FOOT_M));
+        assert_eq!(unit(&[[3072, 0, 1, 7407]]), (us, us));
+        let contradicting =
+            directory(&[[3072, 0, 1, 2229], [3076, 0, 1, 9001], [4099, 0, 1, 9001]]);
+        let stated = parse(&contradicting, false).unwrap();
+        assert_eq!(stated.crs.unwrap().horizontal_unit_m, 1.0);
+        assert!(stated.warnings[0].contains("EPSG:2229 counts in"), "{:?}", stated.warnings);
+
+        let wkt = |text: &str| {
+            let records = Records { wkt: Some(text.into()), ..Records::default() };
+            let crs = parse(&records, true).unwrap().crs.unwrap();
+            (crs.horizontal_unit_m, crs.vertical_unit_m)
+        };
+        let text = r#"COMPD_CS["c",PROJCS["a",AUTHORITY["EPSG","2229"]],
+            VERT_CS["v",AUTHORITY["EPSG","6360"]]]"#;
+        assert_eq!(wkt(text), (us, us));
+        let text = r#"COMPOUNDCRS["c",PROJCRS["a",LENGTHUNIT["metre",1],ID["EPSG",26911]],
+            VERTCRS["v",VDATUM["d"],CS[vertical,1],AXIS["h",up,LENGTHUNIT["US survey foot",0.304800609601219]],ID["EPSG",6360]]]"#;
+        assert_eq!(wkt(text), (1.0, 0.304800609601219));
+    }
+
+    #[test]
     fn geographic_models_are_known() {
         assert!(
             parse(&directory(&[[1024, 0, 1, 2], [2048, 0, 1, 4326]]), false).unwrap().in_degrees
         );
         assert!(parse(&directory(&[[2048, 0, 1, 4326]]), false).unwrap().in_degrees);
+        // In the wrong key.
+        assert!(
+            parse(&directory(&[[1024, 0, 1, 1], [3072, 0, 1, 4326]]), false).unwrap().in_degrees
+        );
         let projected = directory(&[[1024, 0, 1, 1], [2048, 0, 1, 4326], [3072, 0, 1, 32617]]);
         assert!(!parse(&projected, false).unwrap().in_degrees);
     }

@@ -1,9 +1,10 @@
 //! LAS 1.0–1.4 and LAZ (ASPRS LAS 1.4 R15; Isenburg 2013 for LASzip).
 //!
 //! Header fields are checked against the length of the file before anything is allocated or
-//! skipped by them, and the header's own bounds are never used: they are often wrong.
-//! Not supported: LAZ without a chunk table (its writing was cut short), waveform packets (their
-//! points are read, the packets are not).
+//! skipped by them, and the header's own bounds are never used: they are often wrong. What is
+//! damaged is left out and told as long as sound points remain: a file cut short gives the points
+//! before the cut, a LAZ file its sound chunks, also where its chunk table is absent or wrong.
+//! Waveform packets are not read, their points are.
 
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
@@ -13,13 +14,15 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::crs::{self, Records};
-use super::laz_chunks::{self, LazChunks};
-use super::part::{Columns, Coordinates, Part};
+use super::laz_chunks::{self, LazChunks, Points};
+use super::part::{Columns, Coordinates, Part, world_from_steps};
 use super::{ReadOptions, Removed};
 use crate::diagnostic::{Error, Result};
 
 /// Bytes of point records in memory at a time.
 const BATCH_BYTES: u64 = 32 << 20;
+/// Bytes of the header of LAS 1.0.
+const OLDEST_HEADER: u64 = 227;
 /// A system's description is never longer.
 const LONGEST_RECORD: u64 = 1 << 20;
 const DAMAGED: &str = "copy or download the file again; it is damaged or was cut short";
@@ -28,7 +31,10 @@ const DAMAGED: &str = "copy or download the file again; it is damaged or was cut
 pub(super) struct Layout {
     pub file_bytes: u64,
     pub data_offset: u64,
+    /// As the header has it; 0 where its writer was interrupted.
     pub point_count: u64,
+    /// No point lies past this.
+    data_end: u64,
     pub record_bytes: usize,
     /// Point format 6 or higher.
     pub is_extended: bool,
@@ -63,24 +69,28 @@ fn read_inner(path: &Path, options: &ReadOptions) -> Result<Part> {
     let is_laz = header.point_data_record_format & 0x80 != 0;
     let layout = layout(&header, file_bytes)?;
 
-    let (records, laz_record) = records(&header, &layout, &mut source)?;
-    let mut stated = crs::parse(&records, header.global_encoding & 16 != 0)?;
+    let mut warnings = Vec::new();
+    let (records, laz_record) = records(&header, &layout, &mut source, &mut warnings)?;
+    let stated = crs::parse(&records, header.global_encoding & 16 != 0)?;
+    warnings.extend(stated.warnings);
 
     let mut decoded = Decoded::with_room(&layout);
-    match laz_record {
-        Some(record) if is_laz => {
-            decode_laz(&mut source, &record, &layout, options, &mut decoded)?;
-        }
+    let told = match laz_record {
+        Some(record) if is_laz => decode_laz(&mut source, &record, &layout, options, &mut decoded)?,
         None if is_laz => {
             return Err(damaged("the header says LAZ but no record tells how it is packed"));
         }
         _ => decode_plain(&mut source, &layout, options, &mut decoded)?,
-    }
-
+    };
+    let found = decoded.steps.len() as u64 + decoded.removed.total();
+    warnings.extend(told);
+    count_warning(found, layout.point_count, &mut warnings)?;
     if decoded.repaired > 0 {
-        stated
-            .warnings
+        warnings
             .push(format!("{} return numbers outside 1..=count were repaired", decoded.repaired));
+    }
+    if bounds_are_wrong(&header, &layout, &decoded.steps) {
+        warnings.push("the bounds in its header are wrong; those of its points are used".into());
     }
     let mut columns = decoded.columns;
     columns.rgb = columns.rgb.and_then(sixteen_bit);
@@ -94,34 +104,172 @@ fn read_inner(path: &Path, options: &ReadOptions) -> Result<Part> {
             offset: layout.offset,
         },
         columns,
-        in_file: layout.point_count,
+        in_file: found,
         removed: decoded.removed,
-        warnings: stated.warnings,
+        warnings,
     })
 }
 
-/// Unpacks a batch of chunks at a time, each chunk on its own.
+/// Compares the points found with those promised.
+fn count_warning(found: u64, promised: u64, warnings: &mut Vec<String>) -> Result<()> {
+    if found == 0 && promised == 0 {
+        return Err(Error::new("holds no points").remedy("give a scan with points"));
+    }
+    if found == 0 {
+        let why = warnings.last().map_or(String::new(), |why| format!(": {why}"));
+        return Err(damaged(format!("none of its {promised} points can be read{why}")));
+    }
+    if found < promised {
+        warnings.push(format!(
+            "the header promises {promised} points; {} of them are lost, {found} were read",
+            promised - found
+        ));
+    } else if found > promised {
+        warnings.push(format!(
+            "the header promises {promised} points but {found} are there; all were read"
+        ));
+    }
+    Ok(())
+}
+
+/// Whether a point lies outside what the header states. Points left out count as inside.
+fn bounds_are_wrong(header: &las::raw::Header, layout: &Layout, steps: &[[i32; 3]]) -> bool {
+    let Some(first) = steps.first() else { return false };
+    let (low, high) = steps
+        .par_iter()
+        .fold(
+            || (*first, *first),
+            |(low, high), s| {
+                let low = [0, 1, 2].map(|i| low[i].min(s[i]));
+                (low, [0, 1, 2].map(|i| high[i].max(s[i])))
+            },
+        )
+        .reduce(
+            || (*first, *first),
+            |a, b| {
+                let low = [0, 1, 2].map(|i| a.0[i].min(b.0[i]));
+                (low, [0, 1, 2].map(|i| a.1[i].max(b.1[i])))
+            },
+        );
+    let ends = [low, high].map(|s| world_from_steps(s, layout.scale, layout.offset));
+    let stated_min = DVec3::new(header.min_x, header.min_y, header.min_z);
+    let stated_max = DVec3::new(header.max_x, header.max_y, header.max_z);
+    // Writers round them.
+    let slack = 2.0 * layout.scale.abs() + DVec3::splat(0.01);
+    let is_inside =
+        |p: DVec3| p.cmpge(stated_min - slack).all() && p.cmple(stated_max + slack).all();
+    !ends.into_iter().all(is_inside)
+}
+
+/// Unpacks a batch of chunks at a time, each chunk on its own; gives what the user should know.
 fn decode_laz(
     source: &mut (impl Read + Seek),
     laz_record: &[u8],
     layout: &Layout,
     options: &ReadOptions,
     decoded: &mut Decoded,
-) -> Result<()> {
+) -> Result<Vec<String>> {
     let chunks = LazChunks::read(source, laz_record, layout)?;
-    for batch in chunks.batches(BATCH_BYTES) {
+    let mut damaged_chunks = 0u64;
+    let (mut walk_from, held) = chunks.end_of_table_chunks();
+    let mut left = layout.point_count.saturating_sub(held);
+    if layout.point_count == 0 {
+        left = u64::MAX;
+    }
+    let mut table_is_wrong = chunks.trouble.is_some();
+    let mut passed = 0;
+    'table: for batch in chunks.batches(BATCH_BYTES) {
         let bytes = chunks.load(source, batch)?;
-        let parts = laz_chunks::packed(batch, &bytes)
+        let parts: Vec<Option<Decoded>> = laz_chunks::packed(batch, &bytes)
             .into_par_iter()
             .map(|chunk| {
                 let mut part = Decoded::default();
-                chunks.decode(chunk, |slab| part.push(slab, layout, options))?;
-                Ok(part)
+                chunks.unpack_chunk(chunk, |slab| part.push(slab, layout, options))?;
+                Some(part)
             })
-            .collect::<Result<Vec<_>>>()?;
-        parts.into_iter().for_each(|part| decoded.append(part));
+            .collect();
+        let is_sound: Vec<bool> = parts.iter().map(Option::is_some).collect();
+        for (i, (chunk, part)) in batch.iter().zip(parts).enumerate() {
+            match part {
+                Some(part) => decoded.append(part),
+                // A table that is right about the next chunk, or about where all of them end, is
+                // right about this one.
+                None if chunks.is_table_whole || is_sound.get(i + 1) == Some(&true) => {
+                    damaged_chunks += 1;
+                }
+                None => {
+                    table_is_wrong = true;
+                    walk_from = chunk.offset;
+                    left = match layout.point_count {
+                        0 => u64::MAX,
+                        count => count.saturating_sub(passed),
+                    };
+                    break 'table;
+                }
+            }
+            passed += chunk.points.most();
+        }
     }
-    Ok(())
+    let mut told = Vec::new();
+    // A table that holds too few points and does not reach the end of the data.
+    table_is_wrong |= !chunks.is_table_whole && held > 0 && left > 0;
+    if table_is_wrong {
+        let trouble = chunks.trouble.as_deref().unwrap_or("wrong");
+        if !chunks.can_walk() && decoded.steps.is_empty() {
+            return Err(damaged(format!(
+                "its LAZ chunk table is {trouble}, without which chunks of varying size can't be read"
+            )));
+        }
+        told.push(format!(
+            "its LAZ chunk table is {trouble}; its chunks were looked for one by one"
+        ));
+    }
+    if !chunks.is_table_whole && chunks.can_walk() {
+        damaged_chunks += walk(source, &chunks, walk_from, left, layout, options, decoded)?;
+    }
+    if damaged_chunks > 0 {
+        told.push(format!("{damaged_chunks} of its LAZ chunks are damaged and were left out"));
+    }
+    Ok(told)
+}
+
+/// Unpacks chunk after chunk from byte `at` on, each beginning where the one before ended, until
+/// `left` points are read or no sound chunk follows; gives the number of those skipped. Of a chunk
+/// cut by the end of the file the points before the cut are taken.
+fn walk(
+    source: &mut (impl Read + Seek),
+    chunks: &LazChunks,
+    mut at: u64,
+    mut left: u64,
+    layout: &Layout,
+    options: &ReadOptions,
+    decoded: &mut Decoded,
+) -> Result<u64> {
+    let mut skipped = 0;
+    while let Some((bytes, points)) = chunks.load_at(source, at, left)? {
+        let mut part = Decoded::default();
+        let unpacked =
+            chunks.unpack(&bytes, Points::Exactly(points), |slab| part.push(slab, layout, options));
+        let taken = match unpacked {
+            Some(unpacked) => {
+                decoded.append(part);
+                if unpacked.is_cut {
+                    break;
+                }
+                unpacked.bytes
+            }
+            None if chunks.can_skip() => {
+                skipped += 1;
+                bytes.len() as u64
+            }
+            None => break,
+        };
+        at += taken;
+        if left < u64::MAX {
+            left -= points;
+        }
+    }
+    Ok(skipped)
 }
 
 fn decode_plain(
@@ -129,19 +277,13 @@ fn decode_plain(
     layout: &Layout,
     options: &ReadOptions,
     decoded: &mut Decoded,
-) -> Result<()> {
+) -> Result<Vec<String>> {
     let record_bytes = layout.record_bytes as u64;
-    let room = (layout.file_bytes - layout.data_offset) / record_bytes;
-    if layout.point_count > room {
-        return Err(damaged(format!(
-            "the header promises {} points but the file holds at most {room}",
-            layout.point_count
-        )));
-    }
+    let room = layout.data_end.saturating_sub(layout.data_offset) / record_bytes;
     source.seek(SeekFrom::Start(layout.data_offset)).map_err(io_error)?;
     let batch = (BATCH_BYTES / record_bytes).max(1);
     let mut slab = Vec::new();
-    let mut left = layout.point_count;
+    let mut left = if layout.point_count == 0 { room } else { layout.point_count.min(room) };
     while left > 0 {
         let n = left.min(batch);
         slab.resize((n * record_bytes) as usize, 0);
@@ -157,7 +299,14 @@ fn decode_plain(
         parts.into_iter().for_each(|part| decoded.append(part));
         left -= n;
     }
-    Ok(())
+    let spare = room.saturating_sub(layout.point_count);
+    Ok(if layout.point_count > 0 && spare > 0 {
+        vec![format!(
+            "bytes for {spare} more points follow those the header promises; they are not read"
+        )]
+    } else {
+        Vec::new()
+    })
 }
 
 fn header_error(error: las::Error) -> Error {
@@ -201,15 +350,19 @@ fn layout(header: &las::raw::Header, file_bytes: u64) -> Result<Layout> {
         Some(count) if count > 0 => count,
         _ => u64::from(header.number_of_point_records),
     };
-    if point_count == 0 {
-        return Err(Error::new("holds no points").remedy("give a scan with points"));
-    }
     let data_offset = u64::from(header.offset_to_point_data);
-    if data_offset < u64::from(header.header_size) || data_offset >= file_bytes {
+    if data_offset < u64::from(header.header_size) || data_offset > file_bytes {
         return Err(damaged(format!(
             "its points should begin at byte {data_offset} of {file_bytes}"
         )));
     }
+    // What a file holds behind its points.
+    let behind = [
+        header.evlr.map(|evlr| evlr.start_of_first_evlr),
+        header.start_of_waveform_data_packet_record,
+    ];
+    let data_end =
+        behind.into_iter().flatten().filter(|at| *at > data_offset).fold(file_bytes, u64::min);
     let scale = DVec3::new(header.x_scale_factor, header.y_scale_factor, header.z_scale_factor);
     let offset = DVec3::new(header.x_offset, header.y_offset, header.z_offset);
     let reach = scale.abs() * f64::from(i32::MAX) + offset.abs();
@@ -225,6 +378,7 @@ fn layout(header: &las::raw::Header, file_bytes: u64) -> Result<Layout> {
         file_bytes,
         data_offset,
         point_count,
+        data_end,
         record_bytes,
         is_extended: format >= 6,
         rgb_at: match format {
@@ -243,6 +397,7 @@ fn records(
     header: &las::raw::Header,
     layout: &Layout,
     source: &mut (impl Read + Seek),
+    warnings: &mut Vec<String>,
 ) -> Result<(Records, Option<Vec<u8>>)> {
     let mut records = Records::default();
     let mut laz_record = None;
@@ -254,13 +409,14 @@ fn records(
         (b"laszip encoded", 22204) => laz_record = Some(data),
         _ => {}
     };
-    let mut walk = |start: u64, end: u64, count: u32, is_extended: bool| -> Result<()> {
+    // The number of records read before one makes no sense.
+    let mut walk = |start: u64, end: u64, count: u32, is_extended: bool| -> Result<u32> {
         let mut at = start;
-        for _ in 0..count {
+        for number in 0..count {
             let mut head = [0u8; 60];
             let head_bytes: u64 = if is_extended { 60 } else { 54 };
             if at.checked_add(head_bytes).is_none_or(|body| body > end) {
-                break;
+                return Ok(number);
             }
             source.seek(SeekFrom::Start(at)).map_err(io_error)?;
             source.read_exact(&mut head[..head_bytes as usize]).map_err(io_error)?;
@@ -272,7 +428,9 @@ fn records(
                 u64::from(u16::from_le_bytes([head[20], head[21]]))
             };
             let body = at + head_bytes;
-            let Some(next) = body.checked_add(length).filter(|next| *next <= end) else { break };
+            let Some(next) = body.checked_add(length).filter(|next| *next <= end) else {
+                return Ok(number);
+            };
             let user = head[2..18].split(|b| *b == 0).next().unwrap_or_default();
             let wanted = user == b"LASF_Projection" || user == b"laszip encoded";
             if wanted && length <= LONGEST_RECORD {
@@ -282,14 +440,41 @@ fn records(
             }
             at = next;
         }
-        Ok(())
+        Ok(count)
     };
     let vlrs = header.number_of_variable_length_records;
-    walk(u64::from(header.header_size), layout.data_offset, vlrs, false)?;
+    let vlrs_start = u64::from(header.header_size).max(OLDEST_HEADER);
+    let mut lost = vlrs - walk(vlrs_start, layout.data_offset, vlrs, false)?;
     if let Some(evlr) = header.evlr {
-        walk(evlr.start_of_first_evlr, layout.file_bytes, evlr.number_of_evlrs, true)?;
+        let count = evlr.number_of_evlrs;
+        lost += count - walk(evlr.start_of_first_evlr, layout.file_bytes, count, true)?;
+    }
+    if lost > 0 {
+        warnings.push(format!("{lost} records of its header are damaged and were left out"));
+    }
+    if laz_record.is_none() && header.point_data_record_format & 0x80 != 0 {
+        laz_record = search_laz_record(source, vlrs_start, layout)?;
     }
     Ok((records, laz_record))
+}
+
+/// The LASzip record where the records before it are damaged, by its name.
+fn search_laz_record(
+    source: &mut (impl Read + Seek),
+    start: u64,
+    layout: &Layout,
+) -> Result<Option<Vec<u8>>> {
+    const NAME: &[u8; 16] = b"laszip encoded\0\0";
+    let length = layout.data_offset.saturating_sub(start).min(LONGEST_RECORD);
+    let mut bytes = Vec::new();
+    source.seek(SeekFrom::Start(start)).map_err(io_error)?;
+    source.take(length).read_to_end(&mut bytes).map_err(io_error)?;
+    let found = bytes.windows(NAME.len()).position(|window| window == NAME);
+    // Behind the name: the id (2 bytes), the length (2), a description (32).
+    Ok(found.and_then(|at| {
+        let length = u16::from_le_bytes([*bytes.get(at + 18)?, *bytes.get(at + 19)?]);
+        Some(bytes.get(at + 52..at + 52 + usize::from(length))?.to_vec())
+    }))
 }
 
 /// Points decoded so far.

@@ -3,9 +3,18 @@
 //! The unpacker of the `laz` crate trusts what it reads: a wrong chunk table or layer size makes
 //! it allocate gigabytes or panic. So every size is checked here against the bytes there are, and
 //! a panic that still happens becomes an error.
+//!
+//! A sound chunk takes exactly the bytes that the chunk table gives it: the packer pads its end to
+//! where the unpacker stops. This tells damage that unpacks to nonsense without an error, and it
+//! tells where the next chunk begins when the table is absent or wrong. Chunks in layers (point
+//! formats 6–10) state the sizes of their layers, and with them their own.
+//!
+//! Limits: without a table, chunks of varying size that are not in layers can't be told apart.
 
-use std::io::{Cursor, Read, Seek, SeekFrom};
+use std::cell::Cell;
+use std::io::{Cursor, ErrorKind, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Once;
 
 use laz::laszip::{ChunkTable, CompressorType};
 use laz::record::{
@@ -14,41 +23,111 @@ use laz::record::{
 use laz::{DecompressionSelection, LazItemType, LazVlr};
 
 use super::las_file::{Layout, damaged, io_error};
-use crate::diagnostic::{Error, Result};
+use crate::diagnostic::Result;
 
 /// Bytes of records unpacked before they are handed on.
 const SLAB_BYTES: u64 = 512 << 10;
+/// No scan packs more points into a byte; files that do are made to fill the memory.
+const MOST_POINTS_PER_BYTE: u64 = 1024;
 
 /// Where one chunk lies and how many points it holds.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Chunk {
-    offset: u64,
+    pub offset: u64,
     bytes: u64,
-    points: u64,
+    pub points: Points,
+}
+
+/// How many points a chunk holds.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Points {
+    Exactly(u64),
+    /// The last chunk's: so many by the header, which may be wrong; as its bytes give, at most
+    /// so many.
+    Between(u64, u64),
+}
+
+impl Points {
+    pub fn most(self) -> u64 {
+        match self {
+            Points::Exactly(n) | Points::Between(_, n) => n,
+        }
+    }
+
+    fn least(self) -> u64 {
+        match self {
+            Points::Exactly(n) | Points::Between(n, _) => n,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Packing {
+    /// All points in one chunk, without a table.
+    Whole,
+    Chunked,
+    Layered,
 }
 
 pub(super) struct LazChunks {
     vlr: LazVlr,
-    is_layered: bool,
+    packing: Packing,
+    /// Those that the table gives, one behind the other; empty where there is no sound table.
     chunks: Vec<Chunk>,
+    /// The chunks of the table end where the table begins.
+    pub is_table_whole: bool,
+    /// What is wrong with the table.
+    pub trouble: Option<String>,
+    data_start: u64,
+    /// No packed point lies past this.
+    data_end: u64,
+}
+
+/// What came out of a chunk.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Unpacked {
+    pub points: u64,
+    /// Bytes that they took.
+    pub bytes: u64,
+    /// The bytes ended before the points did; those given are sound.
+    pub is_cut: bool,
 }
 
 impl LazChunks {
     /// Reads the chunk table. `record` is the data of the LASzip record.
+    ///
+    /// # Errors
+    /// A packing that is not known or does not fit the point format.
     pub fn read(source: &mut (impl Read + Seek), record: &[u8], layout: &Layout) -> Result<Self> {
         let vlr = LazVlr::from_buffer(record)
             .map_err(|error| damaged(format!("its LAZ packing can't be read: {error}")))?;
         let is_layered = check_items(&vlr, layout)?;
         // The record keeps its compressor to itself, as its first two bytes.
-        let compressor = record.first().copied().unwrap_or(0);
-        let chunks = if u16::from(compressor) == CompressorType::PointWise as u16 {
-            let offset = layout.data_offset;
-            let bytes = layout.file_bytes - offset;
-            vec![Chunk { offset, bytes, points: layout.point_count }]
+        let compressor = u16::from(record.first().copied().unwrap_or(0));
+        let packing = if is_layered {
+            Packing::Layered
+        } else if compressor == CompressorType::PointWise as u16 {
+            Packing::Whole
         } else {
-            read_table(source, &vlr, layout)?
+            Packing::Chunked
         };
-        Ok(LazChunks { vlr, is_layered, chunks })
+        let table_place = if packing == Packing::Whole { 0 } else { 8 };
+        let mut chunks = LazChunks {
+            vlr,
+            packing,
+            chunks: Vec::new(),
+            is_table_whole: false,
+            trouble: None,
+            data_start: layout.data_offset + table_place,
+            data_end: layout.file_bytes,
+        };
+        if packing != Packing::Whole
+            && let Err(trouble) = chunks.read_table(source, layout)
+        {
+            chunks.chunks.clear();
+            chunks.trouble = Some(trouble);
+        }
+        Ok(chunks)
     }
 
     /// Runs of chunks of at least one chunk and otherwise at most `unpacked_bytes`.
@@ -60,7 +139,7 @@ impl LazChunks {
             let n = rest
                 .iter()
                 .take_while(|chunk| {
-                    points = points.saturating_add(chunk.points);
+                    points = points.saturating_add(chunk.points.most());
                     points.saturating_mul(size) <= unpacked_bytes
                 })
                 .count()
@@ -83,53 +162,260 @@ impl LazChunks {
         Ok(bytes)
     }
 
-    /// Unpacks a chunk and hands slabs of whole records to `sink`.
-    pub fn decode(&self, packed: Packed<'_>, mut sink: impl FnMut(&[u8])) -> Result<()> {
-        let Packed { bytes, points } = packed;
-        if self.is_layered && !layers_fit(&self.vlr, bytes, points) {
-            return Err(damaged("a LAZ chunk's layers do not fit the chunk"));
-        }
-        let unpack = || -> std::result::Result<(), laz::LasZipError> {
-            let mut unpacker: Box<dyn RecordDecompressor<Cursor<&[u8]>>> = if self.is_layered {
-                Box::new(LayeredPointRecordDecompressor::new(Cursor::new(bytes)))
-            } else {
-                Box::new(SequentialPointRecordDecompressor::new(Cursor::new(bytes)))
-            };
-            unpacker.set_fields_from(self.vlr.items())?;
-            unpacker.set_selection(
-                DecompressionSelection::base()
-                    .decompress_z()
-                    .decompress_classification()
-                    .decompress_flags()
-                    .decompress_intensity()
-                    .decompress_rgb(),
-            );
-            let size = self.vlr.items_size();
-            let slab_points = (SLAB_BYTES / size).max(1);
-            let mut slab = vec![0; (points.min(slab_points) * size) as usize];
-            let mut left = points;
-            while left > 0 {
-                let n = left.min(slab_points);
-                slab.truncate((n * size) as usize);
-                unpacker.decompress_many(&mut slab)?;
-                sink(&slab);
-                left -= n;
-            }
-            Ok(())
-        };
-        match catch_unwind(AssertUnwindSafe(unpack)) {
-            Ok(Ok(())) => Ok(()),
-            Ok(Err(error)) => Err(damaged(format!("a LAZ chunk can't be unpacked: {error}"))),
-            Err(_) => Err(damaged("a LAZ chunk can't be unpacked: its bytes make no sense")),
-        }
+    /// Where the chunks of the table end, and how many points they hold at most.
+    pub fn end_of_table_chunks(&self) -> (u64, u64) {
+        let end = self.chunks.last().map_or(self.data_start, |last| last.offset + last.bytes);
+        (end, self.chunks.iter().map(|chunk| chunk.points.most()).sum())
     }
+
+    /// Whether chunks can be found without a table.
+    pub fn can_walk(&self) -> bool {
+        self.packing != Packing::Chunked || !self.vlr.uses_variable_size_chunks()
+    }
+
+    /// The packed bytes of the chunk that begins at byte `at`, of a file of which `left` points
+    /// are still to come; for chunks that are not in layers, with bytes of those that follow.
+    /// `None` where no chunk begins there.
+    pub fn load_at(
+        &self,
+        source: &mut (impl Read + Seek),
+        at: u64,
+        left: u64,
+    ) -> Result<Option<(Vec<u8>, u64)>> {
+        let room = self.data_end.saturating_sub(at);
+        let size = self.vlr.items_size();
+        if left == 0 || room < size {
+            return Ok(None);
+        }
+        source.seek(SeekFrom::Start(at)).map_err(io_error)?;
+        let mut bytes = Vec::new();
+        if self.packing != Packing::Layered {
+            let points = match self.packing {
+                Packing::Whole => left,
+                _ => left.min(u64::from(self.vlr.chunk_size())),
+            };
+            // Packing at its worst does not double a point.
+            let most = points.saturating_mul(2 * size).saturating_add(1024).min(room);
+            source.take(most).read_to_end(&mut bytes).map_err(io_error)?;
+            let most = (bytes.len() as u64 + 1).saturating_mul(MOST_POINTS_PER_BYTE);
+            return Ok(Some((bytes, points.min(most))));
+        }
+        let head_bytes = size + 4 * (1 + layers(&self.vlr) as u64);
+        source.by_ref().take(head_bytes.min(room)).read_to_end(&mut bytes).map_err(io_error)?;
+        let Some((count, chunk_bytes)) = layered_size(&self.vlr, &bytes) else { return Ok(None) };
+        let full = match self.vlr.uses_variable_size_chunks() {
+            true => left,
+            false => left.min(u64::from(self.vlr.chunk_size())),
+        };
+        // The count may or may not include the first point, which is stored unpacked.
+        let points = if count + 1 == full { full } else { count };
+        if points == 0 || points > full || chunk_bytes > room {
+            return Ok(None);
+        }
+        let rest = chunk_bytes - bytes.len() as u64;
+        source.take(rest).read_to_end(&mut bytes).map_err(io_error)?;
+        Ok(Some((bytes, points)))
+    }
+
+    /// Whether a damaged chunk still tells where the next one begins.
+    pub fn can_skip(&self) -> bool {
+        self.packing == Packing::Layered
+    }
+
+    /// Unpacks a chunk of the table and hands slabs of whole records to `sink`; the number of
+    /// points, or `None` where the chunk is damaged or is not what the table says.
+    pub fn unpack_chunk(&self, packed: Packed<'_>, sink: impl FnMut(&[u8])) -> Option<u64> {
+        let out = self.unpack(packed.bytes, packed.points, sink)?;
+        let is_exact = out.bytes == packed.bytes.len() as u64 && !out.is_cut;
+        is_exact.then_some(out.points)
+    }
+
+    /// Unpacks the chunk at the start of `bytes`; `None` where it makes no sense.
+    pub fn unpack(
+        &self,
+        bytes: &[u8],
+        points: Points,
+        mut sink: impl FnMut(&[u8]),
+    ) -> Option<Unpacked> {
+        let mut points = points;
+        if self.packing == Packing::Layered {
+            let (count, chunk_bytes) = layered_size(&self.vlr, bytes)?;
+            if chunk_bytes > bytes.len() as u64 {
+                return None;
+            }
+            points = match points {
+                Points::Exactly(n) if count + 1 < n => return None,
+                Points::Between(_, n) => Points::Exactly(count.clamp(1, n.max(1))),
+                exact => exact,
+            };
+        }
+        let most = (bytes.len() as u64 + 1).saturating_mul(MOST_POINTS_PER_BYTE);
+        if matches!(points, Points::Exactly(n) if n > most) {
+            return None;
+        }
+        let selection = DecompressionSelection::base()
+            .decompress_z()
+            .decompress_classification()
+            .decompress_flags()
+            .decompress_intensity()
+            .decompress_rgb();
+        let attempt = AssertUnwindSafe(|| {
+            let cursor = Cursor::new(bytes);
+            if self.packing == Packing::Layered {
+                let mut unpacker = LayeredPointRecordDecompressor::new(cursor);
+                unpacker.set_fields_from(self.vlr.items()).ok()?;
+                unpacker.set_selection(selection);
+                run(&mut unpacker, bytes.len() as u64, points, &mut sink)
+            } else {
+                let mut unpacker = SequentialPointRecordDecompressor::new(cursor);
+                unpacker.set_fields_from(self.vlr.items()).ok()?;
+                run(&mut unpacker, bytes.len() as u64, points, &mut sink)
+            }
+        });
+        quietly(|| catch_unwind(attempt)).ok().flatten()
+    }
+
+    /// Fills `chunks`; what is wrong with the table otherwise.
+    fn read_table(
+        &mut self,
+        source: &mut (impl Read + Seek),
+        layout: &Layout,
+    ) -> std::result::Result<(), String> {
+        let absent = || "absent".to_owned();
+        let read_i64 = |source: &mut dyn ReadSeek, at: u64| {
+            let mut bytes = [0; 8];
+            source.seek(SeekFrom::Start(at)).map_err(|_| absent())?;
+            source.read_exact(&mut bytes).map_err(|_| absent())?;
+            Ok::<_, String>(u64::try_from(i64::from_le_bytes(bytes)).unwrap_or(0))
+        };
+        let mut table_at = read_i64(source, layout.data_offset)?;
+        if table_at < self.data_start {
+            // A writer that could not go back leaves the place at the end of the file.
+            table_at = read_i64(source, layout.file_bytes.saturating_sub(8))?;
+        }
+        if table_at < self.data_start || table_at.saturating_add(8) > layout.file_bytes {
+            return Err(absent());
+        }
+        let data_bytes = table_at - self.data_start;
+        // A table takes less than the chunks it tells of; EVLRs may follow it.
+        let most = (layout.file_bytes - table_at).min(data_bytes.saturating_add(1 << 16));
+        let mut table = Vec::new();
+        source.seek(SeekFrom::Start(table_at)).map_err(|_| absent())?;
+        source.take(most).read_to_end(&mut table).map_err(|_| absent())?;
+
+        // Each chunk begins with one unpacked point, which bounds their number.
+        let chunk_count = match table.get(4..8) {
+            Some(&[a, b, c, d]) => u64::from(u32::from_le_bytes([a, b, c, d])),
+            _ => return Err(absent()),
+        };
+        if chunk_count.saturating_mul(self.vlr.items_size()) > data_bytes {
+            return Err("wrong: more chunks than the file can hold".into());
+        }
+        let is_variable = self.vlr.uses_variable_size_chunks();
+        let entries = quietly(|| {
+            catch_unwind(AssertUnwindSafe(|| {
+                ChunkTable::read(&mut Cursor::new(table.as_slice()), is_variable)
+            }))
+        });
+        let Ok(Ok(entries)) = entries else { return Err("wrong: it can't be unpacked".into()) };
+
+        let mut offset = self.data_start;
+        for entry in &entries {
+            let points =
+                if is_variable { entry.point_count } else { u64::from(self.vlr.chunk_size()) };
+            let end = offset.checked_add(entry.byte_count).filter(|end| *end <= table_at);
+            let Some(end) = end else { return Err("wrong: a chunk ends past the data".into()) };
+            if points > u64::from(u32::MAX) {
+                return Err("wrong: a chunk has more points than can be".into());
+            }
+            if entry.byte_count > 0 && points > 0 {
+                let points = Points::Exactly(points);
+                self.chunks.push(Chunk { offset, bytes: entry.byte_count, points });
+            }
+            offset = end;
+        }
+        self.is_table_whole = offset == table_at;
+        if self.is_table_whole {
+            self.data_end = table_at;
+        }
+        if !is_variable && let Some((last, before)) = self.chunks.split_last_mut() {
+            let full = u64::from(self.vlr.chunk_size());
+            let in_last = layout.point_count.checked_sub(full.saturating_mul(before.len() as u64));
+            let least = in_last.filter(|n| (1..=full).contains(n)).unwrap_or(1);
+            last.points = Points::Between(least, full);
+        }
+        Ok(())
+    }
+}
+
+/// Unpacks points until there are enough, or until the bytes end.
+fn run<'a>(
+    unpacker: &mut impl RecordDecompressor<Cursor<&'a [u8]>>,
+    bytes: u64,
+    points: Points,
+    sink: &mut impl FnMut(&[u8]),
+) -> Option<Unpacked> {
+    let size = unpacker.record_size();
+    let slab_points = (SLAB_BYTES / size.max(1) as u64).max(1);
+    let mut slab = vec![0; (points.most().min(slab_points) as usize) * size];
+    let (mut given, mut is_cut, mut is_at_end) = (0, false, false);
+    while given < points.most() && !is_cut && !is_at_end {
+        let want = (points.most() - given).min(slab_points) as usize;
+        let mut got = 0;
+        for record in slab.chunks_exact_mut(size).take(want) {
+            let begin = unpacker.get().position();
+            if let Err(error) = unpacker.decompress_next(record) {
+                let is_end = error.kind() == ErrorKind::UnexpectedEof;
+                if !is_end || unpacker.get().position() < bytes {
+                    return None;
+                }
+                // A point that begins at the end is one that never was.
+                is_at_end = begin == bytes && matches!(points, Points::Between(..));
+                is_cut = !is_at_end;
+                break;
+            }
+            got += 1;
+            let is_varying = matches!(points, Points::Between(..));
+            if is_varying
+                && given + got as u64 >= points.least()
+                && unpacker.get().position() >= bytes
+            {
+                is_at_end = true;
+                break;
+            }
+        }
+        sink(slab.get(..got * size)?);
+        given += got as u64;
+    }
+    Some(Unpacked { points: given, bytes: unpacker.get().position(), is_cut })
+}
+
+thread_local! {
+    static IS_QUIET: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Runs `work` without a panic in it being told on the terminal.
+fn quietly<T>(work: impl FnOnce() -> T) -> T {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let told = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            if !IS_QUIET.get() {
+                told(panic);
+            }
+        }));
+    });
+    let was_quiet = IS_QUIET.replace(true);
+    let out = work();
+    IS_QUIET.set(was_quiet);
+    out
 }
 
 /// One chunk's packed bytes.
 #[derive(Clone, Copy)]
 pub(super) struct Packed<'a> {
     bytes: &'a [u8],
-    points: u64,
+    points: Points,
 }
 
 /// Pairs the chunks of a batch with their bytes.
@@ -180,83 +466,12 @@ fn check_items(vlr: &LazVlr, layout: &Layout) -> Result<bool> {
     Ok(layered > 0)
 }
 
-fn read_table(
-    source: &mut (impl Read + Seek),
-    vlr: &LazVlr,
-    layout: &Layout,
-) -> Result<Vec<Chunk>> {
-    let missing =
-        || damaged("has no chunk table: the file was cut short, or its writing was interrupted");
-    let data = layout.data_offset + 8;
-    let read_i64 = |source: &mut dyn ReadSeek, at: u64| -> Result<u64> {
-        let mut bytes = [0; 8];
-        source.seek(SeekFrom::Start(at)).map_err(io_error)?;
-        source.read_exact(&mut bytes).map_err(|_| missing())?;
-        Ok(u64::try_from(i64::from_le_bytes(bytes)).unwrap_or(0))
-    };
-    let mut table_at = read_i64(source, layout.data_offset)?;
-    if table_at < data {
-        // A writer that could not go back leaves the place at the end of the file.
-        table_at = read_i64(source, layout.file_bytes.saturating_sub(8))?;
-    }
-    if table_at < data || table_at.saturating_add(8) > layout.file_bytes {
-        return Err(missing());
-    }
-    let mut table = Vec::new();
-    source.seek(SeekFrom::Start(table_at)).map_err(io_error)?;
-    source.take(layout.file_bytes - table_at).read_to_end(&mut table).map_err(io_error)?;
-
-    // Each chunk begins with one unpacked point, which bounds their number.
-    let wrong = |what: &str| damaged(format!("its LAZ chunk table is wrong: {what}"));
-    let data_bytes = table_at - data;
-    let chunk_count = match table.get(4..8) {
-        Some(&[a, b, c, d]) => u64::from(u32::from_le_bytes([a, b, c, d])),
-        _ => return Err(missing()),
-    };
-    if chunk_count.saturating_mul(vlr.items_size()) > data_bytes {
-        return Err(wrong("more chunks than the file can hold"));
-    }
-    let is_variable = vlr.uses_variable_size_chunks();
-    let entries = catch_unwind(AssertUnwindSafe(|| {
-        ChunkTable::read(&mut Cursor::new(table.as_slice()), is_variable)
-    }))
-    .map_err(|_| wrong("its bytes make no sense"))?
-    .map_err(|error| wrong(&error.to_string()))?;
-
-    let mut chunks = Vec::with_capacity(entries.len());
-    let (mut offset, mut left) = (data, layout.point_count);
-    for entry in &entries {
-        if left == 0 {
-            break;
-        }
-        let points = if is_variable { entry.point_count } else { u64::from(vlr.chunk_size()) };
-        let points = points.min(left);
-        let end = offset.checked_add(entry.byte_count).filter(|end| *end <= table_at);
-        let Some(end) = end else { return Err(wrong("a chunk ends past the data")) };
-        if points > 0 {
-            chunks.push(Chunk { offset, bytes: entry.byte_count, points });
-        }
-        offset = end;
-        left -= points;
-    }
-    if left > 0 {
-        return Err(Error::new(format!(
-            "the header promises {} points but the file holds at most {}",
-            layout.point_count,
-            layout.point_count - left
-        ))
-        .remedy("copy or download the file again; it is damaged or was cut short"));
-    }
-    Ok(chunks)
-}
-
 trait ReadSeek: Read + Seek {}
 impl<T: Read + Seek> ReadSeek for T {}
 
-/// Whether a layered chunk holds at least `points` points and its layers lie inside it.
-fn layers_fit(vlr: &LazVlr, bytes: &[u8], points: u64) -> bool {
-    let layers: usize = vlr
-        .items()
+/// Layers of a chunk.
+fn layers(vlr: &LazVlr) -> usize {
+    vlr.items()
         .iter()
         .map(|item| match item.item_type() {
             LazItemType::Point14 => 9,
@@ -264,13 +479,17 @@ fn layers_fit(vlr: &LazVlr, bytes: &[u8], points: u64) -> bool {
             LazItemType::Byte14(n) => usize::from(n),
             _ => 1,
         })
-        .sum();
+        .sum()
+}
+
+/// The count and the bytes that a chunk in layers states at its start; `None` where it is cut.
+fn layered_size(vlr: &LazVlr, bytes: &[u8]) -> Option<(u64, u64)> {
     let head = vlr.items_size() as usize;
-    let Some(numbers) = bytes.get(head..head + 4 * (1 + layers)) else { return false };
-    let mut numbers =
-        numbers.chunks_exact(4).map(|b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
-    let count = numbers.next().unwrap_or(0);
-    let layer_bytes: u64 = numbers.sum();
-    // The count may or may not include the first point, which is stored unpacked.
-    count + 1 >= points && (head + 4 * (1 + layers)) as u64 + layer_bytes <= bytes.len() as u64
+    let end = head + 4 * (1 + layers(vlr));
+    let mut numbers = bytes
+        .get(head..end)?
+        .chunks_exact(4)
+        .map(|b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
+    let count = numbers.next()?;
+    Some((count, end as u64 + numbers.sum::<u64>()))
 }

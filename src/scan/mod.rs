@@ -2,6 +2,7 @@
 //! back to LAZ. Knows nothing of what points mean.
 
 mod crs;
+mod epsg;
 mod isolated;
 mod las_file;
 mod laz_chunks;

@@ -21,6 +21,8 @@ pub(super) struct Facts {
     /// Metres per unit, where the text says.
     pub horizontal_unit_m: Option<f64>,
     pub vertical_unit_m: Option<f64>,
+    /// EPSG code of the vertical system.
+    pub vertical_epsg: Option<u32>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,12 +50,14 @@ pub(super) fn facts(text: &str) -> Option<Facts> {
         (None, Some(i)) => (Kind::Geodetic, i),
         (None, None) => (Kind::Local, 0),
     };
+    let vertical = find(&VERTICAL);
     let horizontal_unit_m = if kind == Kind::Geodetic { None } else { length_unit_m(&nodes, root) };
     Some(Facts {
         kind,
         epsg: if kind == Kind::Local { None } else { epsg(&nodes, root) },
         horizontal_unit_m,
-        vertical_unit_m: find(&VERTICAL).and_then(|i| length_unit_m(&nodes, i)),
+        vertical_unit_m: vertical.and_then(|i| length_unit_m(&nodes, i)),
+        vertical_epsg: vertical.and_then(|i| epsg(&nodes, i)),
     })
 }
 
@@ -158,7 +162,7 @@ mod tests {
         let facts = facts(text).unwrap();
         assert_eq!(facts.epsg, Some(2229));
         assert_eq!(facts.horizontal_unit_m, Some(0.304800609601219));
-        assert_eq!(facts.vertical_unit_m, Some(0.3048));
+        assert_eq!((facts.vertical_unit_m, facts.vertical_epsg), (Some(0.3048), Some(8228)));
     }
 
     #[test]
