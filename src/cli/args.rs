@@ -61,6 +61,8 @@ pub enum Command {
 pub enum Ground {
     /// Simple morphological filter (Pingel 2013).
     Smrf,
+    /// Progressive densification of a triangulation (Axelsson 2000).
+    Tin,
     /// The voxel rules of the source.
     Voxel,
     /// Class 2 of the file.

@@ -103,6 +103,7 @@ fn survey_job(scan: &ScanArgs, tree: &TreeArgs) -> Result<SurveyJob> {
 fn method(ground: args::Ground) -> Method {
     match ground {
         args::Ground::Smrf => Method::Smrf,
+        args::Ground::Tin => Method::Tin,
         args::Ground::Voxel => Method::VoxelRules,
         args::Ground::File => Method::FileClasses,
     }

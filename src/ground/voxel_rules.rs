@@ -23,8 +23,13 @@ const FLAT: f64 = 0.75;
 const STEEPEST: f32 = 1.0;
 const MOST_CELLS: f64 = 30e6;
 
+fn knob(name: &str, default: f64) -> f64 {
+    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
+}
+
 /// Which points are ground. At least one point, all finite.
 pub fn ground(points: &[Vec3]) -> Vec<bool> {
+    if knob("V", 0.0) > 0.0 { return variant(points); }
     let first = points[0];
     let (low, high) = points.iter().fold((first, first), |(a, b), p| (a.min(*p), b.max(*p)));
     let area = f64::from((high.x - low.x).max(1.0)) * f64::from((high.y - low.y).max(1.0));
@@ -94,4 +99,68 @@ impl Limit {
             highest_floor: least + most_rise,
         }
     }
+}
+
+fn variant(points: &[Vec3]) -> Vec<bool> {
+    let mode = knob("V", 0.0) as i32;
+    let region = knob("VR", 5.0);
+    let steep = knob("VS", 1.0) as f32;
+    let voxel = knob("VV", 1.0) as f32;
+    let from_points = knob("VP", 1.0) > 0.0;
+    let first = points[0];
+    let (low, high) = points.iter().fold((first, first), |(a, b), p| (a.min(*p), b.max(*p)));
+    let g = |c: f64| GridGeometry::covering([low.x.into(), low.y.into()], [high.x.into(), high.y.into()], c);
+    let regions = g(region);
+    let columns = g(f64::from(voxel));
+    let mut floor = vec![f32::INFINITY; columns.len()];
+    for p in points {
+        if let Some((c, r)) = columns.cell_of(p.x.into(), p.y.into()) {
+            let i = columns.index(c, r);
+            floor[i] = floor[i].min(p.z);
+        }
+    }
+    let mut members: Vec<Vec<f32>> = vec![Vec::new(); regions.len()];
+    let mut floors: Vec<Vec<f32>> = vec![Vec::new(); regions.len()];
+    for p in points {
+        if let Some((c, r)) = regions.cell_of(p.x.into(), p.y.into()) {
+            members[regions.index(c, r)].push(p.z);
+        }
+    }
+    for (i, z) in floor.iter().enumerate() {
+        let [x, y] = columns.centre(i % columns.cols, i / columns.cols);
+        if z.is_finite() && let Some((c, r)) = regions.cell_of(x, y) {
+            floors[regions.index(c, r)].push(*z);
+        }
+    }
+    let stats: Vec<(f32, f32, f32)> = (0..regions.len()).map(|i| {
+        let (m, f) = (&members[i], &floors[i]);
+        let of = if from_points { m } else { f };
+        let least = m.iter().copied().fold(f32::INFINITY, f32::min);
+        let n = of.len().max(1) as f32;
+        let mean = of.iter().map(|z| z - least).sum::<f32>() / n;
+        let tss = of.iter().map(|z| (z - least).powi(2)).sum::<f32>();
+        let rss = of.iter().map(|z| (z - least - mean).powi(2)).sum::<f32>();
+        let r = if tss > 0.0 { 1.0 - rss / tss } else { 1.0 };
+        let near: Vec<f32> = f.iter().map(|z| z - least).filter(|h| *h <= steep * region as f32).collect();
+        let rms = (near.iter().map(|h| h * h).sum::<f32>() / near.len().max(1) as f32).sqrt();
+        (least, r, least + rms)
+    }).collect();
+    points.iter().map(|p| {
+        let Some((c, r)) = regions.cell_of(p.x.into(), p.y.into()) else { return false };
+        let (least, flat, h_min) = stats[regions.index(c, r)];
+        let own = columns.cell_of(p.x.into(), p.y.into()).map_or(f32::INFINITY, |(c, r)| floor[columns.index(c, r)]);
+        match mode {
+            // least of every region
+            1 => p.z <= least,
+            // least of flat, below h_min elsewhere
+            2 => if flat >= 0.75 { p.z <= least } else { p.z <= h_min && p.z <= own + voxel },
+            // the voxel of the least in flat, below h_min elsewhere
+            3 => if flat >= 0.75 { p.z <= least + voxel && p.z <= own + voxel } else { p.z <= h_min && p.z <= own + voxel },
+            // least of flat, nothing elsewhere
+            4 => flat >= 0.75 && p.z <= least,
+            // least of flat, least in others and below h_min floors
+            5 => if flat >= 0.75 { p.z <= least } else { p.z <= h_min && p.z <= own },
+            _ => p.z <= least + 0.3,
+        }
+    }).collect()
 }

@@ -35,6 +35,17 @@ impl GridGeometry {
         GridGeometry { west, north, cell_x: cell, cell_y: cell, cols, rows }
     }
 
+    /// The same grid with so many more cells on every side.
+    pub fn grown(self, cells: usize) -> Self {
+        GridGeometry {
+            west: self.west - cells as f64 * self.cell_x,
+            north: self.north + cells as f64 * self.cell_y,
+            cols: self.cols + 2 * cells,
+            rows: self.rows + 2 * cells,
+            ..self
+        }
+    }
+
     pub fn len(&self) -> usize {
         self.cols * self.rows
     }

@@ -1,0 +1,194 @@
+//! The lowest points of small cells, which is what filters look at, with the trend of the terrain
+//! about them and without low outliers.
+//!
+//! The trend is a plane through the lowest points about each node of a coarse grid, fitted
+//! robustly; between nodes it is bilinear. All grids are aligned to multiples of their cell, and
+//! a node sees no farther than [`REACH`] cells, so that neither depends on where a scan is cut.
+
+use glam::{DMat3, DVec3, Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::raster::{Grid, GridGeometry, inpaint};
+
+/// Finest cell of the filters, metres; larger where an area would have too many.
+pub const CELL_M: f64 = 1.0;
+/// Most half cells.
+const MOST_CELLS: f64 = 30e6;
+/// Between nodes of the trend, cells.
+const NODE: f64 = 32.0;
+/// The planes are fitted to the lowest points of squares of so many cells.
+const SQUARE: f64 = 8.0;
+/// Squares that a plane reaches from its node, each way.
+const REACH: f64 = 6.0;
+/// Fewest points for a plane.
+const FEWEST: usize = 6;
+/// A cluster of low points with so large a gap above is noise.
+const GAP_M: f32 = 3.0;
+
+/// What filters start from.
+pub struct Lowest {
+    /// The lowest point of each half cell that holds any, without low outliers; never empty.
+    pub points: Vec<Vec3>,
+    /// Heights of the trend, reaching a node beyond the points.
+    pub trend: Grid<f32>,
+    cell: f64,
+    min: [f64; 2],
+    max: [f64; 2],
+}
+
+impl Lowest {
+    /// Of the points that are candidates (at least one, all finite).
+    pub fn of(points: &[Vec3], is_candidate: impl Fn(usize) -> bool) -> Self {
+        let candidates = || points.iter().enumerate().filter(|(i, _)| is_candidate(*i));
+        let (low, high) = candidates().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, (_, p)| {
+            (b.0.min(*p), b.1.max(*p))
+        });
+        let (min, max) = ([low.x, low.y].map(f64::from), [high.x, high.y].map(f64::from));
+        let area = (max[0] - min[0]).max(1.0) * (max[1] - min[1]).max(1.0);
+        let cell = CELL_M.max((area * 4.0 / MOST_CELLS).sqrt());
+        let covering = |cells: f64| GridGeometry::covering(min, max, cell * cells);
+        let thinned: Vec<Vec3> =
+            lowest(candidates().map(|(_, p)| *p), &covering(0.5)).flatten().collect();
+        let squares = covering(SQUARE);
+        let nodes = covering(NODE).grown(1);
+        let rough = trend(&thinned, squares, nodes);
+        let points = without_low_outliers(thinned, &rough, squares);
+        let trend = trend(&points, squares, nodes);
+        Lowest { points, trend, cell, min, max }
+    }
+
+    /// A grid over the points, and one cell beyond, whose cells are `cells` of the finest.
+    pub fn geometry(&self, cells: f64) -> GridGeometry {
+        GridGeometry::covering(self.min, self.max, self.cell * cells).grown(1)
+    }
+}
+
+/// The lowest point of each cell, in the order of the cells.
+pub fn lowest(
+    points: impl Iterator<Item = Vec3>,
+    geometry: &GridGeometry,
+) -> impl Iterator<Item = Option<Vec3>> {
+    let none = Vec3::splat(f32::INFINITY);
+    let mut lowest = vec![none; geometry.len()];
+    for p in points {
+        if let Some((c, r)) = geometry.cell_of(p.x.into(), p.y.into()) {
+            let best = &mut lowest[geometry.index(c, r)];
+            if p.z < best.z {
+                *best = p;
+            }
+        }
+    }
+    lowest.into_iter().map(|p| p.z.is_finite().then_some(p))
+}
+
+/// Height at each node of a plane through the lowest points of the squares about it.
+fn trend(points: &[Vec3], squares: GridGeometry, nodes: GridGeometry) -> Grid<f32> {
+    let lowest: Vec<Option<Vec3>> = lowest(points.iter().copied(), &squares).collect();
+    let fitted: Vec<Option<f32>> = (0..nodes.len())
+        .into_par_iter()
+        .map(|i| {
+            let [x, y] = nodes.centre(i % nodes.cols, i / nodes.cols);
+            let span = |at: f64, count: usize| {
+                let from = (at - REACH).round().clamp(0.0, count as f64) as usize;
+                from..((at + REACH).round().clamp(0.0, count as f64) as usize)
+            };
+            let cols = span((x - squares.west) / squares.cell_x, squares.cols);
+            let about: Vec<Vec3> = span((squares.north - y) / squares.cell_y, squares.rows)
+                .flat_map(|r| cols.clone().map(move |c| squares.index(c, r)))
+                .filter_map(|k| lowest[k])
+                .collect();
+            (about.len() >= FEWEST).then(|| plane_height(&about, Vec2::new(x as f32, y as f32)))
+        })
+        .collect();
+    let is_known: Vec<bool> = fitted.iter().map(Option::is_some).collect();
+    let mut grid = Grid {
+        geometry: nodes,
+        data: fitted.into_iter().map(Option::unwrap_or_default).collect(),
+    };
+    if is_known.contains(&true) {
+        inpaint::fill(&mut grid, &is_known);
+    } else {
+        let n = points.len().max(1) as f64;
+        grid.data.fill((points.iter().map(|p| f64::from(p.z)).sum::<f64>() / n) as f32);
+    }
+    grid
+}
+
+/// Height at a place of the plane through points: least squares, reweighted by Cauchy's function
+/// of the residuals, whose median sets the scale.
+fn plane_height(points: &[Vec3], at: Vec2) -> f32 {
+    const ROUNDS: usize = 10;
+    let place = |p: &Vec3| (*p - at.extend(0.0)).as_dvec3();
+    let base = points.iter().map(|p| f64::from(p.z)).sum::<f64>() / points.len().max(1) as f64;
+    let mut weight = vec![1.0f64; points.len()];
+    let mut residual = weight.clone();
+    let mut fit = DVec3::new(base, 0.0, 0.0);
+    for _ in 0..ROUNDS {
+        let (mut m, mut b) = (DMat3::IDENTITY * 1e-9, DVec3::ZERO);
+        for (p, &w) in points.iter().map(place).zip(&weight) {
+            let v = DVec3::new(1.0, p.x, p.y);
+            m += DMat3::from_cols(v * v.x * w, v * v.y * w, v * v.z * w);
+            b += v * (p.z - base) * w;
+        }
+        let next = m.inverse() * b;
+        if !next.is_finite() {
+            break;
+        }
+        fit = next + DVec3::new(base, 0.0, 0.0);
+        for (r, p) in residual.iter_mut().zip(points.iter().map(place)) {
+            *r = (p.z - fit.dot(DVec3::new(1.0, p.x, p.y))).abs();
+        }
+        weight.copy_from_slice(&residual);
+        let middle = weight.len() / 2;
+        let scale = 2.0 * weight.select_nth_unstable_by(middle, f64::total_cmp).1.max(1e-3);
+        for (w, r) in weight.iter_mut().zip(&residual) {
+            *w = 1.0 / (1.0 + (r / scale).powi(2));
+        }
+    }
+    fit.x as f32
+}
+
+/// Drops points that lie with at most two others below a gap of [`GAP_M`] among the lowest of
+/// their surroundings. Heights are taken above the trend, so that a slope opens no gaps.
+fn without_low_outliers(points: Vec<Vec3>, trend: &Grid<f32>, g: GridGeometry) -> Vec<Vec3> {
+    const LOWEST: usize = 4;
+    const ENOUGH: usize = 8;
+    const NONE: u32 = u32::MAX;
+    let height: Vec<f32> =
+        points.par_iter().map(|p| p.z - trend.bilinear(p.x.into(), p.y.into())).collect();
+    let z = |i: u32| height.get(i as usize).copied().unwrap_or(f32::INFINITY);
+    let mut lowest = vec![[NONE; LOWEST]; g.len()];
+    for (i, p) in points.iter().enumerate() {
+        let Some((c, r)) = g.cell_of(p.x.into(), p.y.into()) else { continue };
+        let own = &mut lowest[g.index(c, r)];
+        let at = own.partition_point(|&o| z(o) <= height[i]);
+        if at < LOWEST {
+            own[at..].rotate_right(1);
+            own[at] = i as u32;
+        }
+    }
+    let mut is_outlier = vec![false; points.len()];
+    let mut around: Vec<u32> = Vec::with_capacity(9 * LOWEST);
+    for row in 0..g.rows {
+        for col in 0..g.cols {
+            around.clear();
+            for r in row.saturating_sub(1)..(row + 2).min(g.rows) {
+                for c in col.saturating_sub(1)..(col + 2).min(g.cols) {
+                    around.extend(lowest[g.index(c, r)].iter().filter(|&&i| i != NONE));
+                }
+            }
+            if around.len() < ENOUGH {
+                continue;
+            }
+            around.sort_by(|&a, &b| z(a).total_cmp(&z(b)).then(a.cmp(&b)));
+            let gap = (1..LOWEST).rev().find(|&k| z(around[k]) - z(around[k - 1]) > GAP_M);
+            for &i in &around[..gap.unwrap_or(0)] {
+                is_outlier[i as usize] = true;
+            }
+        }
+    }
+    if is_outlier.iter().all(|o| *o) {
+        return points;
+    }
+    points.into_iter().zip(is_outlier).filter(|(_, o)| !o).map(|(p, _)| p).collect()
+}
