@@ -93,7 +93,7 @@ fn simulated_scenes() -> Vec<Scene> {
     let (hills, level) = (landform(Landform::Hills), landform(Landform::Level));
     let dense = StandOptions { cover: 0.8, ..hills.clone() };
     let sparse = ScannerOptions { pulses_per_m2: 1.0, ..flight() };
-    let strays = ScannerOptions { strays_per_million: 4000.0, ..flight() };
+    let strays = ScannerOptions { strays_per_million: 1000.0, ..flight() };
     vec![
         simulated("level", 0.10, level, flight(), 1),
         simulated("hills", 0.10, hills.clone(), flight(), 1),
@@ -101,7 +101,7 @@ fn simulated_scenes() -> Vec<Scene> {
         simulated("cliffs of 12 m", 1.0, landform(Landform::Cliffs(12.0)), flight(), 1),
         simulated("dense canopy, 1 ground hit in 30", 0.5, dense, flight(), 30),
         simulated("1 pulse/m²", 0.3, hills.clone(), sparse, 1),
-        simulated("2000 strays below a million points", 0.15, hills, strays, 1),
+        simulated("500 strays per million below the ground", 0.15, hills, strays, 1),
     ]
 }
 

@@ -54,6 +54,10 @@ fn point(p: DVec2) -> Point2<f64> {
     Point2::new(p.x, p.y)
 }
 
+pub fn knob(name: &str, default: f64) -> f64 {
+    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
+}
+
 type Tin = DelaunayTriangulation<Vertex>;
 type Face<'a> = spade::handles::FaceHandle<'a, InnerTag, Vertex, (), (), ()>;
 
@@ -76,26 +80,24 @@ fn first_vertex() -> FixedVertexHandle {
 }
 
 fn densified(low: &Lowest) -> Tin {
+    let k = Knobs { sine: knob("SINE", SINE), distance: knob("DIST", DISTANCE_M), mirror: knob("MIRROR", 1.0) > 0.0, below: knob("BELOW", BELOW) };
     let mut tin = Tin::new();
-    for edge in border(&low.trend.geometry) {
-        let [x, y] = edge;
-        let _ = tin.insert(Vertex(DVec3::new(x, y, low.trend.bilinear(x, y).into())));
+    let seeds = seeds(low, knob("SEED", SEED_CELLS));
+    for [x, y] in border(&low.trend.geometry) {
+        let z = low.trend.bilinear(x, y).into();
+        let _ = tin.insert(Vertex(DVec3::new(x, y, z)));
     }
-    for level in 0..=LEVELS {
-        let candidates = lowest_above_trend(low, SEED_CELLS * 0.5f64.powi(level));
-        if level == 0 {
-            for p in candidates {
-                let _ = tin.insert(Vertex(p.as_dvec3()));
-            }
-            continue;
-        }
-        let mut open = candidates;
-        for _ in 0..MOST_ROUNDS {
+    for p in seeds {
+        let _ = tin.insert(Vertex(p.as_dvec3()));
+    }
+    for level in 1..=(knob("LEVELS", LEVELS.into()) as i32) {
+        let mut open = lowest_above_trend(low, knob("SEED", SEED_CELLS) * 0.5f64.powi(level));
+        for _ in 0..(knob("ROUNDS", MOST_ROUNDS as f64) as usize) {
             let is_near: Vec<bool> = open
                 .par_chunks(RUN)
                 .flat_map_iter(|run| {
                     let mut hint = first_vertex();
-                    run.iter().map(|p| is_ground(&tin, p.as_dvec3(), &mut hint)).collect::<Vec<_>>()
+                    run.iter().map(|p| is_ground(&tin, p.as_dvec3(), &mut hint, &k)).collect::<Vec<_>>()
                 })
                 .collect();
             let before = tin.num_vertices();
@@ -117,6 +119,35 @@ fn densified(low: &Lowest) -> Tin {
     tin
 }
 
+/// The lowest points of the largest cells, but those that stand above the ones around them.
+fn seeds(low: &Lowest, cells: f64) -> Vec<Vec3> {
+    let g = low.geometry(cells);
+    let trend = |p: Vec3| low.trend.bilinear(p.x.into(), p.y.into());
+    let above = low.points.iter().map(|p| Vec3::new(p.x, p.y, p.z - trend(*p)));
+    let mut seed: Vec<Option<Vec3>> = lowest(above, &g).collect();
+    let stand = knob("STAND", 2.0) as f32;
+    for _ in 0..10 {
+        let stands: Vec<bool> = (0..g.len()).map(|i| {
+            let Some(p) = seed[i] else { return false };
+            let (c, r) = (i % g.cols, i / g.cols);
+            let mut around: Vec<f32> = Vec::new();
+            for rr in r.saturating_sub(1)..(r + 2).min(g.rows) {
+                for cc in c.saturating_sub(1)..(c + 2).min(g.cols) {
+                    let k = g.index(cc, rr);
+                    if k != i && let Some(q) = seed[k] { around.push(q.z); }
+                }
+            }
+            around.sort_by(f32::total_cmp);
+            around.len() >= 2 && p.z > around[(around.len() - 1) / 2] + stand
+        }).collect();
+        if !stands.contains(&true) { break; }
+        for (s, st) in seed.iter_mut().zip(stands) { if st { *s = None; } }
+    }
+    seed.into_iter().flatten().map(|p| p + Vec3::Z * trend(p)).collect()
+}
+
+struct Knobs { sine: f64, distance: f64, mirror: bool, below: f64 }
+
 /// Centres of the outermost cells.
 fn border(g: &GridGeometry) -> Vec<[f64; 2]> {
     (0..g.len())
@@ -133,17 +164,18 @@ fn lowest_above_trend(low: &Lowest, cells: f64) -> Vec<Vec3> {
     lowest(above, &low.geometry(cells)).flatten().map(|p| p + Vec3::Z * trend(p)).collect()
 }
 
-fn is_ground(tin: &Tin, p: DVec3, hint: &mut FixedVertexHandle) -> bool {
+fn is_ground(tin: &Tin, p: DVec3, hint: &mut FixedVertexHandle, k: &Knobs) -> bool {
     let Some(f) = facet(tin, p, hint) else { return false };
-    if f.is_near() {
+    if f.is_near(k) {
         return true;
     }
+    if !k.mirror { return false; }
     // At an edge of the terrain the facet cuts the corner, but the one on the other side of the
     // nearest vertex leads on to the point.
     let mirrored = 2.0 * f.nearest - p;
     let mut elsewhere = *hint;
     facet(tin, mirrored, &mut elsewhere).is_some_and(|m| {
-        Facet { distance: -m.distance, nearest: f.nearest, to_nearest: f.to_nearest }.is_near()
+        Facet { distance: -m.distance, nearest: f.nearest, to_nearest: f.to_nearest }.is_near(k)
     })
 }
 
@@ -157,10 +189,10 @@ struct Facet {
 }
 
 impl Facet {
-    fn is_near(&self) -> bool {
-        let wide = if self.distance < 0.0 { BELOW } else { 1.0 };
+    fn is_near(&self, k: &Knobs) -> bool {
+        let wide = if self.distance < 0.0 { k.below } else { 1.0 };
         let d = self.distance.abs();
-        d <= NEAR_M || d <= wide * DISTANCE_M && d <= wide * SINE * self.to_nearest
+        d <= NEAR_M || d <= wide * k.distance && d <= wide * k.sine * self.to_nearest
     }
 }
 

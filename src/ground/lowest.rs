@@ -22,7 +22,7 @@ const SQUARE: f64 = 8.0;
 const REACH: f64 = 6.0;
 /// Fewest points for a plane.
 const FEWEST: usize = 6;
-/// A cluster of low points with so large a gap above is noise.
+/// Low points with so large a gap above are noise.
 const GAP_M: f32 = 3.0;
 
 /// What filters start from.
@@ -148,11 +148,15 @@ fn plane_height(points: &[Vec3], at: Vec2) -> f32 {
     fit.x as f32
 }
 
-/// Drops points that lie with at most two others below a gap of [`GAP_M`] among the lowest of
-/// their surroundings. Heights are taken above the trend, so that a slope opens no gaps.
+/// Drops points that lie by [`GAP_M`] or more below the lowest few of their surroundings that
+/// agree in height. Heights are taken above the trend, so that a slope opens no gaps.
 fn without_low_outliers(points: Vec<Vec3>, trend: &Grid<f32>, g: GridGeometry) -> Vec<Vec3> {
+    /// Kept of each square.
     const LOWEST: usize = 4;
     const ENOUGH: usize = 8;
+    /// So many within [`LAYER_M`] are no strays.
+    const AGREEING: usize = 4;
+    const LAYER_M: f32 = 1.5;
     const NONE: u32 = u32::MAX;
     let height: Vec<f32> =
         points.par_iter().map(|p| p.z - trend.bilinear(p.x.into(), p.y.into())).collect();
@@ -181,8 +185,11 @@ fn without_low_outliers(points: Vec<Vec3>, trend: &Grid<f32>, g: GridGeometry) -
                 continue;
             }
             around.sort_by(|&a, &b| z(a).total_cmp(&z(b)).then(a.cmp(&b)));
-            let gap = (1..LOWEST).rev().find(|&k| z(around[k]) - z(around[k - 1]) > GAP_M);
-            for &i in &around[..gap.unwrap_or(0)] {
+            let layer = around
+                .windows(AGREEING)
+                .find(|w| z(w[AGREEING - 1]) - z(w[0]) <= LAYER_M)
+                .map_or(f32::NEG_INFINITY, |w| z(w[0]));
+            for &i in around.iter().take_while(|&&i| z(i) < layer - GAP_M) {
                 is_outlier[i as usize] = true;
             }
         }
