@@ -7,13 +7,15 @@
 //!   facet is held by ground all around before anything that stands on it is judged.
 //! - "Lowest" is above the trend of the terrain ([`super::lowest`]), so that a slope gives points
 //!   of all of it and not of its foot alone.
-//! - What lies below a facet may lie farther from it than what lies above.
+//! - First points that stand out from those around them, and vertices that turn out to lie in a pit,
+//!   are taken back.
 //! - The border stands on the trend, one of its nodes beyond the points.
 //! - Thresholds are fixed, not taken from histograms of the scan: the same ground comes out
 //!   wherever a scan is cut.
+//! - Mirroring at edges is left out: it climbs crowns on steep slopes.
 //!
-//! Known limits: a wide building gives facets of its own where a large cell holds nothing else;
-//! undergrowth that rises gently from the ground is climbed.
+//! Known limits: terraces narrower than the first cells are cut, crests are rounded; undergrowth
+//! that rises gently from the ground is climbed.
 
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
@@ -24,38 +26,44 @@ use super::lowest::{Lowest, lowest};
 use crate::raster::GridGeometry;
 
 /// Cells of the first triangulation's points, in finest cells; each level halves them.
-const SEED_CELLS: f64 = 16.0;
-/// Levels below the first; the last takes every lowest point.
+const SEED_CELLS: f64 = 32.0;
+/// Levels below the first.
 const LEVELS: i32 = 5;
+/// A first point that lies so far above or below the middle of those around it is taken back, metres.
+const STANDS_OUT_M: f32 = 2.0;
 /// Farthest from a facet, metres.
-const DISTANCE_M: f64 = 1.4;
+const DISTANCE_M: f64 = 3.0;
 /// Greatest sine of the angle between a facet and the way to its nearest corner.
-const SINE: f64 = 0.2;
+const SINE: f64 = 0.25;
 /// So near to a facet the angle is not asked for, metres: it is noise.
 const NEAR_M: f64 = 0.15;
-/// Below a facet, distance and angle may be so many times as large.
+/// Below a facet, distance and sine may be so many times as large: hollows are ground, crowns are
+/// not.
 const BELOW: f64 = 2.0;
+/// From a pit the way to every neighbour rises more than this above the trend. It is what the
+/// facets about a stray rise by when nothing near them is taken for ground.
+const PIT_SLOPE: f64 = 0.15;
 /// Rounds of densification at one level, at most.
 const MOST_ROUNDS: usize = 20;
 /// Points that are located in a row, each from the last.
 const RUN: usize = 1024;
 
 #[derive(Clone, Copy)]
-struct Vertex(DVec3);
+struct Vertex {
+    at: DVec3,
+    /// The trend, metres; `None` on the border.
+    above: Option<f32>,
+}
 
 impl HasPosition for Vertex {
     type Scalar = f64;
     fn position(&self) -> Point2<f64> {
-        point(self.0.truncate())
+        point(self.at.truncate())
     }
 }
 
 fn point(p: DVec2) -> Point2<f64> {
     Point2::new(p.x, p.y)
-}
-
-pub fn knob(name: &str, default: f64) -> f64 {
-    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
 }
 
 type Tin = DelaunayTriangulation<Vertex>;
@@ -80,24 +88,26 @@ fn first_vertex() -> FixedVertexHandle {
 }
 
 fn densified(low: &Lowest) -> Tin {
-    let k = Knobs { sine: knob("SINE", SINE), distance: knob("DIST", DISTANCE_M), mirror: knob("MIRROR", 1.0) > 0.0, below: knob("BELOW", BELOW) };
     let mut tin = Tin::new();
-    let seeds = seeds(low, knob("SEED", SEED_CELLS));
     for [x, y] in border(&low.trend.geometry) {
         let z = low.trend.bilinear(x, y).into();
-        let _ = tin.insert(Vertex(DVec3::new(x, y, z)));
+        let _ = tin.insert(Vertex { at: DVec3::new(x, y, z), above: None });
     }
-    for p in seeds {
-        let _ = tin.insert(Vertex(p.as_dvec3()));
+    let vertex = |p: Vec3| Vertex { at: p.as_dvec3(), above: Some(p.z - trend_at(low, p)) };
+    for p in seeds(low) {
+        let _ = tin.insert(vertex(p));
     }
-    for level in 1..=(knob("LEVELS", LEVELS.into()) as i32) {
-        let mut open = lowest_above_trend(low, knob("SEED", SEED_CELLS) * 0.5f64.powi(level));
-        for _ in 0..(knob("ROUNDS", MOST_ROUNDS as f64) as usize) {
+    for level in 1..=LEVELS {
+        remove_pits(&mut tin);
+        let cells = SEED_CELLS * 0.5f64.powi(level);
+        let mut open: Vec<Vec3> = lowest_above_trend(low, cells).flatten().collect();
+        for _ in 0..MOST_ROUNDS {
             let is_near: Vec<bool> = open
                 .par_chunks(RUN)
                 .flat_map_iter(|run| {
                     let mut hint = first_vertex();
-                    run.iter().map(|p| is_ground(&tin, p.as_dvec3(), &mut hint, &k)).collect::<Vec<_>>()
+                    let near = |p: &Vec3| is_ground(&tin, p.as_dvec3(), &mut hint);
+                    run.iter().map(near).collect::<Vec<_>>()
                 })
                 .collect();
             let before = tin.num_vertices();
@@ -106,7 +116,7 @@ fn densified(low: &Lowest) -> Tin {
             for (p, near) in open.into_iter().zip(is_near) {
                 if !near {
                     left.push(p);
-                } else if let Ok(new) = tin.insert_with_hint(Vertex(p.as_dvec3()), hint) {
+                } else if let Ok(new) = tin.insert_with_hint(vertex(p), hint) {
                     hint = new;
                 }
             }
@@ -119,34 +129,56 @@ fn densified(low: &Lowest) -> Tin {
     tin
 }
 
-/// The lowest points of the largest cells, but those that stand above the ones around them.
-fn seeds(low: &Lowest, cells: f64) -> Vec<Vec3> {
-    let g = low.geometry(cells);
-    let trend = |p: Vec3| low.trend.bilinear(p.x.into(), p.y.into());
-    let above = low.points.iter().map(|p| Vec3::new(p.x, p.y, p.z - trend(*p)));
-    let mut seed: Vec<Option<Vec3>> = lowest(above, &g).collect();
-    let stand = knob("STAND", 2.0) as f32;
-    for _ in 0..10 {
-        let stands: Vec<bool> = (0..g.len()).map(|i| {
-            let Some(p) = seed[i] else { return false };
-            let (c, r) = (i % g.cols, i / g.cols);
-            let mut around: Vec<f32> = Vec::new();
-            for rr in r.saturating_sub(1)..(r + 2).min(g.rows) {
-                for cc in c.saturating_sub(1)..(c + 2).min(g.cols) {
-                    let k = g.index(cc, rr);
-                    if k != i && let Some(q) = seed[k] { around.push(q.z); }
-                }
-            }
+/// The lowest points of the largest cells, but those that stand out from the ones around them.
+fn seeds(low: &Lowest) -> Vec<Vec3> {
+    const MOST_ROUNDS: usize = 10;
+    let g = low.geometry(SEED_CELLS);
+    let mut seed: Vec<Option<Vec3>> = lowest_above_trend(low, SEED_CELLS).collect();
+    let height: Vec<f32> =
+        seed.iter().map(|p| p.map_or(0.0, |p| p.z - trend_at(low, p))).collect();
+    for _ in 0..MOST_ROUNDS {
+        let stands_out = |i: usize| {
+            let (col, row) = (i % g.cols, i / g.cols);
+            let mut around: Vec<f32> = (row.saturating_sub(1)..(row + 2).min(g.rows))
+                .flat_map(|r| (col.saturating_sub(1)..(col + 2).min(g.cols)).map(move |c| (c, r)))
+                .map(|(c, r)| g.index(c, r))
+                .filter(|&k| k != i && seed[k].is_some())
+                .map(|k| height[k])
+                .collect();
             around.sort_by(f32::total_cmp);
-            around.len() >= 2 && p.z > around[(around.len() - 1) / 2] + stand
-        }).collect();
-        if !stands.contains(&true) { break; }
-        for (s, st) in seed.iter_mut().zip(stands) { if st { *s = None; } }
+            around.len() >= 2
+                && (height[i] - around[(around.len() - 1) / 2]).abs() > STANDS_OUT_M
+        };
+        let out: Vec<usize> =
+            (0..g.len()).filter(|&i| seed[i].is_some() && stands_out(i)).collect();
+        if out.is_empty() {
+            break;
+        }
+        for i in out {
+            seed[i] = None;
+        }
     }
-    seed.into_iter().flatten().map(|p| p + Vec3::Z * trend(p)).collect()
+    seed.into_iter().flatten().collect()
 }
 
-struct Knobs { sine: f64, distance: f64, mirror: bool, below: f64 }
+fn remove_pits(tin: &mut Tin) {
+    let is_pit = |v: &spade::handles::VertexHandle<'_, Vertex>| {
+        let Some(own) = v.data().above else { return false };
+        v.out_edges().all(|e| {
+            let to = e.to();
+            let run = (to.data().at - v.data().at).truncate().length();
+            let rise = f64::from(to.data().above.unwrap_or(0.0) - own);
+            rise > PIT_SLOPE * run + NEAR_M
+        })
+    };
+    let mut pits: Vec<FixedVertexHandle> =
+        tin.vertices().filter(is_pit).map(|v| v.fix()).collect();
+    // Removal moves the last vertex to the place that falls free.
+    pits.sort_unstable_by_key(|v| std::cmp::Reverse(v.index()));
+    for pit in pits {
+        tin.remove(pit);
+    }
+}
 
 /// Centres of the outermost cells.
 fn border(g: &GridGeometry) -> Vec<[f64; 2]> {
@@ -157,25 +189,20 @@ fn border(g: &GridGeometry) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// The point of each cell that is lowest above the trend.
-fn lowest_above_trend(low: &Lowest, cells: f64) -> Vec<Vec3> {
-    let trend = |p: Vec3| low.trend.bilinear(p.x.into(), p.y.into());
-    let above = low.points.iter().map(|p| Vec3::new(p.x, p.y, p.z - trend(*p)));
-    lowest(above, &low.geometry(cells)).flatten().map(|p| p + Vec3::Z * trend(p)).collect()
+fn trend_at(low: &Lowest, p: Vec3) -> f32 {
+    low.trend.bilinear(p.x.into(), p.y.into())
 }
 
-fn is_ground(tin: &Tin, p: DVec3, hint: &mut FixedVertexHandle, k: &Knobs) -> bool {
-    let Some(f) = facet(tin, p, hint) else { return false };
-    if f.is_near(k) {
-        return true;
-    }
-    if !k.mirror { return false; }
-    // At an edge of the terrain the facet cuts the corner, but the one on the other side of the
-    // nearest vertex leads on to the point.
-    let mirrored = 2.0 * f.nearest - p;
-    let mut elsewhere = *hint;
-    facet(tin, mirrored, &mut elsewhere).is_some_and(|m| {
-        Facet { distance: -m.distance, nearest: f.nearest, to_nearest: f.to_nearest }.is_near(k)
+/// The point of each cell that is lowest above the trend.
+fn lowest_above_trend(low: &Lowest, cells: f64) -> impl Iterator<Item = Option<Vec3>> {
+    let above = low.points.iter().map(|p| *p - Vec3::Z * trend_at(low, *p));
+    lowest(above, &low.geometry(cells)).map(|p| p.map(|p| p + Vec3::Z * trend_at(low, p)))
+}
+
+fn is_ground(tin: &Tin, p: DVec3, hint: &mut FixedVertexHandle) -> bool {
+    facet(tin, p, hint).is_some_and(|f| {
+        let d = if f.distance < 0.0 { -f.distance / BELOW } else { f.distance };
+        d <= NEAR_M || d <= DISTANCE_M && d <= SINE * f.to_nearest
     })
 }
 
@@ -183,17 +210,8 @@ fn is_ground(tin: &Tin, p: DVec3, hint: &mut FixedVertexHandle, k: &Knobs) -> bo
 struct Facet {
     /// From the facet's plane, positive above it.
     distance: f64,
-    /// The nearest corner, and how far it is.
-    nearest: DVec3,
+    /// To the nearest corner.
     to_nearest: f64,
-}
-
-impl Facet {
-    fn is_near(&self, k: &Knobs) -> bool {
-        let wide = if self.distance < 0.0 { k.below } else { 1.0 };
-        let d = self.distance.abs();
-        d <= NEAR_M || d <= wide * k.distance && d <= wide * k.sine * self.to_nearest
-    }
 }
 
 /// `None` beyond the border. Leaves a vertex near the point in `hint`.
@@ -206,17 +224,14 @@ fn facet(tin: &Tin, p: DVec3, hint: &mut FixedVertexHandle) -> Option<Facet> {
         }
         PositionInTriangulation::OnVertex(v) => {
             *hint = v;
-            let nearest = tin.vertex(v).data().0;
-            let distance = p.z - nearest.z;
-            return Some(Facet { distance, nearest, to_nearest: distance.abs() });
+            let distance = p.z - tin.vertex(v).data().at.z;
+            return Some(Facet { distance, to_nearest: distance.abs() });
         }
         _ => return None,
     };
-    let [a, b, c] = face.vertices().map(|v| (v.data().0, v.fix()));
-    *hint = a.1;
-    let normal = (b.0 - a.0).cross(c.0 - a.0).try_normalize()?;
-    let nearest = [a.0, b.0, c.0]
-        .into_iter()
-        .min_by(|s, t| s.distance_squared(p).total_cmp(&t.distance_squared(p)))?;
-    Some(Facet { distance: normal.dot(p - a.0), nearest, to_nearest: nearest.distance(p) })
+    let [a, b, c] = face.vertices().map(|v| v.data().at);
+    *hint = face.vertices()[0].fix();
+    let normal = (b - a).cross(c - a).try_normalize()?;
+    let to_nearest = [a, b, c].map(|v| v.distance(p)).into_iter().fold(f64::INFINITY, f64::min);
+    Some(Facet { distance: normal.dot(p - a), to_nearest })
 }

@@ -1,27 +1,19 @@
 //! The lowest points of small cells, which is what filters look at, with the trend of the terrain
-//! about them and without low outliers.
-//!
-//! The trend is a plane through the lowest points about each node of a coarse grid, fitted
-//! robustly; between nodes it is bilinear. All grids are aligned to multiples of their cell, and
-//! a node sees no farther than [`REACH`] cells, so that neither depends on where a scan is cut.
+//! about them and without low outliers. All grids are aligned to multiples of their cell, so that
+//! none depends on where a scan is cut.
 
-use glam::{DMat3, DVec3, Vec2, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::raster::{Grid, GridGeometry, inpaint};
+use crate::raster::trend::trend;
+use crate::raster::{Grid, GridGeometry};
 
 /// Finest cell of the filters, metres; larger where an area would have too many.
 pub const CELL_M: f64 = 1.0;
 /// Most half cells.
 const MOST_CELLS: f64 = 30e6;
-/// Between nodes of the trend, cells.
-const NODE: f64 = 32.0;
-/// The planes are fitted to the lowest points of squares of so many cells.
+/// The trend is fitted to the lowest points of squares of so many cells.
 const SQUARE: f64 = 8.0;
-/// Squares that a plane reaches from its node, each way.
-const REACH: f64 = 6.0;
-/// Fewest points for a plane.
-const FEWEST: usize = 6;
 /// Low points with so large a gap above are noise.
 const GAP_M: f32 = 3.0;
 
@@ -50,10 +42,13 @@ impl Lowest {
         let thinned: Vec<Vec3> =
             lowest(candidates().map(|(_, p)| *p), &covering(0.5)).flatten().collect();
         let squares = covering(SQUARE);
-        let nodes = covering(NODE).grown(1);
-        let rough = trend(&thinned, squares, nodes);
+        let trend_of = |points: &[Vec3]| {
+            let lowest: Vec<_> = lowest(points.iter().copied(), &squares).collect();
+            trend(&lowest, squares)
+        };
+        let rough = trend_of(&thinned);
         let points = without_low_outliers(thinned, &rough, squares);
-        let trend = trend(&points, squares, nodes);
+        let trend = trend_of(&points);
         Lowest { points, trend, cell, min, max }
     }
 
@@ -64,10 +59,10 @@ impl Lowest {
 }
 
 /// The lowest point of each cell, in the order of the cells.
-pub fn lowest(
-    points: impl Iterator<Item = Vec3>,
+pub fn lowest<I: Iterator<Item = Vec3>>(
+    points: I,
     geometry: &GridGeometry,
-) -> impl Iterator<Item = Option<Vec3>> {
+) -> impl Iterator<Item = Option<Vec3>> + use<I> {
     let none = Vec3::splat(f32::INFINITY);
     let mut lowest = vec![none; geometry.len()];
     for p in points {
@@ -79,73 +74,6 @@ pub fn lowest(
         }
     }
     lowest.into_iter().map(|p| p.z.is_finite().then_some(p))
-}
-
-/// Height at each node of a plane through the lowest points of the squares about it.
-fn trend(points: &[Vec3], squares: GridGeometry, nodes: GridGeometry) -> Grid<f32> {
-    let lowest: Vec<Option<Vec3>> = lowest(points.iter().copied(), &squares).collect();
-    let fitted: Vec<Option<f32>> = (0..nodes.len())
-        .into_par_iter()
-        .map(|i| {
-            let [x, y] = nodes.centre(i % nodes.cols, i / nodes.cols);
-            let span = |at: f64, count: usize| {
-                let from = (at - REACH).round().clamp(0.0, count as f64) as usize;
-                from..((at + REACH).round().clamp(0.0, count as f64) as usize)
-            };
-            let cols = span((x - squares.west) / squares.cell_x, squares.cols);
-            let about: Vec<Vec3> = span((squares.north - y) / squares.cell_y, squares.rows)
-                .flat_map(|r| cols.clone().map(move |c| squares.index(c, r)))
-                .filter_map(|k| lowest[k])
-                .collect();
-            (about.len() >= FEWEST).then(|| plane_height(&about, Vec2::new(x as f32, y as f32)))
-        })
-        .collect();
-    let is_known: Vec<bool> = fitted.iter().map(Option::is_some).collect();
-    let mut grid = Grid {
-        geometry: nodes,
-        data: fitted.into_iter().map(Option::unwrap_or_default).collect(),
-    };
-    if is_known.contains(&true) {
-        inpaint::fill(&mut grid, &is_known);
-    } else {
-        let n = points.len().max(1) as f64;
-        grid.data.fill((points.iter().map(|p| f64::from(p.z)).sum::<f64>() / n) as f32);
-    }
-    grid
-}
-
-/// Height at a place of the plane through points: least squares, reweighted by Cauchy's function
-/// of the residuals, whose median sets the scale.
-fn plane_height(points: &[Vec3], at: Vec2) -> f32 {
-    const ROUNDS: usize = 10;
-    let place = |p: &Vec3| (*p - at.extend(0.0)).as_dvec3();
-    let base = points.iter().map(|p| f64::from(p.z)).sum::<f64>() / points.len().max(1) as f64;
-    let mut weight = vec![1.0f64; points.len()];
-    let mut residual = weight.clone();
-    let mut fit = DVec3::new(base, 0.0, 0.0);
-    for _ in 0..ROUNDS {
-        let (mut m, mut b) = (DMat3::IDENTITY * 1e-9, DVec3::ZERO);
-        for (p, &w) in points.iter().map(place).zip(&weight) {
-            let v = DVec3::new(1.0, p.x, p.y);
-            m += DMat3::from_cols(v * v.x * w, v * v.y * w, v * v.z * w);
-            b += v * (p.z - base) * w;
-        }
-        let next = m.inverse() * b;
-        if !next.is_finite() {
-            break;
-        }
-        fit = next + DVec3::new(base, 0.0, 0.0);
-        for (r, p) in residual.iter_mut().zip(points.iter().map(place)) {
-            *r = (p.z - fit.dot(DVec3::new(1.0, p.x, p.y))).abs();
-        }
-        weight.copy_from_slice(&residual);
-        let middle = weight.len() / 2;
-        let scale = 2.0 * weight.select_nth_unstable_by(middle, f64::total_cmp).1.max(1e-3);
-        for (w, r) in weight.iter_mut().zip(&residual) {
-            *w = 1.0 / (1.0 + (r / scale).powi(2));
-        }
-    }
-    fit.x as f32
 }
 
 /// Drops points that lie by [`GAP_M`] or more below the lowest few of their surroundings that

@@ -6,6 +6,7 @@
 pub mod geotiff;
 pub mod inpaint;
 pub mod picture;
+pub mod trend;
 
 pub use picture::Picture;
 
