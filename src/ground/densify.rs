@@ -134,8 +134,7 @@ fn seeds(low: &Lowest) -> Vec<Vec3> {
     const MOST_ROUNDS: usize = 10;
     let g = low.geometry(SEED_CELLS);
     let mut seed: Vec<Option<Vec3>> = lowest_above_trend(low, SEED_CELLS).collect();
-    let height: Vec<f32> =
-        seed.iter().map(|p| p.map_or(0.0, |p| p.z - trend_at(low, p))).collect();
+    let height: Vec<f32> = seed.iter().map(|p| p.map_or(0.0, |p| p.z - trend_at(low, p))).collect();
     for _ in 0..MOST_ROUNDS {
         let stands_out = |i: usize| {
             let (col, row) = (i % g.cols, i / g.cols);
@@ -146,8 +145,7 @@ fn seeds(low: &Lowest) -> Vec<Vec3> {
                 .map(|k| height[k])
                 .collect();
             around.sort_by(f32::total_cmp);
-            around.len() >= 2
-                && (height[i] - around[(around.len() - 1) / 2]).abs() > STANDS_OUT_M
+            around.len() >= 2 && (height[i] - around[(around.len() - 1) / 2]).abs() > STANDS_OUT_M
         };
         let out: Vec<usize> =
             (0..g.len()).filter(|&i| seed[i].is_some() && stands_out(i)).collect();
@@ -171,8 +169,7 @@ fn remove_pits(tin: &mut Tin) {
             rise > PIT_SLOPE * run + NEAR_M
         })
     };
-    let mut pits: Vec<FixedVertexHandle> =
-        tin.vertices().filter(is_pit).map(|v| v.fix()).collect();
+    let mut pits: Vec<FixedVertexHandle> = tin.vertices().filter(is_pit).map(|v| v.fix()).collect();
     // Removal moves the last vertex to the place that falls free.
     pits.sort_unstable_by_key(|v| std::cmp::Reverse(v.index()));
     for pit in pits {

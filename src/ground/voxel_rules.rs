@@ -43,9 +43,8 @@ pub fn ground(points: &[Vec3]) -> Vec<bool> {
     let regions = GridGeometry::covering(min, max, voxel * REGION as f64);
     let columns = GridGeometry::covering(min, max, voxel);
     let voxel = voxel as f32;
-    let index = |g: &GridGeometry, p: &Vec3| {
-        g.cell_of(p.x.into(), p.y.into()).map(|(c, r)| g.index(c, r))
-    };
+    let index =
+        |g: &GridGeometry, p: &Vec3| g.cell_of(p.x.into(), p.y.into()).map(|(c, r)| g.index(c, r));
 
     let most_rise = STEEPEST * REGION as f32 * voxel;
     let mut heights: Vec<Vec<f32>> = vec![Vec::new(); regions.len()];

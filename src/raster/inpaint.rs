@@ -143,8 +143,9 @@ fn relax(level: &mut Level) {
     let [odd_col, odd_row] = level.odd();
     let unknown = |colour: usize| -> Vec<u32> {
         (0..cols * rows)
-            .filter(|&i| !level.is_known[i]
-                    && (i / cols + odd_row + i % cols + odd_col) % 2 == colour)
+            .filter(|&i| {
+                !level.is_known[i] && (i / cols + odd_row + i % cols + odd_col) % 2 == colour
+            })
             .map(|i| i as u32)
             .collect()
     };

@@ -25,7 +25,13 @@ pub struct StandOptions {
 
 impl Default for StandOptions {
     fn default() -> Self {
-        StandOptions { trees: 240, cover: 0.55, relief_m: 20.0, landform: Landform::Hills, margin_m: 8.0 }
+        StandOptions {
+            trees: 240,
+            cover: 0.55,
+            relief_m: 20.0,
+            landform: Landform::Hills,
+            margin_m: 8.0,
+        }
     }
 }
 

@@ -89,7 +89,13 @@ impl Relief {
 
     /// Level ground at a height.
     pub fn flat(height_m: f64) -> Self {
-        Relief { base_m: height_m, slope: [0.0; 2], hills: Vec::new(), waves: Vec::new(), cliffs: Vec::new() }
+        Relief {
+            base_m: height_m,
+            slope: [0.0; 2],
+            hills: Vec::new(),
+            waves: Vec::new(),
+            cliffs: Vec::new(),
+        }
     }
 
     pub fn height_at(&self, x: f64, y: f64) -> f64 {
