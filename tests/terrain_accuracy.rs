@@ -261,7 +261,9 @@ fn terrain_keeps_to_the_truth_and_the_table_stands_on_its_page() {
     let page = std::fs::read_to_string(DOCS).unwrap();
     if std::env::var_os("UPDATE_DOCS").is_some() {
         let (before, rest) = page.split_once(TABLE_HEAD).unwrap();
-        let after = rest.find("\n\n").map_or("", |end| &rest[end + 1..]);
+        let rows: usize =
+            rest.lines().take_while(|l| l.starts_with('|')).map(|l| l.len() + 1).sum();
+        let after = &rest[rows..];
         std::fs::write(DOCS, format!("{before}{table}{after}")).unwrap();
         return;
     }

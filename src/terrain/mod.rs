@@ -286,6 +286,8 @@ impl Terrain {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
     use crate::frame::Frame;
     use crate::scan::PointCloud;
