@@ -75,7 +75,7 @@ pub fn ground(points: &[Vec3]) -> Vec<bool> {
                 return false;
             };
             let limit = &limits[region];
-            let h_min = if limit.is_flat { limit.least + voxel } else { limit.h_min() };
+            let h_min = if limit.is_flat { limit.least + most_rise } else { limit.h_min() };
             p.z >= limit.least && p.z <= h_min && p.z <= floor[column] + voxel
         })
         .collect()

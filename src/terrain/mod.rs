@@ -86,14 +86,6 @@ fn from_points(ground: &[Vec3], geometry: GridGeometry) -> Result<Terrain> {
     let vertices = tin::thinned(ground, &half);
     let mut heights = tin::heights(&vertices, geometry);
     let is_observed = observed(ground, &geometry);
-    for v in &vertices {
-        // Fewer than three points in general position have no hull: each stands for its cell.
-        if let Some((c, r)) = geometry.cell_of(v.x.into(), v.y.into())
-            && heights.at(c, r).is_nan()
-        {
-            heights.set(c, r, v.z);
-        }
-    }
     fill(&mut heights, &vertices);
     Ok(Terrain { heights, is_observed })
 }
@@ -104,8 +96,7 @@ const SQUARE_CELLS: f64 = 4.0;
 
 /// Heights of the cells that have none, as the smoothest surface about the trend.
 fn fill(heights: &mut Grid<f32>, vertices: &[Vec3]) {
-    let is_known: Vec<bool> = heights.data.iter().map(|z| z.is_finite()).collect();
-    if !is_known.contains(&false) {
+    if heights.data.iter().all(|z| z.is_finite()) {
         return;
     }
     let g = heights.geometry;
@@ -127,6 +118,15 @@ fn fill(heights: &mut Grid<f32>, vertices: &[Vec3]) {
     for (i, z) in heights.data.iter_mut().enumerate() {
         *z -= trend_at(i);
     }
+    for v in vertices {
+        // At the hull, and where fewer than three points have none, each stands for its cell.
+        if let Some((c, r)) = g.cell_of(v.x.into(), v.y.into())
+            && heights.at(c, r).is_nan()
+        {
+            heights.set(c, r, v.z - trend.bilinear(v.x.into(), v.y.into()));
+        }
+    }
+    let is_known: Vec<bool> = heights.data.iter().map(|z| z.is_finite()).collect();
     inpaint::fill(heights, &is_known);
     for (i, z) in heights.data.iter_mut().enumerate() {
         *z += trend_at(i);
