@@ -42,8 +42,9 @@ pub enum Command {
     /// Scan to a table of trees, one polygon each.
     #[command(after_help = "Example:\n  larix inventory scan.laz -o trees.geojson")]
     Inventory(Inventory),
-    /// Scan to a terrain raster.
-    #[command(after_help = "Example:\n  larix terrain scan.laz --cell 0.5 -o dtm.tif")]
+    /// Scan to terrain: a raster of heights, or a mesh within a stated error of it.
+    #[command(after_help = "Example:\n  larix terrain scan.laz --cell 0.5 -o dtm.tif\n  \
+                            larix terrain scan.laz --terrain-error 0.1 -o dtm.glb")]
     Terrain(Terrain),
     /// Grow one tree from a species rule file; no scan needed.
     #[command(
@@ -61,6 +62,8 @@ pub enum Command {
 pub enum Ground {
     /// Simple morphological filter (Pingel 2013).
     Smrf,
+    /// Progressive densification of a triangulation (Axelsson 2000).
+    Tin,
     /// The voxel rules of the source.
     Voxel,
     /// Class 2 of the file.
@@ -216,7 +219,11 @@ pub struct Inventory {
 pub struct Terrain {
     #[command(flatten)]
     pub scan: ScanArgs,
-    /// .tif (Cloud Optimized GeoTIFF)
+    /// How near a mesh keeps to every height of the raster, in metres; 0.05 where absent. With it
+    /// the triangles that each error takes are told for a raster too.
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
+    pub terrain_error: Option<f32>,
+    /// .tif (Cloud Optimized GeoTIFF) for heights; .glb, .gltf or .usda for a mesh
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }

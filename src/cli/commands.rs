@@ -23,6 +23,8 @@ const DEFAULT_MIX: [&str; 5] =
 
 /// Most triangles of a tree model in a forest.
 const FOREST_TRIANGLES: usize = 5_000;
+/// Of a terrain mesh where none is asked for, metres.
+const TERRAIN_ERROR_M: f32 = 0.05;
 const PREVIEW_PX: [u32; 2] = [1280, 720];
 const PORTRAIT_PX: [u32; 2] = [900, 1200];
 
@@ -104,6 +106,7 @@ fn survey_job(scan: &ScanArgs, tree: &TreeArgs) -> Result<SurveyJob> {
 fn method(ground: args::Ground) -> Method {
     match ground {
         args::Ground::Smrf => Method::Smrf,
+        args::Ground::Tin => Method::Tin,
         args::Ground::Voxel => Method::VoxelRules,
         args::Ground::File => Method::FileClasses,
     }
@@ -234,7 +237,13 @@ fn inventory(a: &args::Inventory, run: &mut Recorder) -> Result<Told> {
 }
 
 fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
-    extension(&a.output, &["tif", "tiff"])?;
+    let extension = extension(&a.output, &["tif", "tiff", "glb", "gltf", "usda"])?;
+    let format = match extension {
+        "glb" => Some(Format::Glb),
+        "gltf" => Some(Format::Gltf),
+        "usda" => Some(Format::Usda),
+        _ => None,
+    };
     let job = SurveyJob {
         scans: a.scan.scans.clone(),
         ground: method(a.scan.ground),
@@ -249,16 +258,36 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
     let (dir, name) = place(&a.output)?;
     export::check_writable(&dir)?;
     let (frame, terrain) = pipeline::survey::terrain(&job, run)?;
-    export::write_all(&dir, &[file(&name, terrain_tiff(&frame, &terrain)?)])?;
-    let g = &terrain.heights.geometry;
-    let line = format!(
-        "{} × {} cells of {} m written to {}",
-        g.cols,
-        g.rows,
-        g.cell_x,
-        a.output.display()
-    );
-    Ok(Told { lines: vec![line], json: summary("terrain", None, run, None) })
+    let g = terrain.heights.geometry;
+    let mut lines = vec![format!("{} × {} cells of {} m", g.cols, g.rows, g.cell_x)];
+    let mut told = json!({ "cols": g.cols, "rows": g.rows, "cell_m": g.cell_x });
+    let mut files = Vec::new();
+    if format.is_none() {
+        files.push(file(&name, terrain_tiff(&frame, &terrain)?));
+    }
+    if format.is_some() || a.terrain_error.is_some() {
+        let error_m = a.terrain_error.unwrap_or(TERRAIN_ERROR_M);
+        let (scene, facets) = pipeline::forest::terrain_scene(frame, &terrain, error_m, run)?;
+        if let Some(format) = format {
+            files = export_scene(&scene, &stem(&a.output), &[format], run)?;
+        }
+        lines.push(format!(
+            "{} triangles keep every height within {:.3} m",
+            facets.triangles(),
+            facets.worst_m
+        ));
+        lines.push(format!("{:>9} {:>10}", "error m", "triangles"));
+        lines.extend(facets.ladder.iter().map(|(m, n)| format!("{m:>9} {n:>10}")));
+        told["triangles"] = json!(facets.triangles());
+        told["worst_m"] = json!(facets.worst_m);
+        told["triangles_by_error_m"] =
+            facets.ladder.iter().map(|(m, n)| json!({ "error_m": m, "triangles": n })).collect();
+    }
+    export::write_all(&dir, &files)?;
+    lines.push(format!("written to {}", a.output.display()));
+    let mut summary = summary("terrain", None, run, None);
+    summary["terrain"] = told;
+    Ok(Told { lines, json: summary })
 }
 
 fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {

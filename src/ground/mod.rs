@@ -1,11 +1,14 @@
 //! Which points are ground (L) and which vegetation (T). Knows nothing of terrain.
 
+mod densify;
+mod lowest;
 mod morphology;
 mod regrow;
 mod smrf;
 mod voxel_rules;
 
 use glam::Vec3;
+use lowest::Lowest;
 
 use crate::diagnostic::{Error, Result, Warned};
 use crate::raster::GridGeometry;
@@ -36,6 +39,8 @@ pub enum Method {
     /// Simple morphological filter (Pingel 2013), coarse to fine.
     #[default]
     Smrf,
+    /// Progressive densification of a triangulation (Axelsson 2000).
+    Tin,
     /// The voxel rules of the source (T15).
     VoxelRules,
     /// Class 2 of the file.
@@ -59,22 +64,17 @@ const NORMALISED_GROUND_M: f32 = 0.25;
 /// # Errors
 /// No points; fewer than three that could be ground; no class 2 where that is asked for.
 pub fn classify(cloud: PointCloud, options: &GroundOptions) -> Result<Warned<Classified>> {
-    let is_candidate: Vec<bool> = (0..cloud.len())
-        .map(|i| {
-            cloud.return_number[i] >= cloud.return_count[i] && !NEITHER.contains(&cloud.class[i])
-        })
-        .collect();
-    let mut candidates: Vec<Vec3> =
-        cloud.position.iter().zip(&is_candidate).filter(|(_, c)| **c).map(|(p, _)| *p).collect();
-    if candidates.len() < 3 {
-        // Return numbers may be wrong throughout; every point is then a candidate.
-        candidates = cloud.position.clone();
-    }
-    if candidates.len() < 3 {
+    let is_last = |i: usize| {
+        cloud.return_number[i] >= cloud.return_count[i] && !NEITHER.contains(&cloud.class[i])
+    };
+    // Return numbers may be wrong throughout; every point is then a candidate.
+    let are_all = (0..cloud.len()).filter(|&i| is_last(i)).take(3).count() < 3;
+    let is_candidate = |i: usize| are_all || is_last(i);
+    if cloud.len() < 3 {
         return Err(Error::new(format!("too few points to find the ground: {}", cloud.len()))
             .remedy("give a whole scan: at least a few points that reached the ground"));
     }
-    let is_normalised = is_normalised(&cloud, &candidates);
+    let is_normalised = is_normalised(&cloud, is_candidate);
     let mut warnings = Vec::new();
     let is_ground: Vec<bool> = if options.method == Method::FileClasses {
         if !cloud.class.contains(&FILE_GROUND) {
@@ -87,8 +87,11 @@ pub fn classify(cloud: PointCloud, options: &GroundOptions) -> Result<Warned<Cla
         cloud.position.iter().map(|p| (p.z - zero).abs() <= NORMALISED_GROUND_M).collect()
     } else {
         match options.method {
+            Method::Tin => {
+                densify::ground(&Lowest::of(&cloud.position, is_candidate), &cloud.position)
+            }
             Method::VoxelRules => voxel_rules::ground(&cloud.position),
-            _ => smrf::ground(&candidates, &cloud.position),
+            _ => smrf::ground(&Lowest::of(&cloud.position, is_candidate), &cloud.position),
         }
     };
     if is_normalised {
@@ -121,11 +124,13 @@ fn zero_level(cloud: &PointCloud) -> f32 {
 /// Whether heights are above ground already: of the lowest points of 5 m cells, a quarter or more
 /// lie within 15 cm of z = 0 of the world and next to none below −50 cm. A level site at sea level
 /// fits too; both readings of it agree.
-fn is_normalised(cloud: &PointCloud, candidates: &[Vec3]) -> bool {
+fn is_normalised(cloud: &PointCloud, is_candidate: impl Fn(usize) -> bool) -> bool {
     const CELL_M: f64 = 5.0;
     let zero = zero_level(cloud);
-    let first = candidates[0];
-    let (low, high) = candidates.iter().fold((first, first), |(a, b), p| (a.min(*p), b.max(*p)));
+    let candidates =
+        || cloud.position.iter().enumerate().filter(|(i, _)| is_candidate(*i)).map(|(_, p)| *p);
+    let (low, high) =
+        candidates().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
     let geometry = GridGeometry::covering(
         [low.x.into(), low.y.into()],
         [high.x.into(), high.y.into()],
@@ -133,7 +138,7 @@ fn is_normalised(cloud: &PointCloud, candidates: &[Vec3]) -> bool {
         CELL_M.max(f64::from((high - low).truncate().max_element()) / 2000.0),
     );
     let mut lowest = vec![f32::INFINITY; geometry.len()];
-    for p in candidates {
+    for p in candidates() {
         if let Some((c, r)) = geometry.cell_of(p.x.into(), p.y.into()) {
             let i = geometry.index(c, r);
             lowest[i] = lowest[i].min(p.z - zero);
@@ -148,12 +153,19 @@ fn is_normalised(cloud: &PointCloud, candidates: &[Vec3]) -> bool {
 
 /// How thick the ground is: the RMS distance of ground points from the mean height of their 0.5 m
 /// cell, over cells that hold two or more; `None` without such cells. Noise, slope and what is
-/// wrongly ground all add to it.
+/// wrongly ground all add to it. Of many points a share is measured, in cells drawn by a hash.
 pub fn spread_m(classified: &Classified) -> Option<f64> {
-    let cell = |v: f32| (f64::from(v) * 2.0).floor() as i64;
-    let mut ground: Vec<(i64, i64, u32)> = (classified.cloud.position.iter().zip(&classified.kind))
+    const MEASURED: usize = 100_000;
+    let one_in = (classified.cloud.len() / MEASURED) as u64 + 1;
+    let cell = |v: f32| (v * 2.0).floor() as i32;
+    let is_drawn = |x: i32, y: i32| {
+        let mix = |h: u64, v: i32| (h ^ u64::from(v as u32)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        (mix(mix(0, x), y) >> 40).is_multiple_of(one_in)
+    };
+    let mut ground: Vec<(i32, i32, u32)> = (classified.cloud.position.iter().zip(&classified.kind))
         .filter(|(_, k)| **k == Kind::Ground)
         .map(|(p, _)| (cell(p.x), cell(p.y), p.z.to_bits()))
+        .filter(|(x, y, _)| is_drawn(*x, *y))
         .collect();
     ground.sort_unstable();
     let (mut sum, mut count) = (0.0, 0usize);

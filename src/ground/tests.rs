@@ -48,11 +48,13 @@ fn forest(slope: f32) -> (Vec<Vec3>, Vec<bool>) {
 }
 
 #[test]
-fn smrf_finds_the_ground_on_level_and_steep_slopes() {
-    for slope in [0.0, 0.35, 0.7] {
+fn filters_find_the_ground_on_level_and_steep_slopes() {
+    for (slope, method) in
+        [0.0, 0.35, 0.7].into_iter().flat_map(|s| [(s, Method::Smrf), (s, Method::Tin)])
+    {
         let (points, truth) = forest(slope);
         let n = points.len();
-        let c = classify(cloud(points, vec![1; n]), &GroundOptions::default()).unwrap().value;
+        let c = classify(cloud(points, vec![1; n]), &GroundOptions { method }).unwrap().value;
         let mut tally = [0; 4];
         for (kind, truth) in c.kind.iter().zip(truth) {
             tally[usize::from(*kind == Kind::Ground) * 2 + usize::from(truth)] += 1;
@@ -60,7 +62,10 @@ fn smrf_finds_the_ground_on_level_and_steep_slopes() {
         let [_, missed, wrong, right] = tally;
         let recall = right as f32 / (right + missed) as f32;
         let precision = right as f32 / (right + wrong) as f32;
-        assert!(recall > 0.93 && precision > 0.98, "slope {slope}: {recall} {precision}");
+        assert!(
+            recall > 0.93 && precision > 0.98,
+            "{method:?}, slope {slope}: {recall} {precision}"
+        );
     }
 }
 
@@ -115,6 +120,26 @@ fn voxel_rules_find_most_of_a_gentle_slope() {
     let c = classify(cloud(points, vec![1; n]), &options).unwrap().value;
     let right = c.kind.iter().zip(&truth).filter(|(k, t)| (**k == Kind::Ground) == **t).count();
     assert!(right as f32 / n as f32 > 0.85, "{right} of {n}");
+}
+
+/// A scan cut in two gives the ground that the whole gives, away from the cut.
+#[test]
+fn a_cut_does_not_change_the_ground_far_from_it() {
+    let (points, _) = forest(0.4);
+    let n = points.len();
+    for method in [Method::Smrf, Method::Tin] {
+        let found = |points: Vec<Vec3>| {
+            let n = points.len();
+            classify(cloud(points, vec![1; n]), &GroundOptions { method }).unwrap().value.kind
+        };
+        let whole = found(points.clone());
+        // Not at a multiple of any cell.
+        let part: Vec<usize> = (0..n).filter(|&i| points[i].x < 77.3).collect();
+        let cut = found(part.iter().map(|&i| points[i]).collect());
+        let far = || part.iter().zip(&cut).filter(|(i, _)| points[**i].x < 50.0);
+        let differ = far().filter(|(i, kind)| whole[**i] != **kind).count();
+        assert!(differ * 1000 <= far().count(), "{method:?}: {differ} of {}", far().count());
+    }
 }
 
 #[test]
@@ -186,7 +211,7 @@ fn few_points_equal_points_and_far_points_do_not_panic() {
         let e = classify(cloud(points, vec![1; n]), &GroundOptions::default()).unwrap_err();
         assert!(e.message().contains("too few"), "{e:?}");
     }
-    for method in [Method::Smrf, Method::VoxelRules] {
+    for method in [Method::Smrf, Method::Tin, Method::VoxelRules] {
         let alike = vec![Vec3::new(5.0, 5.0, 5.0); 100];
         assert!(classify(cloud(alike, vec![1; 100]), &GroundOptions { method }).is_ok());
         let far = vec![

@@ -12,7 +12,8 @@ use super::drape::drape;
 use super::survey;
 use super::survey::{Survey, SurveyJob};
 use crate::diagnostic::Result;
-use crate::mesh::{self, MeshOptions, TreeMesh};
+use crate::frame::Frame;
+use crate::mesh::{self, MeshOptions, Surface, TreeMesh};
 use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
@@ -406,17 +407,21 @@ fn add_terrain(scene: &mut Scene, terrain: &Terrain, facets: &Facets, survey: &S
     let mut surface = facets.surface();
     let outlines: Vec<&[Vec2]> = survey.trees.iter().map(|t| &t.crown.outline[..]).collect();
     let draped = survey.photo.as_ref().and_then(|p| drape(p, terrain, &outlines, seed));
-    let picture = match draped {
-        Some(picture) => picture,
-        None => {
-            let g = &terrain.heights.geometry;
-            let size = Vec2::new((g.east() - g.west) as f32, (g.north - g.south()) as f32);
-            for uv in &mut surface.uv {
-                *uv *= size / FLOOR_TILE_M;
-            }
-            texture::ground(512, seed)
-        }
-    };
+    let picture = draped.unwrap_or_else(|| tiled_floor(&mut surface, terrain, seed));
+    place_terrain(scene, surface, picture);
+}
+
+/// The bare forest floor in tiles over a surface.
+fn tiled_floor(surface: &mut Surface, terrain: &Terrain, seed: Seed) -> Picture {
+    let g = &terrain.heights.geometry;
+    let size = Vec2::new((g.east() - g.west) as f32, (g.north - g.south()) as f32);
+    for uv in &mut surface.uv {
+        *uv *= size / FLOOR_TILE_M;
+    }
+    texture::ground(512, seed)
+}
+
+fn place_terrain(scene: &mut Scene, surface: Surface, picture: Picture) {
     scene.textures.push(Texture { name: "terrain".into(), picture, colorspace: Colorspace::Srgb });
     scene.materials.push(Material {
         name: "terrain".into(),
@@ -429,6 +434,37 @@ fn add_terrain(scene: &mut Scene, terrain: &Terrain, facets: &Facets, survey: &S
     });
     let material = scene.materials.len() as u32 - 1;
     scene.terrain = Some(Part { name: "terrain".into(), surface, material });
+}
+
+/// The terrain alone as a scene: triangles that keep every height within `error_m`, bare floor.
+///
+/// # Errors
+/// A scene that does not hold together.
+pub fn terrain_scene(
+    frame: Frame,
+    terrain: &Terrain,
+    error_m: f32,
+    run: &mut Recorder,
+) -> Result<(ValidScene, Facets)> {
+    run.stage("mesh", |_| {
+        let facets = terrain.facets(error_m, usize::MAX);
+        let mut scene = Scene {
+            name: "terrain".into(),
+            frame,
+            textures: Vec::new(),
+            materials: Vec::new(),
+            terrain: None,
+            prototypes: Vec::new(),
+            instances: Vec::new(),
+        };
+        let mut surface = facets.surface();
+        let picture = tiled_floor(&mut surface, terrain, Seed::new(1));
+        place_terrain(&mut scene, surface, picture);
+        let cells = terrain.heights.data.len();
+        let outcome = Outcome::items(cells, "cells", facets.triangles(), "triangles");
+        let worst = ErrorMeasure::new("worst height", facets.worst_m.into(), "m");
+        Ok(((scene.validate()?, facets), outcome.error(worst)))
+    })
 }
 
 /// A bird's-eye picture of the whole scene.

@@ -160,9 +160,12 @@ fn build_terrain(job: &SurveyJob, classified: &Classified, run: &mut Recorder) -
             .note(format!("cell {} m", terrain.heights.geometry.cell_x));
         check_ground(job, classified, &terrain)?;
         if let Some(held_out) = terrain::held_out_error(classified, &options)? {
-            outcome = outcome
-                .error(ErrorMeasure::new("held-out RMSE", held_out.rmse_m, "m"))
-                .note(format!("worst held-out error {:.2} m", held_out.max_m));
+            outcome = outcome.error(ErrorMeasure::new("held-out RMSE", held_out.rmse_m, "m")).note(
+                format!(
+                    "worst held-out error {:.2} m, of {} points",
+                    held_out.max_m, held_out.points
+                ),
+            );
         }
         Ok((terrain, outcome))
     })

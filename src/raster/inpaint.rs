@@ -3,6 +3,9 @@
 //! at rest. Solved coarse to fine: each level starts from the one above it, so the relaxation
 //! has only short waves left to remove and the cost is linear in cells.
 //!
+//! Levels and the order of relaxation follow the cell's place in the plane, not its place in the
+//! grid: where a grid is cut does not change what is far from the cut.
+//!
 //! Known limits: a membrane is level where nothing holds it, so a tilted surface runs flat beyond
 //! its border. Callers remove the trend first.
 
@@ -18,6 +21,8 @@ const AT_REST: f32 = 1e-4;
 struct Level {
     cols: usize,
     rows: usize,
+    /// Column and row of the first cell, counted from the origin of coordinates.
+    first: [i64; 2],
     value: Vec<f32>,
     is_known: Vec<bool>,
 }
@@ -36,13 +41,21 @@ pub fn fill(grid: &mut Grid<f32>, is_known: &[bool]) {
     let mut levels = vec![Level {
         cols: geometry.cols,
         rows: geometry.rows,
+        first: [
+            (geometry.west / geometry.cell_x).round() as i64,
+            (-geometry.north / geometry.cell_y).round() as i64,
+        ],
         value: std::mem::take(&mut grid.data),
         is_known: is_known.to_vec(),
     }];
     while let Some(fine) = levels.last()
         && fine.is_known.iter().any(|&k| !k)
     {
-        let coarse = coarser(fine);
+        let mut coarse = coarser(fine);
+        // Cells on either side of the origin never become one.
+        if coarse.cols.max(coarse.rows) <= 2 {
+            coarse.fill_with_mean();
+        }
         levels.push(coarse);
     }
     while levels.len() > 1 {
@@ -57,14 +70,18 @@ pub fn fill(grid: &mut Grid<f32>, is_known: &[bool]) {
 
 /// Half as many cells each way; a cell is the mean of the known ones among its four.
 fn coarser(fine: &Level) -> Level {
-    let (cols, rows) = (fine.cols.div_ceil(2), fine.rows.div_ceil(2));
+    let [odd_col, odd_row] = fine.odd();
+    let (cols, rows) = ((fine.cols + odd_col).div_ceil(2), (fine.rows + odd_row).div_ceil(2));
     let mut value = vec![0.0; cols * rows];
     let mut is_known = vec![false; cols * rows];
+    let span = |at: usize, odd: usize, end: usize| {
+        (at * 2).saturating_sub(odd)..(at * 2 + 2 - odd).min(end)
+    };
     for row in 0..rows {
         for col in 0..cols {
             let (mut sum, mut count) = (0.0, 0);
-            for r in row * 2..(row * 2 + 2).min(fine.rows) {
-                for c in col * 2..(col * 2 + 2).min(fine.cols) {
+            for r in span(row, odd_row, fine.rows) {
+                for c in span(col, odd_col, fine.cols) {
                     if fine.is_known[r * fine.cols + c] {
                         sum += fine.value[r * fine.cols + c];
                         count += 1;
@@ -77,13 +94,31 @@ fn coarser(fine: &Level) -> Level {
             }
         }
     }
-    Level { cols, rows, value, is_known }
+    Level { cols, rows, first: fine.first.map(|i| i.div_euclid(2)), value, is_known }
+}
+
+impl Level {
+    /// 1 along an axis whose first cell is the second half of a coarser one.
+    fn odd(&self) -> [usize; 2] {
+        self.first.map(|i| i.rem_euclid(2) as usize)
+    }
+
+    fn fill_with_mean(&mut self) {
+        let known = || self.value.iter().zip(&self.is_known).filter(|(_, k)| **k);
+        let mean = known().map(|(v, _)| v).sum::<f32>() / known().count().max(1) as f32;
+        for (value, known) in self.value.iter_mut().zip(&mut self.is_known) {
+            if !std::mem::replace(known, true) {
+                *value = mean;
+            }
+        }
+    }
 }
 
 /// First guess of the unknown cells: bilinear from the coarser level.
 fn refine(coarse: &Level, fine: &mut Level) {
+    let [odd_col, odd_row] = fine.odd();
     for row in 0..fine.rows {
-        let v = ((row as f32 - 0.5) * 0.5).clamp(0.0, (coarse.rows - 1) as f32);
+        let v = (((row + odd_row) as f32 - 0.5) * 0.5).clamp(0.0, (coarse.rows - 1) as f32);
         let (r0, fv) = (v as usize, v.fract());
         let r1 = (r0 + 1).min(coarse.rows - 1);
         for col in 0..fine.cols {
@@ -91,7 +126,7 @@ fn refine(coarse: &Level, fine: &mut Level) {
             if fine.is_known[i] {
                 continue;
             }
-            let u = ((col as f32 - 0.5) * 0.5).clamp(0.0, (coarse.cols - 1) as f32);
+            let u = (((col + odd_col) as f32 - 0.5) * 0.5).clamp(0.0, (coarse.cols - 1) as f32);
             let (c0, fu) = (u as usize, u.fract());
             let c1 = (c0 + 1).min(coarse.cols - 1);
             let at = |r: usize, c: usize| coarse.value[r * coarse.cols + c];
@@ -105,9 +140,12 @@ fn refine(coarse: &Level, fine: &mut Level) {
 /// Gauss–Seidel with over-relaxation, alternating the colours of a chessboard.
 fn relax(level: &mut Level) {
     let (cols, rows) = (level.cols, level.rows);
+    let [odd_col, odd_row] = level.odd();
     let unknown = |colour: usize| -> Vec<u32> {
         (0..cols * rows)
-            .filter(|&i| !level.is_known[i] && (i / cols + i % cols) % 2 == colour)
+            .filter(|&i| {
+                !level.is_known[i] && (i / cols + odd_row + i % cols + odd_col) % 2 == colour
+            })
             .map(|i| i as u32)
             .collect()
     };

@@ -8,6 +8,7 @@ pub mod geotiff;
 pub mod inpaint;
 mod lzw;
 pub mod picture;
+pub mod trend;
 mod world_file;
 
 pub use picture::Picture;
@@ -37,6 +38,17 @@ impl GridGeometry {
         let cols = ((max[0] - west) / cell).floor() as usize + 1;
         let rows = ((north - min[1]) / cell).floor() as usize + 1;
         GridGeometry { west, north, cell_x: cell, cell_y: cell, cols, rows }
+    }
+
+    /// The same grid with so many more cells on every side.
+    pub fn grown(self, cells: usize) -> Self {
+        GridGeometry {
+            west: self.west - cells as f64 * self.cell_x,
+            north: self.north + cells as f64 * self.cell_y,
+            cols: self.cols + 2 * cells,
+            rows: self.rows + 2 * cells,
+            ..self
+        }
     }
 
     pub fn len(&self) -> usize {

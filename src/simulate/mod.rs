@@ -14,6 +14,6 @@ mod truth;
 
 pub use camera::{PhotoOptions, photo};
 pub use planting::{Stand, StandOptions, TrueTree, stand};
-pub use relief::Relief;
+pub use relief::{Landform, Relief};
 pub use scanner::{ScannerOptions, scan};
 pub use truth::{Comparison, FoundTree, compare};

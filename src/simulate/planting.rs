@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use super::relief::Relief;
+use super::relief::{Landform, Relief};
 use super::shape::Shape;
 use crate::diagnostic::{Error, Result};
 use crate::frame::{Crs, Frame};
@@ -20,13 +20,21 @@ pub struct StandOptions {
     pub relief_m: f64,
     /// Lower trees beneath the crowns of others, beside `trees`.
     pub understory: usize,
+    pub landform: Landform,
     /// Surveyed ground beyond the outermost trees, metres.
     pub margin_m: f64,
 }
 
 impl Default for StandOptions {
     fn default() -> Self {
-        StandOptions { trees: 240, cover: 0.55, understory: 0, relief_m: 20.0, margin_m: 8.0 }
+        StandOptions {
+            trees: 240,
+            cover: 0.55,
+            understory: 0,
+            relief_m: 20.0,
+            landform: Landform::Hills,
+            margin_m: 8.0,
+        }
     }
 }
 
@@ -87,7 +95,7 @@ pub fn stand(species: &[Species], options: &StandOptions, seed: Seed) -> Result<
         sizes.iter().map(|t| std::f32::consts::FRAC_PI_4 * t.crown_diameter_m.powi(2)).sum();
     let planted_m = f64::from(crown_area / options.cover.clamp(0.05, 0.8)).sqrt().max(4.0);
     let side_m = planted_m + 2.0 * options.margin_m;
-    let relief = Relief::new(side_m, options.relief_m, seed);
+    let relief = Relief::new(side_m, options.relief_m, options.landform, seed);
     let mut trees = place(sizes, species, options.margin_m, planted_m, seed);
     plant_understory(&mut trees, options.understory, seed);
     for t in &mut trees {

@@ -3,15 +3,19 @@
 //!
 //! Heights are cell-centred: the "cell-centred reading" of the two that T15 allows. A cell takes
 //! the height of the Delaunay triangulation of the ground points at its centre; cells outside the
-//! hull go on smoothly from the plane through all ground points.
+//! hull go on smoothly along the trend of the heights near them. Grids are aligned to multiples of
+//! their cell.
 
 mod facets;
 mod tin;
 
-use glam::{DMat3, DVec3, Vec2, Vec3};
+use std::collections::BTreeMap;
+
+use glam::{Vec2, Vec3};
 
 use crate::diagnostic::{Error, Result, Warned};
 use crate::ground::{Classified, Kind};
+use crate::raster::trend::trend;
 use crate::raster::{Grid, GridGeometry, inpaint};
 
 pub use facets::Facets;
@@ -34,8 +38,6 @@ pub struct TerrainOptions {
 /// Cells that are chosen among, metres.
 const CELLS_M: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 const MOST_CELLS: usize = 100_000_000;
-/// One ground point in so many is held out.
-const HELD_OUT: u64 = 10;
 
 /// Ground points to a terrain that covers the whole cloud.
 ///
@@ -81,34 +83,54 @@ fn from_points(ground: &[Vec3], geometry: GridGeometry) -> Result<Terrain> {
         rows: geometry.rows * 2,
         ..geometry
     };
-    // Heights over the plane through all points, which is how the surface goes on outside the hull.
-    let plane = Plane::through(ground);
-    let vertices: Vec<Vec3> = tin::thinned(ground, &half)
-        .into_iter()
-        .map(|p| {
-            Vec3::new(p.x, p.y, (f64::from(p.z) - plane.height_at(p.x.into(), p.y.into())) as f32)
-        })
-        .collect();
+    let vertices = tin::thinned(ground, &half);
     let mut heights = tin::heights(&vertices, geometry);
     let is_observed = observed(ground, &geometry);
-    for v in &vertices {
-        // Fewer than three points in general position have no hull: each stands for its cell.
-        if let Some((c, r)) = geometry.cell_of(v.x.into(), v.y.into())
+    fill(&mut heights, &vertices);
+    Ok(Terrain { heights, is_observed })
+}
+
+/// Side of the squares that the trend is fitted to; in cells where that is more.
+const SQUARE_M: f64 = 8.0;
+const SQUARE_CELLS: f64 = 4.0;
+
+/// Heights of the cells that have none, as the smoothest surface about the trend.
+fn fill(heights: &mut Grid<f32>, vertices: &[Vec3]) {
+    if heights.data.iter().all(|z| z.is_finite()) {
+        return;
+    }
+    let g = heights.geometry;
+    let side = SQUARE_M.max(g.cell_x * SQUARE_CELLS);
+    let inside = [g.east() - 0.5 * g.cell_x, g.north - 0.5 * g.cell_y];
+    let squares = GridGeometry::covering([g.west, g.south()], inside, side);
+    // Any one vertex of a square will do; the first is the same wherever the terrain is cut.
+    let mut about: Vec<Option<Vec3>> = vec![None; squares.len()];
+    for v in vertices {
+        if let Some((c, r)) = squares.cell_of(v.x.into(), v.y.into()) {
+            about[squares.index(c, r)].get_or_insert(*v);
+        }
+    }
+    let trend = trend(&about, squares);
+    let trend_at = |i: usize| {
+        let [x, y] = g.centre(i % g.cols, i / g.cols);
+        trend.bilinear(x, y)
+    };
+    for (i, z) in heights.data.iter_mut().enumerate() {
+        *z -= trend_at(i);
+    }
+    for v in vertices {
+        // At the hull, and where fewer than three points have none, each stands for its cell.
+        if let Some((c, r)) = g.cell_of(v.x.into(), v.y.into())
             && heights.at(c, r).is_nan()
         {
-            heights.set(c, r, v.z);
+            heights.set(c, r, v.z - trend.bilinear(v.x.into(), v.y.into()));
         }
     }
     let is_known: Vec<bool> = heights.data.iter().map(|z| z.is_finite()).collect();
-    inpaint::fill(&mut heights, &is_known);
-    for row in 0..geometry.rows {
-        for col in 0..geometry.cols {
-            let [x, y] = geometry.centre(col, row);
-            let z = f64::from(heights.at(col, row)) + plane.height_at(x, y);
-            heights.set(col, row, z as f32);
-        }
+    inpaint::fill(heights, &is_known);
+    for (i, z) in heights.data.iter_mut().enumerate() {
+        *z += trend_at(i);
     }
-    Ok(Terrain { heights, is_observed })
 }
 
 fn observed(ground: &[Vec3], geometry: &GridGeometry) -> Vec<bool> {
@@ -162,8 +184,17 @@ pub struct HeldOut {
     pub points: usize,
 }
 
+/// One ground point in so many is held out.
+const HELD_OUT: u64 = 10;
+/// With more ground points than this, a share of the area is measured that holds about so many.
+const HELD_OUT_FROM: usize = 60_000;
+/// Side of the squares that are then drawn, and the rim in which nothing is held out, metres.
+const HELD_OUT_SQUARE_M: f32 = 32.0;
+const HELD_OUT_RIM_M: f32 = 3.0;
+
 /// Builds the terrain from nine tenths of the ground points and measures it at the others, chosen
-/// by a hash of their place. `None` for normalised heights and for fewer than 30 points.
+/// by a hash of their place; of a large scan on squares chosen likewise. `None` for normalised
+/// heights and for fewer than 30 points.
 ///
 /// # Errors
 /// Those of [`build`].
@@ -176,18 +207,44 @@ pub fn held_out_error(
         return Ok(None);
     }
     let geometry = geometry(classified, &ground, options)?;
-    let is_out = |p: &Vec3| {
-        let bits = p.to_array().map(|v| u64::from(v.to_bits()));
-        let h = bits.into_iter().fold(0u64, |h, b| (h ^ b).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-        (h >> 40) % HELD_OUT == 0
+    let one_in = (ground.len() / HELD_OUT_FROM) as u64 + 1;
+    let square = |p: &Vec3| (p.truncate() / HELD_OUT_SQUARE_M).floor();
+    let mut drawn: BTreeMap<[i32; 2], Vec<Vec3>> = BTreeMap::new();
+    for p in &ground {
+        if hash(&square(p).to_array()).is_multiple_of(one_in) {
+            drawn.entry(square(p).as_ivec2().to_array()).or_default().push(*p);
+        }
+    }
+    let is_out = |p: &Vec3| hash(&p.to_array()).is_multiple_of(HELD_OUT);
+    let mut off: Vec<f64> = Vec::new();
+    let mut measure = |out: Vec<Vec3>, kept: &[Vec3], geometry: GridGeometry| -> Result<()> {
+        let terrain = from_points(kept, geometry)?;
+        off.extend(out.iter().map(|p| f64::from(terrain.height_at(p.truncate()) - p.z).abs()));
+        Ok(())
     };
-    let (out, kept): (Vec<Vec3>, Vec<Vec3>) = ground.into_iter().partition(is_out);
-    if out.is_empty() || kept.len() < 3 {
+    if one_in == 1 || drawn.is_empty() {
+        let (out, kept): (Vec<Vec3>, Vec<Vec3>) = ground.into_iter().partition(is_out);
+        if kept.len() >= 3 {
+            measure(out, &kept, geometry)?;
+        }
+    } else {
+        for ([i, j], points) in drawn {
+            let low = Vec2::new(i as f32, j as f32) * HELD_OUT_SQUARE_M;
+            let high = low + HELD_OUT_SQUARE_M;
+            let (out, kept): (Vec<Vec3>, Vec<Vec3>) = points.into_iter().partition(|p| {
+                let rim = (p.truncate() - low).min(high - p.truncate()).min_element();
+                is_out(p) && rim >= HELD_OUT_RIM_M
+            });
+            if kept.len() >= 3 {
+                let corner = |v: Vec2| v.to_array().map(f64::from);
+                let cell = geometry.cell_x;
+                measure(out, &kept, GridGeometry::covering(corner(low), corner(high), cell))?;
+            }
+        }
+    }
+    if off.is_empty() {
         return Ok(None);
     }
-    let terrain = from_points(&kept, geometry)?;
-    let off: Vec<f64> =
-        out.iter().map(|p| f64::from(terrain.height_at(p.truncate()) - p.z).abs()).collect();
     Ok(Some(HeldOut {
         rmse_m: (off.iter().map(|e| e * e).sum::<f64>() / off.len() as f64).sqrt(),
         max_m: off.iter().copied().fold(0.0, f64::max),
@@ -195,31 +252,9 @@ pub fn held_out_error(
     }))
 }
 
-/// z = h + a·(x − x0) + b·(y − y0), least squares.
-struct Plane {
-    at: DVec3,
-    slope: [f64; 2],
-}
-
-impl Plane {
-    fn through(points: &[Vec3]) -> Self {
-        let n = points.len().max(1) as f64;
-        let at = points.iter().fold(DVec3::ZERO, |s, p| s + p.as_dvec3()) / n;
-        let (mut m, mut b) = (DMat3::IDENTITY * 1e-6, DVec3::ZERO);
-        for p in points {
-            let d = p.as_dvec3() - at;
-            let v = DVec3::new(1.0, d.x, d.y);
-            m += DMat3::from_cols(v * v.x, v * v.y, v * v.z);
-            b += v * d.z;
-        }
-        let s = m.inverse() * b;
-        let slope = if s.is_finite() { [s.y, s.z] } else { [0.0; 2] };
-        Plane { at, slope }
-    }
-
-    fn height_at(&self, x: f64, y: f64) -> f64 {
-        self.at.z + self.slope[0] * (x - self.at.x) + self.slope[1] * (y - self.at.y)
-    }
+fn hash(numbers: &[f32]) -> u64 {
+    let mix = |h: u64, v: &f32| (h ^ u64::from(v.to_bits())).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    numbers.iter().fold(0, mix) >> 40
 }
 
 impl Terrain {
@@ -251,6 +286,8 @@ impl Terrain {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
     use crate::frame::Frame;
     use crate::scan::PointCloud;

@@ -4,7 +4,8 @@
 //! and the result does not depend on any order of queries. Known limit: long thin triangles along
 //! the hull are as linear as the others.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
 
 use crate::raster::{Grid, GridGeometry};
@@ -24,19 +25,22 @@ impl HasPosition for Vertex {
 /// The mean point of each square of `cell_m` that holds any, in the order of the squares: as many
 /// vertices as the grid can show, and less noise in each.
 pub fn thinned(points: &[Vec3], geometry: &GridGeometry) -> Vec<Vec3> {
-    let mut sums = vec![([0.0f64; 3], 0u32); geometry.len()];
-    for p in points {
-        if let Some((c, r)) = geometry.cell_of(p.x.into(), p.y.into()) {
-            let (sum, n) = &mut sums[geometry.index(c, r)];
-            for (s, v) in sum.iter_mut().zip(p.to_array()) {
-                *s += f64::from(v);
-            }
-            *n += 1;
-        }
-    }
-    sums.into_iter()
-        .filter(|(_, n)| *n > 0)
-        .map(|(s, n)| Vec3::from(s.map(|v| (v / f64::from(n)) as f32)))
+    // Sorted rather than summed on the grid, which may have many more squares than points.
+    let mut places: Vec<(u32, u32)> = points
+        .iter()
+        .enumerate()
+        .filter_map(|(i, p)| {
+            let (c, r) = geometry.cell_of(p.x.into(), p.y.into())?;
+            Some((u32::try_from(geometry.index(c, r)).ok()?, u32::try_from(i).ok()?))
+        })
+        .collect();
+    places.par_sort_unstable();
+    places
+        .chunk_by(|a, b| a.0 == b.0)
+        .map(|same| {
+            let sum = same.iter().map(|&(_, i)| points[i as usize].as_dvec3()).sum::<DVec3>();
+            (sum / same.len() as f64).as_vec3()
+        })
         .collect()
 }
 
