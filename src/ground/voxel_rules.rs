@@ -9,10 +9,11 @@
 //!   least z.
 //! - Otherwise h_min is the root mean square of the floors of the region's columns, counted from
 //!   its least z; floors higher than [`STEEPEST`] allows are crowns and do not count.
-//! - Either way a point is ground only in the lowest voxel of its own column.
+//! - Rules judge voxels: one whose foot lies below h_min is ground as a whole. Either way a point
+//!   is ground only in the lowest voxel of its own column.
 //!
-//! Judging whole columns of flat regions as ground, or h_min from floors alone, lets crowns in;
-//! both were tried and measured worse.
+//! Taking the floors of all columns of a flat region for ground, or R_i from floors alone, lets
+//! crowns in: both were measured and gave worse terrain.
 //!
 //! Known limits: as the source says, the result depends on the cloud. A region without ground
 //! returns takes its floor from the crowns; on steep slopes only a part of a region's ground lies
@@ -75,8 +76,8 @@ pub fn ground(points: &[Vec3]) -> Vec<bool> {
                 return false;
             };
             let limit = &limits[region];
-            let h_min = if limit.is_flat { limit.least + most_rise } else { limit.h_min() };
-            p.z >= limit.least && p.z <= h_min && p.z <= floor[column] + voxel
+            let h_min = if limit.is_flat { limit.least } else { limit.h_min() };
+            p.z >= limit.least && p.z <= h_min.min(floor[column]) + voxel
         })
         .collect()
 }
