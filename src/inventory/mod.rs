@@ -15,14 +15,18 @@ pub struct Tree {
     pub crown: Crown,
     /// Scientific name.
     pub species: String,
-    /// `photo`, `the species named`, `default mix`.
+    /// `named`, `luminance`, `shape and photo`, `shape`.
     pub species_from: String,
+    /// How likely the species' kind (conifer, broadleaf) is, 0…1; where shape decided between them.
+    pub kind_chance: Option<f32>,
     /// Mean luminance of the crown in the photo, 0…255.
     pub luminance: Option<f32>,
-    /// How far that lies outside the species' range; 0 inside.
-    pub luminance_distance: f32,
-    /// At 1.3 m, from the species' allometry.
+    /// How far that lies outside the species' range, 0 inside; where luminance decided.
+    pub luminance_distance: Option<f32>,
+    /// At 1.3 m, by allometry from height and crown.
     pub stem_diameter_m: f32,
+    /// Dry, above ground, by allometry.
+    pub biomass_kg: f32,
 }
 
 /// The id of a crown.
@@ -36,6 +40,10 @@ fn rounded(value: f64) -> Value {
     json!(if r == 0.0 { 0.0 } else { r })
 }
 
+fn optional(value: Option<f32>) -> Value {
+    value.map_or(Value::Null, |v| rounded(v.into()))
+}
+
 /// Columns beside the geometry, in order.
 fn columns(tree: &Tree, frame: &Frame) -> Map<String, Value> {
     let c = &tree.crown;
@@ -44,6 +52,7 @@ fn columns(tree: &Tree, frame: &Frame) -> Map<String, Value> {
     m.insert("id".into(), json!(tree.id));
     m.insert("species".into(), json!(tree.species));
     m.insert("species_from".into(), json!(tree.species_from));
+    m.insert("kind_chance".into(), optional(tree.kind_chance));
     m.insert("x".into(), rounded(root.x));
     m.insert("y".into(), rounded(root.y));
     m.insert("z".into(), rounded(root.z));
@@ -51,11 +60,11 @@ fn columns(tree: &Tree, frame: &Frame) -> Map<String, Value> {
     m.insert("crown_diameter_m".into(), rounded(c.diameter_m.into()));
     m.insert("crown_base_height_m".into(), rounded(c.base_height_m.into()));
     m.insert("stem_diameter_m".into(), rounded(tree.stem_diameter_m.into()));
+    m.insert("biomass_kg".into(), rounded(tree.biomass_kg.into()));
     m.insert("points".into(), json!(c.point_count));
     m.insert("confidence".into(), rounded(c.confidence.into()));
-    let luminance = tree.luminance.map_or(Value::Null, |y| rounded(y.into()));
-    m.insert("luminance".into(), luminance);
-    m.insert("luminance_distance".into(), rounded(tree.luminance_distance.into()));
+    m.insert("luminance".into(), optional(tree.luminance));
+    m.insert("luminance_distance".into(), optional(tree.luminance_distance));
     m
 }
 
@@ -104,8 +113,8 @@ pub fn to_geojson(trees: &[Tree], frame: &Frame) -> Vec<u8> {
 pub fn to_csv(trees: &[Tree], frame: &Frame) -> Result<Vec<u8>> {
     let fail = |e: &dyn std::fmt::Display| Error::new(format!("the table cannot be written: {e}"));
     let mut out = csv::Writer::from_writer(Vec::new());
-    let header = "id,species,species_from,x,y,z,height_m,crown_diameter_m,crown_base_height_m,\
-                  stem_diameter_m,points,confidence,luminance,luminance_distance,outline_wkt";
+    let header = "id,species,species_from,kind_chance,x,y,z,height_m,crown_diameter_m,\
+                  crown_base_height_m,stem_diameter_m,biomass_kg,points,confidence,luminance,luminance_distance,outline_wkt";
     out.write_record(header.split(',')).map_err(|e| fail(&e))?;
     for tree in trees {
         let mut row: Vec<String> = columns(tree, frame)
@@ -149,10 +158,12 @@ mod tests {
             id: id(&crown),
             crown,
             species: "Larix sibirica".into(),
-            species_from: "photo".into(),
+            species_from: "shape".into(),
+            kind_chance: Some(0.75),
             luminance: None,
-            luminance_distance: 0.0,
+            luminance_distance: None,
             stem_diameter_m: 0.24,
+            biomass_kg: 180.0,
         };
         (vec![tree], frame)
     }
@@ -179,8 +190,8 @@ mod tests {
         let row = reader.records().next().unwrap().unwrap();
         assert_eq!(row.len(), reader.headers().unwrap().len());
         assert_eq!(&row[0], "0000000000000abc");
-        assert!(row[14].starts_with("POLYGON ((500008 6200018, "), "{}", &row[14]);
-        assert_eq!(&row[12], "");
+        assert!(row[16].starts_with("POLYGON ((500008 6200018, "), "{}", &row[16]);
+        assert_eq!(&row[14], "");
     }
 
     #[test]

@@ -1,0 +1,75 @@
+//! Conifer or broadleaf, from what the laser and the photo show of a crown: linear discriminant
+//! analysis (Fisher 1936) of four values that carry over between places.
+//!
+//! - mean height of the returns and their spread, over the height of the tree: a broadleaf's
+//!   returns are strewn from top to ground, a pine's stay in its crown;
+//! - intensity of first returns over the ground's: needles send back less at 1064 nm than leaves
+//!   (Korpela et al. 2010, Silva Fennica 44(2));
+//! - spread of the luminance over its mean, in photos fine enough to show branches.
+//!
+//! What is not known of a crown is left out: the means and covariances of the rest are those of a
+//! model without it. `tools/fit_kind.py` fits the numbers and prints how well they do; what it
+//! printed, and what was tried and left out (greenness, slenderness, roundness of the top, return
+//! ratios), is in docs/inventory.md.
+//!
+//! Limits: fitted to pines and to broadleaves of two places; a spruce or larch in leaf to the ground
+//! is taken for a broadleaf where intensity does not tell.
+
+/// Values of a crown that the model reads, in its order.
+pub const FEATURES: [&str; 4] =
+    ["mean_height", "height_spread", "intensity_over_ground", "contrast"];
+const N: usize = FEATURES.len();
+
+/// Values beyond these are taken for these.
+const LIMITS: [[f32; 2]; N] = [[0.0, 1.0], [0.0, 0.5], [-2.0, 2.0], [0.0, 1.0]];
+
+// By tools/fit_kind.py.
+const BROADLEAF: [f64; N] = [0.0; N];
+const CONIFER: [f64; N] = [0.0; N];
+const COVARIANCE: [[f64; N]; N] = [[0.0; N]; N];
+
+/// The chance that a crown is a conifer's, 0…1, both being as likely before. `None` where the
+/// spread of its returns is not known: the photo alone does not tell.
+pub fn conifer_chance(features: &[Option<f32>; N]) -> Option<f32> {
+    features[1]?;
+    let known: Vec<(usize, f64)> = features
+        .iter()
+        .enumerate()
+        .filter_map(|(i, v)| {
+            let v = v.filter(|v| v.is_finite())?;
+            Some((i, f64::from(v.clamp(LIMITS[i][0], LIMITS[i][1]))))
+        })
+        .collect();
+    let difference: Vec<f64> = known.iter().map(|&(i, _)| CONIFER[i] - BROADLEAF[i]).collect();
+    let rows: Vec<Vec<f64>> = known
+        .iter()
+        .map(|&(i, _)| known.iter().map(|&(j, _)| COVARIANCE[i][j]).collect())
+        .collect();
+    let weight = solve(rows, difference);
+    let score: f64 = known
+        .iter()
+        .zip(weight)
+        .map(|(&(i, v), w)| w * (v - 0.5 * (CONIFER[i] + BROADLEAF[i])))
+        .sum();
+    Some((1.0 / (1.0 + (-score).exp())) as f32)
+}
+
+/// Solves `a x = b` for positive definite `a` (Gauss elimination).
+fn solve(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
+    let n = b.len();
+    for k in 0..n {
+        for i in k + 1..n {
+            let factor = a[i][k] / a[k][k];
+            let pivot = a[k].clone();
+            for (v, p) in a[i].iter_mut().zip(pivot) {
+                *v -= factor * p;
+            }
+            b[i] -= factor * b[k];
+        }
+    }
+    for k in (0..n).rev() {
+        let known: f64 = (k + 1..n).map(|j| a[k][j] * b[j]).sum();
+        b[k] = (b[k] - known) / a[k][k];
+    }
+    b
+}

@@ -1,0 +1,185 @@
+//! What the laser shows of each crown, for telling conifers from broadleaves (`kind`): where in the
+//! tree the returns lie, and how bright they are against the ground's. Free of the density of the
+//! scan, of the size of the tree and of the scanner's scale of intensity.
+//!
+//! Limits: ground that hardly returns (water, wet asphalt) or returns more than any (snow) shifts
+//! every intensity alike; a crown over another's undergrowth seems deeper than it is.
+
+use glam::Vec2;
+use rayon::prelude::*;
+
+use super::photo::contains;
+use crate::crown::Crown;
+use crate::ground::{Classified, Kind};
+use crate::terrain::Terrain;
+
+/// Returns lower than this above the ground say nothing of a crown, metres.
+const LOW_M: f32 = 1.0;
+/// Fewer returns show no shape.
+const LEAST_RETURNS: u32 = 5;
+/// Side of the cells in which points are looked up, metres.
+const CELL_M: f64 = 2.0;
+
+/// One crown by its returns.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Look {
+    /// Mean height of the returns over that of the highest, 0…1.
+    pub mean_height: f32,
+    /// Standard deviation of their heights over the height of the highest.
+    pub height_spread: f32,
+    /// Mean intensity of the first returns, in the scan's own scale; `None` without any.
+    pub intensity: Option<f32>,
+}
+
+/// The crowns of a scan.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Looks {
+    /// One a crown; `None` where too few returns lie in its outline.
+    pub of_crown: Vec<Option<Look>>,
+    /// Median intensity of the ground's returns; `None` where the scan has no intensity.
+    pub ground_intensity: Option<f32>,
+}
+
+impl Looks {
+    /// Logarithm of a crown's intensity over the ground's.
+    pub fn intensity_over_ground(&self, look: &Look) -> Option<f32> {
+        let ground = self.ground_intensity?;
+        look.intensity.map(|i| (i.max(1.0) / ground.max(1.0)).ln())
+    }
+}
+
+/// Looks at every crown through the vegetation's returns inside its outline, in the crowns' order.
+pub fn measure(crowns: &[Crown], classified: &Classified, terrain: &Terrain) -> Looks {
+    let places = Places::new(classified);
+    let of_crown = crowns
+        .par_iter()
+        .map(|c| look(&c.outline, classified, terrain, places.as_ref()?))
+        .collect();
+    Looks { of_crown, ground_intensity: ground_intensity(classified) }
+}
+
+fn look(
+    outline: &[Vec2],
+    classified: &Classified,
+    terrain: &Terrain,
+    places: &Places,
+) -> Option<Look> {
+    let cloud = &classified.cloud;
+    let (mut count, mut sum, mut sum_sq, mut top) = (0u32, 0.0f64, 0.0f64, 0.0f64);
+    let (mut firsts, mut light) = (0u32, 0.0f64);
+    for i in places.inside(outline) {
+        let i = i as usize;
+        let p = *cloud.position.get(i)?;
+        let height = p.z - terrain.height_at(p.truncate());
+        if !(height >= LOW_M && contains(outline, p.truncate())) {
+            continue;
+        }
+        let height = f64::from(height);
+        count += 1;
+        sum += height;
+        sum_sq += height * height;
+        top = top.max(height);
+        if cloud.return_number.get(i) == Some(&1) {
+            firsts += 1;
+            light += f64::from(*cloud.intensity.get(i)?);
+        }
+    }
+    if count < LEAST_RETURNS {
+        return None;
+    }
+    let mean = sum / f64::from(count);
+    let spread = (sum_sq / f64::from(count) - mean * mean).max(0.0).sqrt();
+    Some(Look {
+        mean_height: (mean / top) as f32,
+        height_spread: (spread / top) as f32,
+        intensity: (firsts > 0).then(|| (light / f64::from(firsts)) as f32),
+    })
+}
+
+/// The median of the ground's returns.
+fn ground_intensity(classified: &Classified) -> Option<f32> {
+    let mut counts = vec![0u64; usize::from(u16::MAX) + 1];
+    let returns = classified.cloud.intensity.iter().zip(&classified.kind);
+    for (&intensity, _) in returns.filter(|(_, k)| **k == Kind::Ground) {
+        counts[usize::from(intensity)] += 1;
+    }
+    let all: u64 = counts.iter().sum();
+    let mut left = all / 2;
+    let median = counts.iter().position(|&n| {
+        let is_here = left < n;
+        left = left.saturating_sub(n);
+        is_here
+    })?;
+    (median > 0).then_some(median as f32)
+}
+
+/// Vegetation points by cell, in their order.
+struct Places {
+    low: Vec2,
+    cell: f32,
+    cols: usize,
+    rows: usize,
+    /// Where each cell's points begin in `points`; one more than cells.
+    start: Vec<u32>,
+    points: Vec<u32>,
+}
+
+impl Places {
+    /// `None` without vegetation.
+    fn new(classified: &Classified) -> Option<Places> {
+        let all = || {
+            let points = classified.cloud.position.iter().zip(&classified.kind).enumerate();
+            points
+                .filter(|(_, (_, k))| **k == Kind::Vegetation)
+                .map(|(i, (p, _))| (i, p.truncate()))
+        };
+        let first = all().next()?.1;
+        let (low, high) = all().fold((first, first), |(l, h), (_, p)| (l.min(p), h.max(p)));
+        let size = (high - low).as_dvec2();
+        // No more cells than points, however far apart those lie.
+        let least = (size.x.max(CELL_M) * size.y.max(CELL_M) / all().count() as f64).sqrt();
+        let cell = CELL_M.max(least) as f32;
+        let cols = ((high.x - low.x) / cell) as usize + 1;
+        let rows = ((high.y - low.y) / cell) as usize + 1;
+        let mut places = Places { low, cell, cols, rows, start: Vec::new(), points: Vec::new() };
+        let mut start = vec![0u32; cols * rows + 1];
+        for (_, p) in all() {
+            start[places.cell_of(p) + 1] += 1;
+        }
+        for i in 1..start.len() {
+            start[i] += start[i - 1];
+        }
+        places.points = vec![0; start.last().copied().unwrap_or(0) as usize];
+        let mut next = start.clone();
+        for (i, p) in all() {
+            let slot = &mut next[places.cell_of(p)];
+            places.points[*slot as usize] = i as u32;
+            *slot += 1;
+        }
+        places.start = start;
+        Some(places)
+    }
+
+    fn place(&self, p: Vec2) -> (usize, usize) {
+        let c = (p - self.low) / self.cell;
+        ((c.x.max(0.0) as usize).min(self.cols - 1), (c.y.max(0.0) as usize).min(self.rows - 1))
+    }
+
+    fn cell_of(&self, p: Vec2) -> usize {
+        let (col, row) = self.place(p);
+        row * self.cols + col
+    }
+
+    /// Points in the cells that a polygon's bounding box touches.
+    fn inside(&self, outline: &[Vec2]) -> impl Iterator<Item = u32> + '_ {
+        let (low, high) = outline
+            .iter()
+            .fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)));
+        let ((west, south), (east, north)) = (self.place(low), self.place(high));
+        (south..=north).flat_map(move |row| {
+            let from = self.start[row * self.cols + west] as usize;
+            let to = self.start[row * self.cols + east + 1] as usize;
+            self.points[from..to].iter().copied()
+        })
+    }
+}
