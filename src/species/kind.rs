@@ -24,14 +24,19 @@ const N: usize = FEATURES.len();
 const LIMITS: [[f32; 2]; N] = [[0.0, 1.0], [0.0, 0.5], [-2.0, 2.0], [0.0, 1.0]];
 
 // By tools/fit_kind.py.
-const BROADLEAF: [f64; N] = [0.0; N];
-const CONIFER: [f64; N] = [0.0; N];
-const COVARIANCE: [[f64; N]; N] = [[0.0; N]; N];
+const BROADLEAF: [f64; N] = [0.74548, 0.20406, 1.13265, 0.26372];
+const CONIFER: [f64; N] = [0.84708, 0.11572, -0.72347, 0.20777];
+const COVARIANCE: [[f64; N]; N] = [
+    [0.00590, -0.00268, 0.00425, -0.00049],
+    [-0.00268, 0.00314, 0.00598, 0.00050],
+    [0.00425, 0.00598, 0.70338, 0.00542],
+    [-0.00049, 0.00050, 0.00542, 0.00471],
+];
 
 /// The chance that a crown is a conifer's, 0…1, both being as likely before. `None` where the
 /// spread of its returns is not known: the photo alone does not tell.
 pub fn conifer_chance(features: &[Option<f32>; N]) -> Option<f32> {
-    features[1]?;
+    features[1].filter(|v| v.is_finite())?;
     let known: Vec<(usize, f64)> = features
         .iter()
         .enumerate()
@@ -72,4 +77,37 @@ fn solve(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
         b[k] = (b[k] - known) / a[k][k];
     }
     b
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn known(means: &[f64; N], is_known: [bool; N]) -> [Option<f32>; N] {
+        std::array::from_fn(|i| is_known[i].then_some(means[i] as f32))
+    }
+
+    #[test]
+    fn each_kind_is_told_by_its_own_means_whatever_is_missing() {
+        for missing in 0..1 << N {
+            let is_known = std::array::from_fn(|i| missing >> i & 1 == 0);
+            let conifer = conifer_chance(&known(&CONIFER, is_known));
+            let broadleaf = conifer_chance(&known(&BROADLEAF, is_known));
+            let (Some(c), Some(b)) = (conifer, broadleaf) else {
+                assert!(!is_known[1]);
+                continue;
+            };
+            assert!(c > 0.5 && b < 0.5 && (c + b - 1.0).abs() < 1e-4, "{is_known:?}: {c} {b}");
+        }
+    }
+
+    #[test]
+    fn values_out_of_all_bounds_give_a_chance() {
+        for v in [f32::MIN, -1.0, 0.0, 1e30, f32::MAX] {
+            let p = conifer_chance(&[Some(v); N]).unwrap();
+            assert!((0.0..=1.0).contains(&p), "{v}: {p}");
+        }
+        let p = conifer_chance(&[Some(0.8), Some(0.2), Some(f32::NAN), Some(f32::INFINITY)]);
+        assert_eq!(p, conifer_chance(&[Some(0.8), Some(0.2), None, None]));
+    }
 }

@@ -183,3 +183,81 @@ impl Places {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DVec3, Vec3};
+
+    use super::*;
+    use crate::frame::Frame;
+    use crate::raster::{Grid, GridGeometry};
+    use crate::scan::PointCloud;
+
+    /// Ground at 100 m of intensity 50; crowns of radius 2 m whose returns stand 1 m apart from 1 m
+    /// to `top` above it.
+    fn scene(crowns: &[(Vec2, u16, u16)]) -> (Vec<Crown>, Classified, Terrain) {
+        let g = GridGeometry::covering([-50.0, -50.0], [50.0, 50.0], 1.0);
+        let terrain = Terrain { heights: Grid::filled(g, 100.0), is_observed: vec![true; g.len()] };
+        let mut points: Vec<(Vec3, u16, Kind)> =
+            (0..40).map(|i| (Vec3::new(i as f32 - 20.0, 0.0, 100.0), 50, Kind::Ground)).collect();
+        for &(at, top, intensity) in crowns {
+            points.extend((1..=top).map(|z| {
+                (at.extend(100.0 + f32::from(z)), intensity, Kind::Vegetation)
+            }));
+        }
+        let n = points.len();
+        let cloud = PointCloud {
+            frame: Frame::local(DVec3::ZERO),
+            position: points.iter().map(|p| p.0).collect(),
+            intensity: points.iter().map(|p| p.1).collect(),
+            return_number: vec![1; n],
+            return_count: vec![1; n],
+            class: vec![0; n],
+            rgb: None,
+        };
+        let kind = points.iter().map(|p| p.2).collect();
+        let found = crowns.iter().map(|&(at, top, _)| Crown {
+            key: 0,
+            root: at.extend(100.0),
+            apex: at.extend(100.0 + f32::from(top)),
+            height_m: f32::from(top),
+            base_height_m: 0.0,
+            diameter_m: 4.0,
+            outline: [(-2., -2.), (2., -2.), (2., 2.), (-2., 2.)]
+                .map(|(x, y)| at + Vec2::new(x, y))
+                .to_vec(),
+            attractors: Vec::new(),
+            point_count: 1,
+            confidence: 1.0,
+        });
+        (found.collect(), Classified { cloud, kind, is_normalised: false }, terrain)
+    }
+
+    #[test]
+    fn a_crown_is_seen_by_its_own_returns() {
+        let all = [(Vec2::new(-30.0, 7.0), 20, 100), (Vec2::new(31.0, -40.0), 9, 25)];
+        let (crowns, classified, terrain) = scene(&all);
+        let looks = measure(&crowns, &classified, &terrain);
+        for (look, (_, top, intensity)) in looks.of_crown.iter().zip(all) {
+            let (look, n) = (look.unwrap(), f32::from(top));
+            assert!((look.mean_height - (n + 1.0) / 2.0 / n).abs() < 1e-4);
+            assert!((look.height_spread - ((n * n - 1.0) / 12.0).sqrt() / n).abs() < 1e-4);
+            let over = looks.intensity_over_ground(&look).unwrap();
+            assert!((over - (f32::from(intensity) / 50.0).ln()).abs() < 1e-4);
+        }
+        let alone = measure(&crowns[1..], &classified, &terrain);
+        assert_eq!(alone.of_crown[0], looks.of_crown[1]);
+    }
+
+    #[test]
+    fn too_few_returns_or_no_intensity_tell_nothing() {
+        let (crowns, mut classified, terrain) = scene(&[(Vec2::ZERO, 4, 9), (Vec2::splat(9.0), 5, 9)]);
+        classified.cloud.intensity.fill(0);
+        let looks = measure(&crowns, &classified, &terrain);
+        assert_eq!(looks.of_crown[0], None);
+        assert_eq!(looks.ground_intensity, None);
+        assert_eq!(looks.intensity_over_ground(&looks.of_crown[1].unwrap()), None);
+        classified.kind.fill(Kind::Ground);
+        assert_eq!(measure(&crowns, &classified, &terrain).of_crown, [None, None]);
+    }
+}
