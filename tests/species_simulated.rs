@@ -48,7 +48,11 @@ const MIX: [&str; 5] =
 fn the_photo_of_a_mixed_stand_tells_its_species() {
     for seed in [1, 2] {
         let c = stand(&MIX, seed, true, SpeciesBy::Auto);
-        println!("seed {seed}: species right of {:.3}, kind of {:.3}", c.species_accuracy, kind_accuracy(&MIX, &c));
+        println!(
+            "seed {seed}: species right of {:.3}, kind of {:.3}",
+            c.species_accuracy,
+            kind_accuracy(&MIX, &c)
+        );
         assert!(c.species_accuracy >= 0.85, "{:.3}", c.species_accuracy);
     }
 }

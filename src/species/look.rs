@@ -201,9 +201,9 @@ mod tests {
         let mut points: Vec<(Vec3, u16, Kind)> =
             (0..40).map(|i| (Vec3::new(i as f32 - 20.0, 0.0, 100.0), 50, Kind::Ground)).collect();
         for &(at, top, intensity) in crowns {
-            points.extend((1..=top).map(|z| {
-                (at.extend(100.0 + f32::from(z)), intensity, Kind::Vegetation)
-            }));
+            points.extend(
+                (1..=top).map(|z| (at.extend(100.0 + f32::from(z)), intensity, Kind::Vegetation)),
+            );
         }
         let n = points.len();
         let cloud = PointCloud {
@@ -251,7 +251,8 @@ mod tests {
 
     #[test]
     fn too_few_returns_or_no_intensity_tell_nothing() {
-        let (crowns, mut classified, terrain) = scene(&[(Vec2::ZERO, 4, 9), (Vec2::splat(9.0), 5, 9)]);
+        let (crowns, mut classified, terrain) =
+            scene(&[(Vec2::ZERO, 4, 9), (Vec2::splat(9.0), 5, 9)]);
         classified.cloud.intensity.fill(0);
         let looks = measure(&crowns, &classified, &terrain);
         assert_eq!(looks.of_crown[0], None);
