@@ -12,7 +12,7 @@
 //!
 //! **Which of the two.** The ranges were measured in one survey; other cameras and places give
 //! other luminances (docs/inventory.md). They decide where the photo bears them out: most crowns lie
-//! in ranges, and in ranges far apart. A stand of one kind cannot be told from another exposure and
+//! near ranges, and near ranges far apart (dark conifers beside brighter trees). A stand of one kind cannot be told from another exposure and
 //! goes by `kind`.
 //!
 //! **Shape.** Among the species of the kind (all, where the kind is not known) one is drawn in
@@ -38,11 +38,12 @@ const TIE: f32 = 3.0;
 const FAR: f32 = 12.0;
 /// Luminance that a factor e of exposure costs per crown.
 const GAIN_COST: f32 = 12.0;
-/// The ranges hold for a photo that puts this share of the crowns into them (within `TIE`), and this
-/// share into each of two that lie `APART`.
+/// The ranges hold for a photo that puts this share of the crowns near them, and this share near each
+/// of two that lie `APART`, as dark conifers and other trees do.
 const FITTING: f32 = 0.7;
-const FITTING_EACH: f32 = 0.1;
-const APART: f32 = 30.0;
+const FITTING_EACH: f32 = 0.15;
+const NEAR: f32 = 10.0;
+const APART: f32 = 60.0;
 
 /// What decides the species.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -170,7 +171,8 @@ pub fn assign(
 fn conifer_chance(looks: &Looks, crown: usize, contrast: Option<f32>) -> Option<f32> {
     let look = looks.of_crown.get(crown).copied().flatten()?;
     let intensity = looks.intensity_over_ground(&look);
-    kind::conifer_chance(&[Some(look.mean_height), Some(look.height_spread), intensity, contrast])
+    let (mean, spread) = (Some(look.mean_height), Some(look.height_spread));
+    kind::conifer_chance(&[mean, spread, intensity, contrast], look.steepness)
 }
 
 /// The species' ranges of luminance, and the photo's exposure against them.
@@ -233,15 +235,15 @@ impl Scale {
         let share = |of: &dyn Fn(f32) -> bool| {
             lit.iter().filter(|y| of(**y * self.gain)).count() as f32 / lit.len().max(1) as f32
         };
-        let inside = |y: f32, range: &[f32; 2]| distance(y, *range) <= TIE;
-        if share(&|y| self.ranges.iter().any(|(_, r)| inside(y, r))) < FITTING {
+        let is_near = |y: f32, range: &[f32; 2]| distance(y, *range) <= NEAR;
+        if share(&|y| self.ranges.iter().any(|(_, r)| is_near(y, r))) < FITTING {
             return false;
         }
         let held: Vec<[f32; 2]> = self
             .ranges
             .iter()
             .map(|(_, r)| *r)
-            .filter(|r| share(&|y| inside(y, r)) >= FITTING_EACH)
+            .filter(|r| share(&|y| is_near(y, r)) >= FITTING_EACH)
             .collect();
         let lowest = held.iter().map(|r| r[1]).fold(f32::INFINITY, f32::min);
         held.iter().any(|r| r[0] - lowest >= APART)
@@ -423,7 +425,7 @@ mod tests {
             &Looks::default(),
             Some(&photo),
             &species,
-            SpeciesBy::Auto,
+            SpeciesBy::Luminance,
             Seed::new(1),
         )
         .unwrap()

@@ -15,8 +15,9 @@ use crate::terrain::Terrain;
 
 /// Returns lower than this above the ground say nothing of a crown, metres.
 const LOW_M: f32 = 1.0;
-/// Fewer returns show no shape.
+/// Fewer returns show no shape, fewer first returns no slope.
 const LEAST_RETURNS: u32 = 5;
+const LEAST_FIRSTS: u32 = 20;
 /// Side of the cells in which points are looked up, metres.
 const CELL_M: f64 = 2.0;
 
@@ -27,6 +28,9 @@ pub struct Look {
     pub mean_height: f32,
     /// Standard deviation of their heights over the height of the highest.
     pub height_spread: f32,
+    /// How far the first returns sink a metre from the middle of the crown outwards, metres: by the
+    /// regression of height on distance. 0 where they are too few to tell.
+    pub steepness: f32,
     /// Mean intensity of the first returns, in the scan's own scale; `None` without any.
     pub intensity: Option<f32>,
 }
@@ -67,6 +71,9 @@ fn look(
     let cloud = &classified.cloud;
     let (mut count, mut sum, mut sum_sq, mut top) = (0u32, 0.0f64, 0.0f64, 0.0f64);
     let (mut firsts, mut light) = (0u32, 0.0f64);
+    let mut slope = Slope::default();
+    let (low, high) = bounds(outline);
+    let middle = 0.5 * (low + high);
     for i in places.inside(outline) {
         let i = i as usize;
         let p = *cloud.position.get(i)?;
@@ -81,6 +88,7 @@ fn look(
         top = top.max(height);
         if cloud.return_number.get(i) == Some(&1) {
             firsts += 1;
+            slope.add(p.truncate().distance(middle).into(), height);
             light += f64::from(*cloud.intensity.get(i)?);
         }
     }
@@ -92,8 +100,40 @@ fn look(
     Some(Look {
         mean_height: (mean / top) as f32,
         height_spread: (spread / top) as f32,
+        steepness: if firsts < LEAST_FIRSTS { 0.0 } else { -slope.value() as f32 },
         intensity: (firsts > 0).then(|| (light / f64::from(firsts)) as f32),
     })
+}
+
+/// Linear regression, point by point.
+#[derive(Default)]
+struct Slope {
+    n: f64,
+    x: f64,
+    y: f64,
+    xx: f64,
+    xy: f64,
+}
+
+impl Slope {
+    fn add(&mut self, x: f64, y: f64) {
+        self.n += 1.0;
+        self.x += x;
+        self.y += y;
+        self.xx += x * x;
+        self.xy += x * y;
+    }
+
+    /// 0 where all points are at one place.
+    fn value(&self) -> f64 {
+        let spread = self.n * self.xx - self.x * self.x;
+        if spread > 1e-6 { (self.n * self.xy - self.x * self.y) / spread } else { 0.0 }
+    }
+}
+
+fn bounds(outline: &[Vec2]) -> (Vec2, Vec2) {
+    let none = (Vec2::INFINITY, Vec2::NEG_INFINITY);
+    outline.iter().fold(none, |(l, h), p| (l.min(*p), h.max(*p)))
 }
 
 /// The median of the ground's returns.
@@ -172,9 +212,7 @@ impl Places {
 
     /// Points in the cells that a polygon's bounding box touches.
     fn inside(&self, outline: &[Vec2]) -> impl Iterator<Item = u32> + '_ {
-        let (low, high) = outline
-            .iter()
-            .fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)));
+        let (low, high) = bounds(outline);
         let ((west, south), (east, north)) = (self.place(low), self.place(high));
         (south..=north).flat_map(move |row| {
             let from = self.start[row * self.cols + west] as usize;
@@ -260,5 +298,28 @@ mod tests {
         assert_eq!(looks.intensity_over_ground(&looks.of_crown[1].unwrap()), None);
         classified.kind.fill(Kind::Ground);
         assert_eq!(measure(&crowns, &classified, &terrain).of_crown, [None, None]);
+    }
+
+    #[test]
+    fn a_cone_is_as_steep_as_its_side() {
+        let (mut crowns, mut classified, terrain) = scene(&[(Vec2::splat(5.0), 20, 9)]);
+        classified.kind.fill(Kind::Excluded);
+        let cloud = &mut classified.cloud;
+        for i in 0..400u16 {
+            let (x, y) = (f32::from(i % 20) * 0.2 - 1.9, f32::from(i / 20) * 0.2 - 1.9);
+            let down = 4.0 * x.hypot(y);
+            cloud.position.push(Vec3::new(5.0 + x, 5.0 + y, 120.0 - down));
+            cloud.intensity.push(9);
+            cloud.return_number.push(1);
+            cloud.return_count.push(1);
+            cloud.class.push(0);
+            classified.kind.push(Kind::Vegetation);
+        }
+        let cone = measure(&crowns, &classified, &terrain).of_crown[0].unwrap();
+        assert!((cone.steepness - 4.0).abs() < 1e-2, "{}", cone.steepness);
+        crowns[0].outline =
+            [(4.8, 4.8), (5.6, 4.8), (5.6, 5.6), (4.8, 5.6)].map(Vec2::from).to_vec();
+        let few = measure(&crowns, &classified, &terrain).of_crown[0].unwrap();
+        assert_eq!(few.steepness, 0.0);
     }
 }
