@@ -8,6 +8,7 @@ use larix::pipeline::{self, ForestJob, Sharing, SurveyJob};
 use larix::report::{Recorder, Silent};
 use larix::seed::Seed;
 use larix::simulate::StandOptions;
+use larix::species::assign::SpeciesBy;
 use larix::species::{self, Species};
 
 fn main() {
@@ -31,7 +32,7 @@ fn job() -> (tempfile::TempDir, ForestJob) {
         cell_m: None,
         photo: None,
         species,
-        species_are_requested: true,
+        species_by: SpeciesBy::Auto,
         voxel_m: None,
         min_height_m: 2.0,
         seed,

@@ -13,6 +13,7 @@ use larix::report::{Recorder, Silent};
 use larix::scan::{PointCloud, ReadOptions, encode_laz, read};
 use larix::seed::Seed;
 use larix::simulate::StandOptions;
+use larix::species::assign::SpeciesBy;
 use larix::species::{self, Species};
 
 fn species() -> Vec<Species> {
@@ -113,7 +114,7 @@ fn main() {
             cell_m: None,
             photo: None,
             species: species(),
-            species_are_requested: true,
+            species_by: SpeciesBy::Auto,
             voxel_m: None,
             min_height_m: 2.0,
             seed: Seed::new(1),

@@ -18,7 +18,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
         ("ground", &["scan", "voxel"]),
         ("terrain", &["ground", "mesh"]),
         ("crown", &["ground", "terrain", "voxel"]),
-        ("species", &["crown"]),
+        ("species", &["crown", "ground", "terrain"]),
         ("skeleton", &["species", "crown"]),
         ("mesh", &["skeleton", "species", "texture"]),
         ("texture", &["species"]),

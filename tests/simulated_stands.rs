@@ -7,6 +7,7 @@ use larix::pipeline::{self, Survey, SurveyJob};
 use larix::report::{Recorder, Silent};
 use larix::seed::Seed;
 use larix::simulate::{Comparison, Stand, StandOptions};
+use larix::species::assign::SpeciesBy;
 use larix::species::{self, Species};
 
 /// A stand, and what is found in it.
@@ -23,7 +24,7 @@ fn survey(mix: &[&str], options: &StandOptions, seed: u64, dir: &Path) -> (Stand
         cell_m: None,
         photo: None,
         species,
-        species_are_requested: true,
+        species_by: SpeciesBy::Auto,
         voxel_m: None,
         min_height_m: 2.0,
         seed,

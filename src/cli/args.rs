@@ -70,6 +70,17 @@ pub enum Ground {
     File,
 }
 
+/// What tells the species of a tree.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SpeciesBy {
+    /// The photo's luminance where it bears out the species' ranges, else the shape.
+    Auto,
+    /// The photo's luminance.
+    Luminance,
+    /// Shape of the crown, brightness of its returns, unevenness in the photo.
+    Shape,
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Format {
     /// One binary glTF file.
@@ -141,11 +152,15 @@ pub struct ScanArgs {
 #[derive(Debug, Args)]
 pub struct TreeArgs {
     /// Georeferenced aerial photo: GeoTIFF, or PNG or JPEG with a world file beside it.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", required_if_eq("species_by", "luminance"))]
     pub photo: Option<PathBuf>,
     /// Species to choose among, comma separated; `larix species list` shows them.
     #[arg(long, value_name = "A,B,…", value_delimiter = ',')]
     pub species: Vec<String>,
+    /// What tells the species: the photo's luminance, or the crown's shape and the brightness of
+    /// its returns; `auto` takes the luminance where the photo bears out the species' ranges.
+    #[arg(long, value_enum, default_value = "auto")]
+    pub species_by: SpeciesBy,
     /// Voxel in metres; from the density where absent.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub voxel: Option<f32>,

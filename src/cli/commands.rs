@@ -15,6 +15,7 @@ use crate::report::{self, Outcome, Recorder, Silent};
 use crate::scene::ValidScene;
 use crate::seed::Seed;
 use crate::simulate::StandOptions;
+use crate::species::assign::SpeciesBy;
 use crate::species::{self, Species};
 
 /// Species to choose among where none are named.
@@ -96,7 +97,7 @@ fn survey_job(scan: &ScanArgs, tree: &TreeArgs) -> Result<SurveyJob> {
         cell_m: scan.cell,
         photo: tree.photo.clone(),
         species: load_species(&tree.species)?,
-        species_are_requested: !tree.species.is_empty(),
+        species_by: species_by(tree.species_by),
         voxel_m: tree.voxel,
         min_height_m: tree.min_height,
         seed: seed(tree.seed),
@@ -109,6 +110,14 @@ fn method(ground: args::Ground) -> Method {
         args::Ground::Tin => Method::Tin,
         args::Ground::Voxel => Method::VoxelRules,
         args::Ground::File => Method::FileClasses,
+    }
+}
+
+fn species_by(by: args::SpeciesBy) -> SpeciesBy {
+    match by {
+        args::SpeciesBy::Auto => SpeciesBy::Auto,
+        args::SpeciesBy::Luminance => SpeciesBy::Luminance,
+        args::SpeciesBy::Shape => SpeciesBy::Shape,
     }
 }
 
@@ -250,7 +259,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
         cell_m: a.scan.cell,
         photo: None,
         species: Vec::new(),
-        species_are_requested: false,
+        species_by: SpeciesBy::Auto,
         voxel_m: None,
         min_height_m: 2.0,
         seed: seed(1),
@@ -382,7 +391,7 @@ fn demo(a: &args::Demo, run: &mut Recorder) -> Result<Told> {
             cell_m: None,
             photo: Some(held.path().join("photo.tif")),
             species,
-            species_are_requested: false,
+            species_by: SpeciesBy::Auto,
             voxel_m: None,
             min_height_m: 2.0,
             seed: seed(a.seed),

@@ -20,14 +20,18 @@ pub struct Tree {
     pub crown: Crown,
     /// Scientific name.
     pub species: String,
-    /// `photo`, `the species named`, `default mix`.
+    /// `named`, `luminance`, `shape and photo`, `shape`.
     pub species_from: String,
+    /// How likely the species' kind (conifer, broadleaf) is, 0…1; where shape decided between them.
+    pub kind_chance: Option<f32>,
     /// Mean luminance of the crown in the photo, 0…255.
     pub luminance: Option<f32>,
-    /// How far that lies outside the species' range; 0 inside.
-    pub luminance_distance: f32,
-    /// At 1.3 m, from the species' allometry.
+    /// How far that lies outside the species' range, 0 inside; where luminance decided.
+    pub luminance_distance: Option<f32>,
+    /// At 1.3 m, by allometry from height and crown.
     pub stem_diameter_m: f32,
+    /// Dry, above ground, by allometry.
+    pub biomass_kg: f32,
 }
 
 /// The id of a crown.
@@ -56,6 +60,7 @@ const COLUMNS: &[(&str, Values)] = &[
     ("id", Text(|t| &t.id)),
     ("species", Text(|t| &t.species)),
     ("species_from", Text(|t| &t.species_from)),
+    ("kind_chance", Number(|t, _| t.kind_chance.map(f64::from))),
     ("x", Number(|t, f| Some(root(t, f).x))),
     ("y", Number(|t, f| Some(root(t, f).y))),
     ("z", Number(|t, f| Some(root(t, f).z))),
@@ -66,11 +71,12 @@ const COLUMNS: &[(&str, Values)] = &[
     ("crown_surface_m2", Number(|t, _| Some(t.crown.surface_sq_m.into()))),
     ("crown_base_height_m", Number(|t, _| Some(t.crown.base_height_m.into()))),
     ("stem_diameter_m", Number(|t, _| Some(t.stem_diameter_m.into()))),
+    ("biomass_kg", Number(|t, _| Some(t.biomass_kg.into()))),
     ("points", Count(|t| t.crown.point_count.into())),
     ("is_understory", Flag(|t| t.crown.is_understory)),
     ("confidence", Number(|t, _| Some(t.crown.confidence.into()))),
     ("luminance", Number(|t, _| t.luminance.map(f64::from))),
-    ("luminance_distance", Number(|t, _| Some(t.luminance_distance.into()))),
+    ("luminance_distance", Number(|t, _| t.luminance_distance.map(f64::from))),
 ];
 
 fn root(tree: &Tree, frame: &Frame) -> DVec3 {
@@ -184,10 +190,12 @@ mod tests {
             id: id(&crown),
             crown,
             species: "Larix sibirica".into(),
-            species_from: "photo".into(),
+            species_from: "shape".into(),
+            kind_chance: Some(0.75),
             luminance: None,
-            luminance_distance: 0.0,
+            luminance_distance: None,
             stem_diameter_m: 0.24,
+            biomass_kg: 180.0,
         };
         (vec![tree], frame)
     }

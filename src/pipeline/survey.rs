@@ -15,7 +15,9 @@ use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scan::{self, ReadOptions};
 use crate::seed::Seed;
 use crate::species::Species;
-use crate::species::photo::{self, How, Photo};
+use crate::species::assign::{How, SpeciesBy, assign};
+use crate::species::photo::Photo;
+use crate::species::{allometry, look};
 use crate::terrain::{self, Terrain, TerrainOptions};
 use crate::voxel::{self, VoxelOctree};
 
@@ -29,8 +31,7 @@ pub struct SurveyJob {
     pub photo: Option<PathBuf>,
     /// To choose among, never empty.
     pub species: Vec<Species>,
-    /// The user named the species; without a photo that is then their source.
-    pub species_are_requested: bool,
+    pub species_by: SpeciesBy,
     /// From the density where `None`.
     pub voxel_m: Option<f32>,
     pub min_height_m: f32,
@@ -225,12 +226,11 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
         Ok((crowns, outcome.error(ErrorMeasure::new("vegetation points in no tree", left, "%"))))
     })?;
     let frame = classified.cloud.frame.clone();
-    drop(classified.kind);
     run.stage("species", |warnings| {
-        let is_requested = job.species_are_requested;
+        let looks = look::measure(&crowns, &classified, &terrain);
+        let (by, seen) = (job.species_by, photo.as_ref());
         let assigned =
-            photo::assign(&crowns, photo.as_ref(), &job.species, is_requested, job.seed)?
-                .into_value(warnings);
+            assign(&crowns, &looks, seen, &job.species, by, job.seed)?.into_value(warnings);
         let species: Vec<usize> = assigned.iter().map(|a| a.species).collect();
         let trees: Vec<Tree> = crowns
             .into_iter()
@@ -240,24 +240,29 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
                 Tree {
                     id: inventory::id(&crown),
                     species: s.name.clone(),
-                    species_from: how(a.how).into(),
+                    species_from: a.how.text().into(),
+                    kind_chance: a.kind_chance,
                     luminance: a.luminance,
-                    luminance_distance: a.distance,
-                    stem_diameter_m: s.size.stem_diameter_at(crown.height_m),
+                    luminance_distance: a.luminance_distance,
+                    stem_diameter_m: allometry::stem_diameter_m(
+                        s,
+                        crown.height_m,
+                        crown.diameter_m,
+                    ),
+                    biomass_kg: allometry::biomass_kg(s, crown.height_m, crown.diameter_m),
                     crown,
                 }
             })
             .collect();
         let kinds = (0..job.species.len()).filter(|i| species.contains(i)).count();
         let mut outcome = Outcome::items(trees.len(), "trees", kinds, "species");
-        for source in [How::Photo, How::Requested, How::DefaultMix] {
+        for source in How::ALL {
             let count = assigned.iter().filter(|a| a.how == source).count();
             if count > 0 {
-                outcome = outcome.note(format!("species of {count} trees from: {}", how(source)));
+                outcome = outcome.note(format!("species of {count} trees by: {}", source.text()));
             }
         }
-        let off: Vec<f32> =
-            assigned.iter().filter(|a| a.luminance.is_some()).map(|a| a.distance).collect();
+        let off: Vec<f32> = assigned.iter().filter_map(|a| a.luminance_distance).collect();
         if !off.is_empty() {
             let mean = off.iter().map(|&d| f64::from(d)).sum::<f64>() / off.len() as f64;
             outcome =
@@ -265,12 +270,4 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
         }
         Ok((Survey { frame, terrain, photo, trees, species }, outcome))
     })
-}
-
-fn how(how: How) -> &'static str {
-    match how {
-        How::Photo => "photo",
-        How::Requested => "the species named",
-        How::DefaultMix => "default mix",
-    }
 }
