@@ -4,7 +4,7 @@ use larix::ground::Method;
 use larix::pipeline::{SurveyJob, demo, survey};
 use larix::report::{Recorder, Silent};
 use larix::seed::Seed;
-use larix::simulate::Comparison;
+use larix::simulate::{Comparison, StandOptions};
 use larix::species::assign::SpeciesBy;
 use larix::species::model::Kind;
 use larix::species::{self, Species};
