@@ -10,6 +10,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::PointCloud;
 use super::part::Part;
 
 /// A neighbourhood with at most this many points, the point itself among them, is noise.
@@ -23,7 +24,7 @@ const LEAST_EDGE_M: f64 = 5.0;
 const RUN_POINTS: usize = 1 << 18;
 const AXIS_BITS: u32 = 21;
 /// Voxels along an axis; one is left free at each end for the neighbours.
-const AXIS_VOXELS: f64 = ((1u64 << AXIS_BITS) - 2) as f64;
+const AXIS_VOXELS: f64 = ((1u64 << AXIS_BITS) - 3) as f64;
 
 /// World bounds in metres; `None` without points.
 pub(super) fn bounds_m(parts: &[Part], unit_m: DVec3) -> Option<(DVec3, DVec3)> {
@@ -43,8 +44,9 @@ pub(super) fn density_per_m2(parts: &[Part], unit_m: DVec3) -> f64 {
     let Some((min, max)) = bounds_m(parts, unit_m) else { return 0.0 };
     let points: usize = parts.iter().map(|part| part.coordinates.len()).sum();
     let edge_m = ((max - min).truncate().max_element() / f64::from(u32::MAX)).max(1.0);
+    let first = (min / edge_m).floor();
     let cells = count(parts, |p| {
-        let cell = (p * unit_m - min) / edge_m;
+        let cell = (p * unit_m / edge_m).floor() - first;
         ((cell.y as u64) << 32) | cell.x as u64
     });
     points as f64 / (cells.len() as f64 * edge_m * edge_m)
@@ -63,8 +65,10 @@ pub(super) fn keep(parts: &[Part], unit_m: DVec3, density_per_m2: f64) -> Option
     let (min, max) = bounds_m(parts, unit_m)?;
     let wanted_m = (EDGE_IN_SPACINGS / density_per_m2.sqrt()).max(LEAST_EDGE_M);
     let edge_m = wanted_m.max((max - min).max_element() / AXIS_VOXELS);
+    // Aligned to multiples of the edge, so that a voxel does not move with the cut of the scan.
+    let first = (min / edge_m).floor();
     let key = |p: DVec3| {
-        let voxel = (p * unit_m - min) / edge_m;
+        let voxel = (p * unit_m / edge_m).floor() - first;
         let index = |v: f64| v as u64 + 1;
         (index(voxel.z) << (2 * AXIS_BITS)) | (index(voxel.y) << AXIS_BITS) | index(voxel.x)
     };
@@ -91,6 +95,16 @@ pub(super) fn keep(parts: &[Part], unit_m: DVec3, density_per_m2: f64) -> Option
         })
         .collect();
     Some(Keep { flags, is_coarse: edge_m > wanted_m })
+}
+
+/// [`keep`] for a piece of a scan whose density is known: which points are isolated.
+pub(super) fn among(cloud: &PointCloud, density_per_m2: f64) -> Vec<bool> {
+    let frame = &cloud.frame;
+    let world = cloud.position.iter().map(|p| frame.world_from_local(*p)).collect();
+    let part = Part::of_places(world);
+    keep(&[part], frame.unit_m(), density_per_m2)
+        .and_then(|keep| keep.flags.into_iter().next())
+        .map_or(vec![false; cloud.len()], |keep| keep.iter().map(|keep| !keep).collect())
 }
 
 /// Whether the neighbourhood of a voxel holds at most [`MOST_POINTS`] points.

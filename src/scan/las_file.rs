@@ -15,9 +15,10 @@ use rayon::prelude::*;
 
 use super::crs::{self, Records};
 use super::laz_chunks::{self, LazChunks, Points};
-use super::part::{Columns, Coordinates, Part, world_from_steps};
+use super::part::{ColourScale, Columns, Coordinates, Part, world_from_steps};
 use super::{ReadOptions, Removed};
 use crate::diagnostic::{Error, Result};
+use crate::frame::Crs;
 
 /// Bytes of point records in memory at a time.
 const BATCH_BYTES: u64 = 32 << 20;
@@ -44,9 +45,18 @@ pub(super) struct Layout {
     offset: DVec3,
 }
 
-/// Reads one file.
-pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Part> {
-    read_inner(path, options).map_err(|error| error.in_file(path))
+/// Points on their way from a file to where they are kept.
+pub(super) struct Batch {
+    pub coordinates: Coordinates,
+    pub columns: Columns,
+}
+
+/// Takes the points of a file in place of [`Part`], in the file's order.
+pub(super) type Sink<'a> = &'a mut dyn FnMut(Option<&Crs>, Batch) -> Result<()>;
+
+/// Reads one file; with a sink the part that is returned holds no points.
+pub(super) fn read(path: &Path, options: &ReadOptions, sink: Option<Sink<'_>>) -> Result<Part> {
+    read_inner(path, options, sink).map_err(|error| error.in_file(path))
 }
 
 pub(super) fn io_error(error: std::io::Error) -> Error {
@@ -61,7 +71,7 @@ pub(super) fn damaged(what: impl Into<String>) -> Error {
     Error::new(what).remedy(DAMAGED)
 }
 
-fn read_inner(path: &Path, options: &ReadOptions) -> Result<Part> {
+fn read_inner(path: &Path, options: &ReadOptions, sink: Option<Sink<'_>>) -> Result<Part> {
     let file = File::open(path).map_err(io_error)?;
     let file_bytes = file.metadata().map_err(io_error)?.len();
     let mut source = BufReader::with_capacity(1 << 16, file);
@@ -74,7 +84,7 @@ fn read_inner(path: &Path, options: &ReadOptions) -> Result<Part> {
     let stated = crs::parse(&records, header.global_encoding & 16 != 0)?;
     warnings.extend(stated.warnings);
 
-    let mut decoded = Decoded::with_room(&layout);
+    let mut decoded = Gathered::new(&layout, stated.crs.clone(), sink);
     let told = match laz_record {
         Some(record) if is_laz => decode_laz(&mut source, &record, &layout, options, &mut decoded)?,
         None if is_laz => {
@@ -82,30 +92,30 @@ fn read_inner(path: &Path, options: &ReadOptions) -> Result<Part> {
         }
         _ => decode_plain(&mut source, &layout, options, &mut decoded)?,
     };
-    let found = decoded.steps.len() as u64 + decoded.removed.total();
+    let found = decoded.kept + decoded.all.removed.total();
     warnings.extend(told);
     count_warning(found, layout.point_count, &mut warnings)?;
-    if decoded.repaired > 0 {
-        warnings
-            .push(format!("{} return numbers outside 1..=count were repaired", decoded.repaired));
+    if decoded.all.repaired > 0 {
+        let repaired = decoded.all.repaired;
+        warnings.push(format!("{repaired} return numbers outside 1..=count were repaired"));
     }
-    if bounds_are_wrong(&header, &layout, &decoded.steps) {
+    let bounds = decoded.bounds();
+    if bounds.is_some_and(|bounds| bounds_are_wrong(&header, &layout, bounds)) {
         warnings.push("the bounds in its header are wrong; those of its points are used".into());
     }
-    let mut columns = decoded.columns;
-    columns.rgb = columns.rgb.and_then(sixteen_bit);
+    let colour = ColourScale::of(decoded.brightest);
+    let Decoded { steps, mut columns, removed, .. } = decoded.all;
+    colour.apply(&mut columns.rgb);
     Ok(Part {
         path: path.to_path_buf(),
         crs: stated.crs,
         in_degrees: stated.in_degrees,
-        coordinates: Coordinates::Scaled {
-            steps: decoded.steps,
-            scale: layout.scale,
-            offset: layout.offset,
-        },
+        coordinates: Coordinates::Scaled { steps, scale: layout.scale, offset: layout.offset },
         columns,
+        bounds,
+        colour,
         in_file: found,
-        removed: decoded.removed,
+        removed,
         warnings,
     })
 }
@@ -133,25 +143,8 @@ fn count_warning(found: u64, promised: u64, warnings: &mut Vec<String>) -> Resul
 }
 
 /// Whether a point lies outside what the header states. Points left out count as inside.
-fn bounds_are_wrong(header: &las::raw::Header, layout: &Layout, steps: &[[i32; 3]]) -> bool {
-    let Some(first) = steps.first() else { return false };
-    let (low, high) = steps
-        .par_iter()
-        .fold(
-            || (*first, *first),
-            |(low, high), s| {
-                let low = [0, 1, 2].map(|i| low[i].min(s[i]));
-                (low, [0, 1, 2].map(|i| high[i].max(s[i])))
-            },
-        )
-        .reduce(
-            || (*first, *first),
-            |a, b| {
-                let low = [0, 1, 2].map(|i| a.0[i].min(b.0[i]));
-                (low, [0, 1, 2].map(|i| a.1[i].max(b.1[i])))
-            },
-        );
-    let ends = [low, high].map(|s| world_from_steps(s, layout.scale, layout.offset));
+fn bounds_are_wrong(header: &las::raw::Header, layout: &Layout, bounds: (DVec3, DVec3)) -> bool {
+    let ends = [bounds.0, bounds.1];
     let stated_min = DVec3::new(header.min_x, header.min_y, header.min_z);
     let stated_max = DVec3::new(header.max_x, header.max_y, header.max_z);
     // Writers round them.
@@ -167,7 +160,7 @@ fn decode_laz(
     laz_record: &[u8],
     layout: &Layout,
     options: &ReadOptions,
-    decoded: &mut Decoded,
+    decoded: &mut Gathered<'_>,
 ) -> Result<Vec<String>> {
     let chunks = LazChunks::read(source, laz_record, layout)?;
     let mut damaged_chunks = 0u64;
@@ -191,7 +184,7 @@ fn decode_laz(
         let is_sound: Vec<bool> = parts.iter().map(Option::is_some).collect();
         for (i, (chunk, part)) in batch.iter().zip(parts).enumerate() {
             match part {
-                Some(part) => decoded.append(part),
+                Some(part) => decoded.append(part)?,
                 // A table that is right about the next chunk, or about where all of them end, is
                 // right about this one.
                 None if chunks.is_table_whole || is_sound.get(i + 1) == Some(&true) => {
@@ -215,7 +208,7 @@ fn decode_laz(
     table_is_wrong |= !chunks.is_table_whole && held > 0 && left > 0;
     if table_is_wrong {
         let trouble = chunks.trouble.as_deref().unwrap_or("wrong");
-        if !chunks.can_walk() && decoded.steps.is_empty() {
+        if !chunks.can_walk() && decoded.kept == 0 {
             return Err(damaged(format!(
                 "its LAZ chunk table is {trouble}, without which chunks of varying size can't be read"
             )));
@@ -243,7 +236,7 @@ fn walk(
     mut left: u64,
     layout: &Layout,
     options: &ReadOptions,
-    decoded: &mut Decoded,
+    decoded: &mut Gathered<'_>,
 ) -> Result<u64> {
     let mut skipped = 0;
     while let Some((bytes, points)) = chunks.load_at(source, at, left)? {
@@ -252,7 +245,7 @@ fn walk(
             chunks.unpack(&bytes, Points::Exactly(points), |slab| part.push(slab, layout, options));
         let taken = match unpacked {
             Some(unpacked) => {
-                decoded.append(part);
+                decoded.append(part)?;
                 if unpacked.is_cut {
                     break;
                 }
@@ -276,7 +269,7 @@ fn decode_plain(
     source: &mut (impl Read + Seek),
     layout: &Layout,
     options: &ReadOptions,
-    decoded: &mut Decoded,
+    decoded: &mut Gathered<'_>,
 ) -> Result<Vec<String>> {
     let record_bytes = layout.record_bytes as u64;
     let room = layout.data_end.saturating_sub(layout.data_offset) / record_bytes;
@@ -296,7 +289,7 @@ fn decode_plain(
                 part
             })
             .collect();
-        parts.into_iter().for_each(|part| decoded.append(part));
+        parts.into_iter().try_for_each(|part| decoded.append(part))?;
         left -= n;
     }
     let spare = room.saturating_sub(layout.point_count);
@@ -477,7 +470,7 @@ fn search_laz_record(
     }))
 }
 
-/// Points decoded so far.
+/// Points decoded together.
 #[derive(Default)]
 struct Decoded {
     steps: Vec<[i32; 3]>,
@@ -486,31 +479,73 @@ struct Decoded {
     repaired: u64,
 }
 
-impl Decoded {
+/// All points of a file decoded so far, or what is known of them where a sink takes them.
+struct Gathered<'a> {
+    all: Decoded,
+    kept: u64,
+    /// Least and greatest steps.
+    ends: Option<[[i32; 3]; 2]>,
+    /// Greatest value of a colour.
+    brightest: u16,
+    scale: DVec3,
+    offset: DVec3,
+    crs: Option<Crs>,
+    sink: Option<Sink<'a>>,
+}
+
+impl<'a> Gathered<'a> {
     /// Room for all points, but for no more than one a byte of the file: the count may be wrong.
-    fn with_room(layout: &Layout) -> Decoded {
-        let room = layout.point_count.min(layout.file_bytes) as usize;
-        let mut decoded = Decoded::default();
-        decoded.steps.reserve_exact(room);
-        decoded.columns.intensity.reserve_exact(room);
-        decoded.columns.return_number.reserve_exact(room);
-        decoded.columns.return_count.reserve_exact(room);
-        decoded.columns.class.reserve_exact(room);
-        if layout.rgb_at.is_some() {
-            let mut rgb = Vec::new();
-            rgb.reserve_exact(room);
-            decoded.columns.rgb = Some(rgb);
+    fn new(layout: &Layout, crs: Option<Crs>, sink: Option<Sink<'a>>) -> Self {
+        let mut all = Decoded::default();
+        if sink.is_none() {
+            let room = layout.point_count.min(layout.file_bytes) as usize;
+            all.steps.reserve_exact(room);
+            all.columns.intensity.reserve_exact(room);
+            all.columns.return_number.reserve_exact(room);
+            all.columns.return_count.reserve_exact(room);
+            all.columns.class.reserve_exact(room);
+            if layout.rgb_at.is_some() {
+                all.columns.rgb.get_or_insert_default().reserve_exact(room);
+            }
         }
-        decoded
+        let (scale, offset) = (layout.scale, layout.offset);
+        Gathered { all, kept: 0, ends: None, brightest: 0, scale, offset, crs, sink }
     }
 
-    fn append(&mut self, mut other: Decoded) {
-        self.steps.append(&mut other.steps);
-        self.columns.append(&mut other.columns);
-        self.removed.add(&other.removed);
-        self.repaired += other.repaired;
+    fn append(&mut self, mut part: Decoded) -> Result<()> {
+        self.kept += part.steps.len() as u64;
+        if let Some(first) = part.steps.first() {
+            let [low, high] = self.ends.get_or_insert([*first; 2]);
+            for s in &part.steps {
+                for k in 0..3 {
+                    low[k] = low[k].min(s[k]);
+                    high[k] = high[k].max(s[k]);
+                }
+            }
+        }
+        let colours = part.columns.rgb.iter().flatten().flatten();
+        self.brightest = colours.copied().fold(self.brightest, u16::max);
+        self.all.removed.add(&part.removed);
+        self.all.repaired += part.repaired;
+        let Some(sink) = &mut self.sink else {
+            self.all.steps.append(&mut part.steps);
+            self.all.columns.append(&mut part.columns);
+            return Ok(());
+        };
+        let (scale, offset) = (self.scale, self.offset);
+        let coordinates = Coordinates::Scaled { steps: part.steps, scale, offset };
+        sink(self.crs.as_ref(), Batch { coordinates, columns: part.columns })
     }
 
+    /// World coordinates.
+    fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        let [low, high] = self.ends?.map(|steps| world_from_steps(steps, self.scale, self.offset));
+        // A scale may be negative.
+        Some((low.min(high), low.max(high)))
+    }
+}
+
+impl Decoded {
     /// Takes the records of `slab` that are kept.
     fn push(&mut self, slab: &[u8], layout: &Layout, options: &ReadOptions) {
         let columns = &mut self.columns;
@@ -554,17 +589,4 @@ impl Decoded {
             }
         }
     }
-}
-
-/// Colours over the whole 16-bit range: many writers store 8 bits in the 16-bit fields. `None`
-/// where all are black, which is how files without colours fill the fields.
-fn sixteen_bit(mut rgb: Vec<[u16; 3]>) -> Option<Vec<[u16; 3]>> {
-    let greatest = rgb.iter().flatten().copied().max().unwrap_or(0);
-    if greatest == 0 {
-        return None;
-    }
-    if greatest <= 255 {
-        rgb.iter_mut().flatten().for_each(|v| *v *= 257);
-    }
-    Some(rgb)
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec3};
 
 use super::las_file::io_error;
-use super::part::{Columns, Coordinates, Part};
+use super::part::{ColourScale, Columns, Coordinates, Part};
 use super::{
     Bounds, Census, PointCloud, ReadOptions, Removed, Scan, crs, isolated, las_file, text,
 };
@@ -20,42 +20,18 @@ pub const MAX_EXTENT_M: f64 = 200_000.0;
 const ORIGIN_STEP: f64 = 10.0;
 
 pub(super) fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Scan>> {
-    if paths.is_empty() {
-        return Err(Error::new("no scan is given").remedy("name at least one LAS, LAZ or XYZ file"));
-    }
-    let formats = paths.iter().map(|path| Format::of(path)).collect::<Result<Vec<_>>>()?;
-    refuse_twins(paths)?;
     let mut parts: Vec<Part> = Vec::with_capacity(paths.len());
-    for (path, format) in paths.iter().zip(formats) {
+    for (path, format) in paths.iter().zip(formats(paths)?) {
         let part = match format {
-            Format::Las => las_file::read(path, options)?,
+            Format::Las => las_file::read(path, options, None)?,
             Format::Text => text::read(path)?,
         };
-        refuse_degrees(&part)?;
-        if let Some(first) = parts.first() {
-            refuse_other_system(first, &part)?;
-        }
+        refuse(&parts, &part)?;
         parts.push(part);
     }
-
     let mut warnings = Vec::new();
-    let mut census = Census { files: parts.len() as u32, ..Census::default() };
-    for part in &parts {
-        census.in_files += part.in_file;
-        census.removed.add(&part.removed);
-        let name = part.path.display();
-        warnings.extend(part.warnings.iter().map(|text| format!("{name}: {text}")));
-        if part.removed.not_finite > 0 {
-            let n = part.removed.not_finite;
-            warnings.push(format!("{name}: {n} points that are not finite were dropped"));
-        }
-    }
-
-    let crs = parts.first().and_then(|part| part.crs.clone());
-    if crs.is_none() {
-        warnings.push("no coordinate system is stated: world units are taken as metres".into());
-    }
-    let unit_m = Frame { origin: DVec3::ZERO, crs: crs.clone() }.unit_m();
+    let mut census = census(&parts, &mut warnings);
+    let unit_m = unit_m(&parts);
     let mut density_per_m2 = isolated::density_per_m2(&parts, unit_m);
     if options.drop_isolated {
         // A point very far away makes the voxels coarse: look again once it is gone.
@@ -67,13 +43,75 @@ pub(super) fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Sc
                 break;
             }
         }
+        for part in &mut parts {
+            part.bounds = isolated::bounds_m(std::slice::from_ref(part), DVec3::ONE);
+        }
     }
+    let (frame, (min_m, max_m)) = frame(paths, &parts, &census)?;
+    let cloud = assemble(parts, frame, &mut warnings);
+    census.kept = cloud.len() as u64;
+    let bounds = Bounds {
+        min: cloud.frame.local_from_world(min_m / unit_m),
+        max: cloud.frame.local_from_world(max_m / unit_m),
+    };
+    let scan = Scan { cloud, census, density_per_m2: density_per_m2 as f32, bounds };
+    Ok(Warned::with(scan, warnings))
+}
 
+/// Which reader reads each file; told before any is read.
+pub(super) fn formats(paths: &[PathBuf]) -> Result<Vec<Format>> {
+    if paths.is_empty() {
+        return Err(Error::new("no scan is given").remedy("name at least one LAS, LAZ or XYZ file"));
+    }
+    let formats = paths.iter().map(|path| Format::of(path)).collect::<Result<Vec<_>>>()?;
+    refuse_twins(paths)?;
+    Ok(formats)
+}
+
+/// Refuses a part that can't stand beside those read before.
+pub(super) fn refuse(before: &[Part], part: &Part) -> Result<()> {
+    refuse_degrees(part)?;
+    before.first().map_or(Ok(()), |first| refuse_other_system(first, part))
+}
+
+/// What was read and left out, with the warnings of the parts.
+pub(super) fn census(parts: &[Part], warnings: &mut Vec<String>) -> Census {
+    let mut census = Census { files: parts.len() as u32, ..Census::default() };
+    for part in parts {
+        census.in_files += part.in_file;
+        census.removed.add(&part.removed);
+        let name = part.path.display();
+        warnings.extend(part.warnings.iter().map(|text| format!("{name}: {text}")));
+        if part.removed.not_finite > 0 {
+            let n = part.removed.not_finite;
+            warnings.push(format!("{name}: {n} points that are not finite were dropped"));
+        }
+    }
+    if parts.first().is_none_or(|part| part.crs.is_none()) {
+        warnings.push("no coordinate system is stated: world units are taken as metres".into());
+    }
+    census
+}
+
+fn unit_m(parts: &[Part]) -> DVec3 {
+    let crs = parts.first().and_then(|part| part.crs.clone());
+    Frame { origin: DVec3::ZERO, crs }.unit_m()
+}
+
+/// The frame of all parts, and their bounds in world metres.
+pub(super) fn frame(
+    paths: &[PathBuf],
+    parts: &[Part],
+    census: &Census,
+) -> Result<(Frame, (DVec3, DVec3))> {
+    let unit_m = unit_m(parts);
     let named = |error: Error| match paths.first() {
         Some(first) => error.in_file(first),
         None => error,
     };
-    let Some((min_m, max_m)) = isolated::bounds_m(&parts, unit_m) else {
+    let of_part = |part: &Part| part.bounds.map(|(a, b)| (a * unit_m, b * unit_m));
+    let bounds = parts.iter().filter_map(of_part).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+    let Some((min_m, max_m)) = bounds else {
         return Err(named(
             Error::new(format!(
                 "no point is left of {}: {}",
@@ -94,18 +132,22 @@ pub(super) fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Sc
         ));
     }
     let origin = (min_m / unit_m / ORIGIN_STEP).floor() * ORIGIN_STEP + DVec3::ZERO;
-    let cloud = assemble(parts, Frame { origin, crs }, &mut warnings);
-    census.kept = cloud.len() as u64;
-    let bounds = Bounds {
-        min: cloud.frame.local_from_world(min_m / unit_m),
-        max: cloud.frame.local_from_world(max_m / unit_m),
-    };
-    let scan = Scan { cloud, census, density_per_m2: density_per_m2 as f32, bounds };
-    Ok(Warned::with(scan, warnings))
+    let crs = parts.first().and_then(|part| part.crs.clone());
+    Ok((Frame { origin, crs }, (min_m, max_m)))
+}
+
+/// Whether every file has colours; with a warning where only some have.
+pub(super) fn keeps_colour(parts: &[Part], warnings: &mut Vec<String>) -> bool {
+    let has = |part: &Part| part.colour != ColourScale::None;
+    let coloured = parts.iter().filter(|part| has(part)).count();
+    if coloured > 0 && coloured < parts.len() {
+        warnings.push("colours are left out: not every file has them".into());
+    }
+    coloured == parts.len()
 }
 
 #[derive(Debug, Clone, Copy)]
-enum Format {
+pub(super) enum Format {
     Las,
     Text,
 }
@@ -156,9 +198,7 @@ fn refuse_twins(paths: &[PathBuf]) -> Result<()> {
 }
 
 fn refuse_degrees(part: &Part) -> Result<()> {
-    let Some((min, max)) = isolated::bounds_m(std::slice::from_ref(part), DVec3::ONE) else {
-        return Ok(());
-    };
+    let Some((min, max)) = part.bounds else { return Ok(()) };
     let extent = max - min;
     let breadth = extent.truncate().max_element();
     // Without a stated system: a place on the globe, far higher than it is wide.
@@ -244,11 +284,7 @@ fn drop_points(parts: &mut [Part], keep: &[Vec<bool>]) -> u64 {
 }
 
 fn assemble(parts: Vec<Part>, frame: Frame, warnings: &mut Vec<String>) -> PointCloud {
-    let coloured = parts.iter().filter(|part| part.columns.rgb.is_some()).count();
-    let keeps_colour = coloured == parts.len();
-    if coloured > 0 && !keeps_colour {
-        warnings.push("colours are left out: not every file has them".into());
-    }
+    let keeps_colour = keeps_colour(&parts, warnings);
     let total = parts.iter().map(|part| part.coordinates.len()).sum::<usize>();
     let mut position: Vec<Vec3> = Vec::new();
     let mut columns = Columns::default();

@@ -11,6 +11,7 @@ mod part;
 #[cfg(test)]
 mod tests;
 mod text;
+pub mod tiles;
 mod wkt;
 mod write;
 

@@ -33,6 +33,21 @@ impl Coordinates {
         }
     }
 
+    /// Takes the points of another piece of the same file; false, and nothing taken, where their
+    /// steps differ.
+    pub fn append(&mut self, other: &mut Coordinates) -> bool {
+        use Coordinates::{Real, Scaled};
+        match (self, other) {
+            (Real(own), Real(more)) => own.append(more),
+            (
+                Scaled { steps: own, scale, offset },
+                Scaled { steps: more, scale: other_scale, offset: other_offset },
+            ) if (*scale, *offset) == (*other_scale, *other_offset) => own.append(more),
+            _ => return false,
+        }
+        true
+    }
+
     /// Keeps the points whose flag is true; flags are as many as points.
     pub fn retain(&mut self, keep: &[bool]) {
         match self {
@@ -93,6 +108,37 @@ impl Columns {
     }
 }
 
+/// How a file's colours fill the 16-bit range.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum ColourScale {
+    /// All are black, which is how files without colours fill the fields.
+    None,
+    /// Many writers store 8 bits in the 16-bit fields.
+    Eight,
+    Sixteen,
+}
+
+impl ColourScale {
+    pub fn of(brightest: u16) -> Self {
+        match brightest {
+            0 => ColourScale::None,
+            1..=255 => ColourScale::Eight,
+            _ => ColourScale::Sixteen,
+        }
+    }
+
+    /// Colours over the whole range, or none.
+    pub fn apply(self, rgb: &mut Option<Vec<[u16; 3]>>) {
+        match self {
+            ColourScale::None => *rgb = None,
+            ColourScale::Eight => {
+                rgb.iter_mut().flatten().flatten().for_each(|v| *v = v.saturating_mul(257));
+            }
+            ColourScale::Sixteen => {}
+        }
+    }
+}
+
 /// One file as read.
 #[derive(Debug)]
 pub(super) struct Part {
@@ -102,7 +148,28 @@ pub(super) struct Part {
     pub in_degrees: bool,
     pub coordinates: Coordinates,
     pub columns: Columns,
+    /// Of the points kept, world coordinates; `None` without points.
+    pub bounds: Option<(DVec3, DVec3)>,
+    pub colour: ColourScale,
     pub in_file: u64,
     pub removed: Removed,
     pub warnings: Vec<String>,
+}
+
+impl Part {
+    /// Places without a file, for what looks at places alone.
+    pub fn of_places(world: Vec<DVec3>) -> Part {
+        Part {
+            path: PathBuf::new(),
+            crs: None,
+            in_degrees: false,
+            coordinates: Coordinates::Real(world),
+            columns: Columns::default(),
+            bounds: None,
+            colour: ColourScale::None,
+            in_file: 0,
+            removed: Removed::default(),
+            warnings: Vec::new(),
+        }
+    }
 }

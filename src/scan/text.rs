@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::Removed;
 use super::las_file::io_error;
-use super::part::{Columns, Coordinates, Part};
+use super::part::{ColourScale, Columns, Coordinates, Part};
 use crate::diagnostic::{Error, Result};
 
 /// Text in memory at a time; no line may be longer.
@@ -88,6 +88,7 @@ fn read_inner(path: &Path) -> Result<Part> {
     if in_file == 0 {
         return Err(Error::new("holds no points").remedy("give text with one point a line: x y z"));
     }
+    let bounds = all.world.iter().map(|p| (*p, *p)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
     Ok(Part {
         path: path.to_path_buf(),
         crs: None,
@@ -100,6 +101,8 @@ fn read_inner(path: &Path) -> Result<Part> {
             class: vec![0; n],
             rgb: None,
         },
+        bounds,
+        colour: ColourScale::None,
         in_file,
         removed: Removed { not_finite: all.not_finite, ..Removed::default() },
         warnings: Vec::new(),

@@ -1,0 +1,392 @@
+//! Scans larger than memory: points by square tiles of the world. What does not fit into a bounded
+//! store in memory waits in an unnamed temporary file; a window of a few tiles is read back at a
+//! time.
+//!
+//! Tiles are aligned to multiples of their side in world metres, and a point's tile follows from the
+//! point alone, so that the same points make the same tiles however they are cut into files.
+//! Limit: plain text files are held whole while they are read.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::PathBuf;
+
+use glam::{DVec3, Vec3};
+
+use super::las_file::{self, Batch};
+use super::merge::{self, Format};
+use super::part::{ColourScale, Columns, Coordinates, Part};
+use super::{Bounds, Census, PointCloud, ReadOptions, isolated, text};
+use crate::diagnostic::{Error, Result, Warned};
+use crate::frame::{Crs, Frame};
+
+/// Side of a tile, world metres.
+pub const TILE_M: f64 = 64.0;
+/// Squares of 1 m along a tile's side.
+const SIDE: usize = TILE_M as usize;
+/// Bytes of points in memory before they go to the temporary file.
+const HELD_BYTES: usize = 512 << 20;
+
+/// Indices of a tile: its south-western corner over [`TILE_M`].
+pub type Tile = [i32; 2];
+
+/// Points of one file in one tile, where they wait.
+enum Piece {
+    Held(Batch),
+    Spilled { at: u64, points: usize, has_colour: bool, scale: DVec3, offset: DVec3 },
+}
+
+#[derive(Default)]
+struct Stack {
+    /// With the number of the file.
+    pieces: Vec<(usize, Piece)>,
+    /// Occupied squares of 1 m, a row a word.
+    occupied: Vec<u64>,
+}
+
+/// A scan by tiles.
+pub struct TiledScan {
+    pub frame: Frame,
+    pub census: Census,
+    /// Points per occupied square of 1 m, of all points but classed noise.
+    pub density_per_m2: f64,
+    /// The same over squares of 2 m.
+    pub density_2_per_m2: f64,
+    pub bounds: Bounds,
+    tiles: BTreeMap<Tile, Stack>,
+    spill: Spill,
+    colours: Vec<ColourScale>,
+    keeps_colour: bool,
+    drop_isolated: bool,
+}
+
+/// The points of a window in the order of its tiles, and where each tile's points are among them.
+pub struct Window {
+    pub cloud: PointCloud,
+    /// With the range of its points; in order.
+    pub tiles: Vec<(Tile, std::ops::Range<usize>)>,
+    /// What has almost nothing around it, by point; of points near the border of the window more
+    /// than truly are.
+    pub is_isolated: Vec<bool>,
+}
+
+impl TiledScan {
+    /// Reads all files.
+    ///
+    /// # Errors
+    /// Those of [`super::read`]; no room for the temporary file.
+    pub fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<TiledScan>> {
+        let formats = merge::formats(paths)?;
+        let mut tiles: BTreeMap<Tile, Stack> = BTreeMap::new();
+        let mut spill = Spill::default();
+        let mut parts: Vec<Part> = Vec::with_capacity(paths.len());
+        for (number, (path, format)) in paths.iter().zip(formats).enumerate() {
+            let mut take = |crs: Option<&Crs>, batch: Batch| -> Result<()> {
+                let unit_m = unit_m(crs);
+                spill.held += bytes_of(&batch);
+                for (tile, batch) in by_tile(batch, unit_m) {
+                    let stack = tiles.entry(tile).or_default();
+                    stack.mark(&batch.coordinates, unit_m, tile);
+                    stack.add(number, batch);
+                }
+                if spill.held > HELD_BYTES {
+                    spill.all(&mut tiles)?;
+                }
+                Ok(())
+            };
+            let part = match format {
+                Format::Las => las_file::read(path, options, Some(&mut take))?,
+                Format::Text => {
+                    let mut part = text::read(path)?;
+                    let none = Coordinates::Real(Vec::new());
+                    let coordinates = std::mem::replace(&mut part.coordinates, none);
+                    let columns = std::mem::take(&mut part.columns);
+                    take(None, Batch { coordinates, columns })?;
+                    part
+                }
+            };
+            merge::refuse(&parts, &part)?;
+            parts.push(part);
+        }
+        let mut warnings = Vec::new();
+        let mut census = merge::census(&parts, &mut warnings);
+        let (frame, bounds_m) = merge::frame(paths, &parts, &census)?;
+        let colours: Vec<ColourScale> = parts.iter().map(|p| p.colour).collect();
+        let keeps_colour = merge::keeps_colour(&parts, &mut warnings);
+        census.kept = census.in_files - census.removed.total();
+        let unit_m = frame.unit_m();
+        let occupied: u64 = tiles.values().map(|s| s.squares(1)).sum();
+        let occupied_2: u64 = tiles.values().map(|s| s.squares(2)).sum();
+        let scan = TiledScan {
+            census,
+            density_per_m2: census.kept as f64 / occupied.max(1) as f64,
+            density_2_per_m2: census.kept as f64 / (4 * occupied_2.max(1)) as f64,
+            bounds: Bounds {
+                min: frame.local_from_world(bounds_m.0 / unit_m),
+                max: frame.local_from_world(bounds_m.1 / unit_m),
+            },
+            frame,
+            tiles,
+            spill,
+            colours,
+            keeps_colour,
+            drop_isolated: options.drop_isolated,
+        };
+        Ok(Warned::with(scan, warnings))
+    }
+
+    /// Squares of so many tiles' side that hold points, as the sets of their tiles; in order.
+    pub fn blocks(&self, tiles_a_side: i32) -> Vec<Vec<Tile>> {
+        let mut blocks: BTreeMap<Tile, Vec<Tile>> = BTreeMap::new();
+        for tile in self.tiles.keys() {
+            blocks.entry(tile.map(|i| i.div_euclid(tiles_a_side.max(1)))).or_default().push(*tile);
+        }
+        blocks.into_values().collect()
+    }
+
+    /// The points of the given tiles and of all within `margin` tiles of them.
+    ///
+    /// # Errors
+    /// The temporary file can't be read.
+    pub fn load(&self, core: &[Tile], margin: i32) -> Result<Window> {
+        let mut wanted: BTreeSet<Tile> = BTreeSet::new();
+        for [i, j] in core {
+            for di in -margin..=margin {
+                for dj in -margin..=margin {
+                    wanted.insert([i + di, j + dj]);
+                }
+            }
+        }
+        let mut cloud = PointCloud {
+            frame: self.frame.clone(),
+            position: Vec::new(),
+            intensity: Vec::new(),
+            return_number: Vec::new(),
+            return_count: Vec::new(),
+            class: Vec::new(),
+            rgb: self.keeps_colour.then(Vec::new),
+        };
+        let mut ranges = Vec::new();
+        for tile in wanted {
+            let Some(stack) = self.tiles.get(&tile) else { continue };
+            let start = cloud.len();
+            for (file, piece) in &stack.pieces {
+                let colour = self.colours.get(*file).copied().unwrap_or(ColourScale::None);
+                match piece {
+                    Piece::Held(batch) => {
+                        append(&mut cloud, &batch.coordinates, &batch.columns, colour);
+                    }
+                    Piece::Spilled { .. } => {
+                        let batch = self.spill.load(piece)?;
+                        append(&mut cloud, &batch.coordinates, &batch.columns, colour);
+                    }
+                }
+            }
+            ranges.push((tile, start..cloud.len()));
+        }
+        let is_isolated = if self.drop_isolated {
+            isolated::among(&cloud, self.density_per_m2)
+        } else {
+            vec![false; cloud.len()]
+        };
+        Ok(Window { cloud, tiles: ranges, is_isolated })
+    }
+}
+
+fn unit_m(crs: Option<&Crs>) -> DVec3 {
+    Frame { origin: DVec3::ZERO, crs: crs.cloned() }.unit_m()
+}
+
+/// The tile of a world place in metres; far places share the outermost.
+pub fn tile_of(world_m: DVec3) -> Tile {
+    [world_m.x, world_m.y].map(|v| (v / TILE_M).floor() as i32)
+}
+
+fn append(cloud: &mut PointCloud, from: &Coordinates, columns: &Columns, colour: ColourScale) {
+    let frame = &cloud.frame;
+    let places = (0..from.len()).filter_map(|i| from.get(i)).map(|p| frame.local_from_world(p));
+    cloud.position.extend(places);
+    cloud.intensity.extend_from_slice(&columns.intensity);
+    cloud.return_number.extend_from_slice(&columns.return_number);
+    cloud.return_count.extend_from_slice(&columns.return_count);
+    cloud.class.extend_from_slice(&columns.class);
+    if let Some(rgb) = &mut cloud.rgb {
+        let mut own = columns.rgb.clone();
+        colour.apply(&mut own);
+        rgb.extend_from_slice(&own.unwrap_or_else(|| vec![[0; 3]; from.len()]));
+    }
+}
+
+fn bytes_of(batch: &Batch) -> usize {
+    let columns = 5 + if batch.columns.rgb.is_some() { 6 } else { 0 };
+    let place = match batch.coordinates {
+        Coordinates::Scaled { .. } => 12,
+        Coordinates::Real(_) => 24,
+    };
+    batch.coordinates.len() * (place + columns)
+}
+
+/// A batch parted by tiles, the points of each in their order.
+fn by_tile(batch: Batch, unit_m: DVec3) -> BTreeMap<Tile, Batch> {
+    let mut out: BTreeMap<Tile, Vec<u32>> = BTreeMap::new();
+    let n = batch.coordinates.len();
+    let mut last: Option<(Tile, Vec<u32>)> = None;
+    for (i, p) in (0..n as u32).filter_map(|i| Some((i, batch.coordinates.get(i as usize)?))) {
+        let tile = tile_of(p * unit_m);
+        match &mut last {
+            Some((t, points)) if *t == tile => points.push(i),
+            _ => {
+                if let Some((t, points)) = last.take() {
+                    out.insert(t, points);
+                }
+                let mut points = out.remove(&tile).unwrap_or_default();
+                points.push(i);
+                last = Some((tile, points));
+            }
+        }
+    }
+    out.extend(last);
+    out.into_iter().map(|(tile, points)| (tile, batch.picked(&points))).collect()
+}
+
+fn picked<T: Copy>(column: &[T], points: &[u32]) -> Vec<T> {
+    points.iter().filter_map(|&i| column.get(i as usize).copied()).collect()
+}
+
+impl Batch {
+    fn picked(&self, points: &[u32]) -> Batch {
+        let c = &self.columns;
+        Batch {
+            coordinates: match &self.coordinates {
+                Coordinates::Scaled { steps, scale, offset } => Coordinates::Scaled {
+                    steps: picked(steps, points),
+                    scale: *scale,
+                    offset: *offset,
+                },
+                Coordinates::Real(world) => Coordinates::Real(picked(world, points)),
+            },
+            columns: Columns {
+                intensity: picked(&c.intensity, points),
+                return_number: picked(&c.return_number, points),
+                return_count: picked(&c.return_count, points),
+                class: picked(&c.class, points),
+                rgb: c.rgb.as_ref().map(|rgb| picked(rgb, points)),
+            },
+        }
+    }
+}
+
+impl Stack {
+    fn add(&mut self, file: usize, mut batch: Batch) {
+        if let Some((last, Piece::Held(held))) = self.pieces.last_mut()
+            && *last == file
+            && held.coordinates.append(&mut batch.coordinates)
+        {
+            held.columns.append(&mut batch.columns);
+            return;
+        }
+        self.pieces.push((file, Piece::Held(batch)));
+    }
+
+    fn mark(&mut self, coordinates: &Coordinates, unit_m: DVec3, tile: Tile) {
+        self.occupied.resize(SIDE, 0);
+        let corner = tile.map(|i| f64::from(i) * TILE_M);
+        for p in (0..coordinates.len()).filter_map(|i| coordinates.get(i)) {
+            let at = |v: f64, corner: f64| ((v - corner).max(0.0) as usize).min(SIDE - 1);
+            let (col, row) = (at(p.x * unit_m.x, corner[0]), at(p.y * unit_m.y, corner[1]));
+            self.occupied[row] |= 1 << col;
+        }
+    }
+
+    /// Occupied squares of 1 m or 2 m.
+    fn squares(&self, side: usize) -> u64 {
+        let joined = self.occupied.chunks(side).map(|rows| rows.iter().fold(0, |a, b| a | b));
+        joined
+            .map(|row: u64| {
+                let row = if side == 2 { (row | row >> 1) & 0x5555_5555_5555_5555 } else { row };
+                u64::from(row.count_ones())
+            })
+            .sum()
+    }
+}
+
+/// Points out of memory.
+#[derive(Default)]
+struct Spill {
+    file: Option<File>,
+    end: u64,
+    /// Bytes of points still in memory.
+    held: usize,
+}
+
+fn no_room(error: std::io::Error) -> Error {
+    Error::new(format!("the points of a large scan can't be kept in a temporary file: {error}"))
+        .remedy("set TMPDIR to a folder with room for the unpacked scan")
+}
+
+impl Spill {
+    /// Moves all held points of LAS files to the file.
+    fn all(&mut self, tiles: &mut BTreeMap<Tile, Stack>) -> Result<()> {
+        let mut bytes = Vec::new();
+        for (_, piece) in tiles.values_mut().flat_map(|s| &mut s.pieces) {
+            let Piece::Held(batch) = piece else { continue };
+            let Coordinates::Scaled { steps, scale, offset } = &batch.coordinates else { continue };
+            bytes.clear();
+            bytes.extend_from_slice(bytemuck::cast_slice(steps));
+            let c = &batch.columns;
+            bytes.extend_from_slice(bytemuck::cast_slice(&c.intensity));
+            for column in [&c.return_number, &c.return_count, &c.class] {
+                bytes.extend_from_slice(column);
+            }
+            bytes.extend_from_slice(bytemuck::cast_slice(c.rgb.as_deref().unwrap_or_default()));
+            let file = match &mut self.file {
+                Some(file) => file,
+                none => none.insert(tempfile::tempfile().map_err(no_room)?),
+            };
+            file.write_all(&bytes).map_err(no_room)?;
+            let (points, has_colour) = (steps.len(), c.rgb.is_some());
+            let at = self.end;
+            *piece = Piece::Spilled { at, points, has_colour, scale: *scale, offset: *offset };
+            self.end += bytes.len() as u64;
+        }
+        self.held = 0;
+        Ok(())
+    }
+
+    fn load(&self, piece: &Piece) -> Result<Batch> {
+        let (&Piece::Spilled { at, points, has_colour, scale, offset }, Some(mut file)) =
+            (piece, self.file.as_ref())
+        else {
+            return Err(Error::new("points were looked for where none were put"));
+        };
+        let record = 12 + 2 + 3 + if has_colour { 6 } else { 0 };
+        let mut bytes = vec![0; points * record];
+        file.seek(SeekFrom::Start(at)).map_err(no_room)?;
+        file.read_exact(&mut bytes).map_err(no_room)?;
+        let (steps, rest) = bytes.split_at(12 * points);
+        let (intensity, rest) = rest.split_at(2 * points);
+        let (return_number, rest) = rest.split_at(points);
+        let (return_count, rest) = rest.split_at(points);
+        let (class, rgb) = rest.split_at(points);
+        Ok(Batch {
+            coordinates: Coordinates::Scaled {
+                steps: bytemuck::pod_collect_to_vec(steps),
+                scale,
+                offset,
+            },
+            columns: Columns {
+                intensity: bytemuck::pod_collect_to_vec(intensity),
+                return_number: return_number.to_vec(),
+                return_count: return_count.to_vec(),
+                class: class.to_vec(),
+                rgb: has_colour.then(|| bytemuck::pod_collect_to_vec(rgb)),
+            },
+        })
+    }
+}
+
+/// Local metres of a place's tile corner.
+pub fn corner_m(frame: &Frame, tile: Tile) -> Vec3 {
+    let world_m = DVec3::new(f64::from(tile[0]), f64::from(tile[1]), 0.0) * TILE_M;
+    frame.local_from_world(world_m / frame.unit_m())
+}
