@@ -64,7 +64,10 @@ fn code(path: &Path) -> String {
 /// in a folder `tests`.
 fn is_test(path: &Path) -> bool {
     let in_folder = path.parent().is_some_and(|folder| folder.ends_with("tests"));
-    in_folder || path.file_name().is_some_and(|n| n == "tests.rs" || n == "sample.rs" || n == "messages.rs")
+    in_folder
+        || path
+            .file_name()
+            .is_some_and(|n| n == "tests.rs" || n == "sample.rs" || n == "messages.rs")
 }
 
 fn sources(dir: &Path, out: &mut Vec<PathBuf>) {
