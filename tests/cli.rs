@@ -171,19 +171,38 @@ fn a_species_named_twice_counts_once_and_a_balloon_is_no_tree() {
 }
 
 #[test]
-fn truncated_laz_is_refused_and_earlier_output_stays() {
+fn a_scan_cut_to_nothing_is_refused_and_earlier_output_stays() {
     let Some(data) = data() else { return };
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
     fs::create_dir(&out).unwrap();
     fs::write(out.join("forest.glb"), b"precious").unwrap();
-    let bytes = fs::read(data.join("lidR/MixedConifer.laz")).unwrap();
+    // Its points are one chunk in layers, of which no part unpacks without the rest.
+    let bytes = fs::read(data.join("spanner/ALS_Clip.laz")).unwrap();
     for share in [10, 50, 90] {
         let cut = write(dir.path(), "cut.laz", &bytes[..bytes.len() * share / 100]);
         refused(&["forest", &cut, "-o", out.to_str().unwrap()], &["cut.laz", "help:"]);
     }
     assert_eq!(fs::read(out.join("forest.glb")).unwrap(), b"precious");
     assert_eq!(fs::read_dir(&out).unwrap().count(), 1);
+}
+
+#[test]
+fn a_scan_cut_short_gives_what_is_left_with_a_warning() {
+    let Some(data) = data() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let bytes = fs::read(data.join("lidR/MixedConifer.laz")).unwrap();
+    let cut = write(dir.path(), "cut.laz", &bytes[..bytes.len() / 2]);
+    let tif = dir.path().join("dtm.tif");
+    let run = assert_cmd::Command::cargo_bin("larix")
+        .unwrap()
+        .args(["terrain", &cut, "-o", tif.to_str().unwrap()])
+        .assert()
+        .success();
+    let told = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+    assert!(told.contains("the header promises 37657 points;"), "{told}");
+    assert!(told.contains("are lost"), "{told}");
+    assert!(tif.exists());
 }
 
 #[test]

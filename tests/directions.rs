@@ -60,9 +60,14 @@ fn code(path: &Path) -> String {
     body.lines().filter(|l| !l.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
 }
 
-/// Tests may build what their room takes; by convention they are in `tests.rs` or `sample.rs`.
+/// Tests may build what their room takes; by convention they are in `tests.rs` or `sample.rs`, or
+/// in a folder `tests`.
 fn is_test(path: &Path) -> bool {
-    path.file_name().is_some_and(|n| n == "tests.rs" || n == "sample.rs" || n == "messages.rs")
+    let in_folder = path.parent().is_some_and(|folder| folder.ends_with("tests"));
+    in_folder
+        || path
+            .file_name()
+            .is_some_and(|n| n == "tests.rs" || n == "sample.rs" || n == "messages.rs")
 }
 
 fn sources(dir: &Path, out: &mut Vec<PathBuf>) {
