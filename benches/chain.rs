@@ -30,6 +30,7 @@ fn job() -> (tempfile::TempDir, ForestJob) {
         scans: vec![scan],
         ground: Method::Smrf,
         cell_m: None,
+        tile_m: None,
         photo: None,
         species,
         species_by: SpeciesBy::Auto,

@@ -112,6 +112,7 @@ fn main() {
             scans: vec![path],
             ground: Method::Smrf,
             cell_m: None,
+            tile_m: None,
             photo: None,
             species: species(),
             species_by: SpeciesBy::Auto,

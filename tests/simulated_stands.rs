@@ -22,6 +22,7 @@ fn survey(mix: &[&str], options: &StandOptions, seed: u64, dir: &Path) -> (Stand
         scans: vec![scan],
         ground: Method::Smrf,
         cell_m: None,
+        tile_m: None,
         photo: None,
         species,
         species_by: SpeciesBy::Auto,

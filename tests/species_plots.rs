@@ -73,6 +73,7 @@ fn job(plot: &str, names: &[&str], by: SpeciesBy, with_photo: bool) -> SurveyJob
         scans: vec![file("las", "las")],
         ground: Method::Smrf,
         cell_m: None,
+        tile_m: None,
         photo: with_photo.then(|| file("rgb", "tif")),
         species: names.iter().map(|n| species::load(n).unwrap()).collect(),
         species_by: by,

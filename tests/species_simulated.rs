@@ -22,6 +22,7 @@ fn stand(names: &[&str], seed: u64, with_photo: bool, by: SpeciesBy) -> Comparis
         scans: vec![scan],
         ground: Method::Smrf,
         cell_m: None,
+        tile_m: None,
         photo: with_photo.then_some(photo),
         species,
         species_by: by,

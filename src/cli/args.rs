@@ -146,6 +146,10 @@ pub struct ScanArgs {
     /// Terrain cell in metres; from the density where absent.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub cell: Option<f32>,
+    /// Work through the scan in tiles of this side in metres (steps of 64), which bounds the memory;
+    /// so do scans of more than 30 million points where absent.
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
+    pub tile: Option<f32>,
 }
 
 /// How trees are told apart and named.

@@ -34,9 +34,9 @@ pub(super) fn density_per_sq_m(position: &[Vec3]) -> f64 {
     position.len() as f64 / (4 * squares.len().max(1)) as f64
 }
 
-/// Cell that holds about one point, between 0.3 m and 1 m.
+/// Cell that holds about one point, between 0.3 m and 1 m in steps of 5 cm.
 pub(super) fn cell_for_density(density_per_sq_m: f64) -> f64 {
-    (1.0 / density_per_sq_m.max(1e-9).sqrt()).clamp(0.3, 1.0)
+    ((20.0 / density_per_sq_m.max(1e-9).sqrt()).round() / 20.0).clamp(0.3, 1.0)
 }
 
 /// The smallest covering grid with no more cells than memory in proportion to `count` points

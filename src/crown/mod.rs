@@ -137,6 +137,11 @@ impl CrownOptions {
     }
 }
 
+/// The cell of the canopy surface for so many points per occupied square of 2 m, metres.
+pub fn cell_m(density_per_sq_m: f64) -> f32 {
+    canopy::cell_for_density(density_per_sq_m) as f32
+}
+
 /// The tallest tree known stands 116 m high.
 const TALLEST_M: f32 = 120.0;
 

@@ -50,6 +50,8 @@ pub enum Method {
 #[derive(Debug, Clone, Default)]
 pub struct GroundOptions {
     pub method: Method,
+    /// Whether heights are above ground already; seen in the points where `None`.
+    pub is_normalised: Option<bool>,
 }
 
 /// ASPRS classes that are neither ground nor vegetation.
@@ -74,7 +76,8 @@ pub fn classify(cloud: PointCloud, options: &GroundOptions) -> Result<Warned<Cla
         return Err(Error::new(format!("too few points to find the ground: {}", cloud.len()))
             .remedy("give a whole scan: at least a few points that reached the ground"));
     }
-    let is_normalised = is_normalised(&cloud, is_candidate);
+    let is_normalised =
+        options.is_normalised.unwrap_or_else(|| Floor::of(&cloud, is_candidate).is_zero());
     let mut warnings = Vec::new();
     let is_ground: Vec<bool> = if options.method == Method::FileClasses {
         if !cloud.class.contains(&FILE_GROUND) {
@@ -124,31 +127,64 @@ fn zero_level(cloud: &PointCloud) -> f32 {
 /// Whether heights are above ground already: of the lowest points of 5 m cells, a quarter or more
 /// lie within 15 cm of z = 0 of the world and next to none below −50 cm. A level site at sea level
 /// fits too; both readings of it agree.
-fn is_normalised(cloud: &PointCloud, is_candidate: impl Fn(usize) -> bool) -> bool {
-    const CELL_M: f64 = 5.0;
-    let zero = zero_level(cloud);
-    let candidates =
-        || cloud.position.iter().enumerate().filter(|(i, _)| is_candidate(*i)).map(|(_, p)| *p);
-    let (low, high) =
-        candidates().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
-    let geometry = GridGeometry::covering(
-        [low.x.into(), low.y.into()],
-        [high.x.into(), high.y.into()],
-        // Few large cells where points are far apart, so that memory stays bounded.
-        CELL_M.max(f64::from((high - low).truncate().max_element()) / 2000.0),
-    );
-    let mut lowest = vec![f32::INFINITY; geometry.len()];
-    for p in candidates() {
-        if let Some((c, r)) = geometry.cell_of(p.x.into(), p.y.into()) {
-            let i = geometry.index(c, r);
-            lowest[i] = lowest[i].min(p.z - zero);
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Floor {
+    cells: u32,
+    near_zero: u32,
+    below_zero: u32,
+}
+
+impl Floor {
+    /// Of a cloud, or of a piece of one.
+    pub fn of_piece(cloud: &PointCloud) -> Floor {
+        Floor::of(cloud, |i| {
+            cloud.return_number[i] >= cloud.return_count[i] && !NEITHER.contains(&cloud.class[i])
+        })
+    }
+
+    fn of(cloud: &PointCloud, is_candidate: impl Fn(usize) -> bool) -> Floor {
+        const CELL_M: f64 = 5.0;
+        let zero = zero_level(cloud);
+        let candidates =
+            || cloud.position.iter().enumerate().filter(|(i, _)| is_candidate(*i)).map(|(_, p)| *p);
+        let (low, high) = candidates()
+            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
+        if !(low.is_finite() && high.is_finite()) {
+            return Floor::default();
+        }
+        let geometry = GridGeometry::covering(
+            [low.x.into(), low.y.into()],
+            [high.x.into(), high.y.into()],
+            // Few large cells where points are far apart, so that memory stays bounded.
+            CELL_M.max(f64::from((high - low).truncate().max_element()) / 2000.0),
+        );
+        let mut lowest = vec![f32::INFINITY; geometry.len()];
+        for p in candidates() {
+            if let Some((c, r)) = geometry.cell_of(p.x.into(), p.y.into()) {
+                let i = geometry.index(c, r);
+                lowest[i] = lowest[i].min(p.z - zero);
+            }
+        }
+        let count = |is: &dyn Fn(f32) -> bool| {
+            lowest.iter().filter(|&&z| z.is_finite() && is(z)).count() as u32
+        };
+        Floor {
+            cells: count(&|_| true),
+            near_zero: count(&|z| z.abs() < 0.15),
+            below_zero: count(&|z| z < -0.5),
         }
     }
-    lowest.retain(|z| z.is_finite());
-    let share = |is: &dyn Fn(f32) -> bool| {
-        lowest.iter().filter(|&&z| is(z)).count() as f32 / lowest.len().max(1) as f32
-    };
-    share(&|z| z.abs() < 0.15) >= 0.25 && share(&|z| z < -0.5) < 0.02
+
+    pub fn add(&mut self, piece: Floor) {
+        self.cells += piece.cells;
+        self.near_zero += piece.near_zero;
+        self.below_zero += piece.below_zero;
+    }
+
+    pub fn is_zero(&self) -> bool {
+        let share = |n: u32| n as f32 / self.cells.max(1) as f32;
+        share(self.near_zero) >= 0.25 && share(self.below_zero) < 0.02
+    }
 }
 
 /// How thick the ground is: the RMS distance of ground points from the mean height of their 0.5 m

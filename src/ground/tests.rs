@@ -54,7 +54,10 @@ fn filters_find_the_ground_on_level_and_steep_slopes() {
     {
         let (points, truth) = forest(slope);
         let n = points.len();
-        let c = classify(cloud(points, vec![1; n]), &GroundOptions { method }).unwrap().value;
+        let c =
+            classify(cloud(points, vec![1; n]), &GroundOptions { method, ..Default::default() })
+                .unwrap()
+                .value;
         let mut tally = [0; 4];
         for (kind, truth) in c.kind.iter().zip(truth) {
             tally[usize::from(*kind == Kind::Ground) * 2 + usize::from(truth)] += 1;
@@ -116,7 +119,7 @@ fn a_cliff_keeps_the_ground_above_and_below_it() {
 fn voxel_rules_find_most_of_a_gentle_slope() {
     let (points, truth) = forest(0.1);
     let n = points.len();
-    let options = GroundOptions { method: Method::VoxelRules };
+    let options = GroundOptions { method: Method::VoxelRules, ..Default::default() };
     let c = classify(cloud(points, vec![1; n]), &options).unwrap().value;
     let right = c.kind.iter().zip(&truth).filter(|(k, t)| (**k == Kind::Ground) == **t).count();
     assert!(right as f32 / n as f32 > 0.85, "{right} of {n}");
@@ -130,7 +133,10 @@ fn a_cut_does_not_change_the_ground_far_from_it() {
     for method in [Method::Smrf, Method::Tin] {
         let found = |points: Vec<Vec3>| {
             let n = points.len();
-            classify(cloud(points, vec![1; n]), &GroundOptions { method }).unwrap().value.kind
+            classify(cloud(points, vec![1; n]), &GroundOptions { method, ..Default::default() })
+                .unwrap()
+                .value
+                .kind
         };
         let whole = found(points.clone());
         // Not at a multiple of any cell.
@@ -161,7 +167,7 @@ fn low_strays_do_not_pull_the_ground_down() {
 fn the_files_own_classes_only_on_request() {
     let (points, truth) = forest(0.1);
     let class: Vec<u8> = truth.iter().map(|&g| if g { 2 } else { 5 }).collect();
-    let options = GroundOptions { method: Method::FileClasses };
+    let options = GroundOptions { method: Method::FileClasses, ..Default::default() };
     let c = classify(cloud(points.clone(), class), &options).unwrap().value;
     assert!(c.kind.iter().zip(&truth).all(|(k, t)| (*k == Kind::Ground) == *t));
     let n = points.len();
@@ -213,13 +219,16 @@ fn few_points_equal_points_and_far_points_do_not_panic() {
     }
     for method in [Method::Smrf, Method::Tin, Method::VoxelRules] {
         let alike = vec![Vec3::new(5.0, 5.0, 5.0); 100];
-        assert!(classify(cloud(alike, vec![1; 100]), &GroundOptions { method }).is_ok());
+        assert!(
+            classify(cloud(alike, vec![1; 100]), &GroundOptions { method, ..Default::default() })
+                .is_ok()
+        );
         let far = vec![
             Vec3::ZERO,
             Vec3::new(150_000.0, 0.0, 3.0),
             Vec3::new(0.0, 150_000.0, 9.0),
             Vec3::ONE,
         ];
-        let _ = classify(cloud(far, vec![1; 4]), &GroundOptions { method });
+        let _ = classify(cloud(far, vec![1; 4]), &GroundOptions { method, ..Default::default() });
     }
 }

@@ -8,6 +8,7 @@ pub mod forest;
 pub mod rules;
 pub mod sheet;
 pub mod survey;
+mod tiled;
 pub mod tree;
 
 pub use forest::{Forest, ForestJob, Sharing};

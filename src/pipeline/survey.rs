@@ -5,20 +5,22 @@ use std::path::{Path, PathBuf};
 
 use glam::{Vec2, Vec3};
 
-use crate::crown::{self, CrownOptions};
+use super::tiled::Tiled;
+use crate::crown::{self, Crown, CrownOptions};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::ground::{self, Classified, GroundOptions, Kind};
 use crate::inventory::{self, Tree};
 use crate::raster::{self, geotiff::Raster};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
-use crate::scan::{self, ReadOptions};
+use crate::scan::{self, Census, PointCloud, ReadOptions};
 use crate::seed::Seed;
 use crate::species::Species;
+use crate::species::allometry;
 use crate::species::assign::{How, SpeciesBy, assign};
+use crate::species::look::{self, Looks};
 use crate::species::photo::Photo;
-use crate::species::{allometry, look};
-use crate::terrain::{self, Terrain, TerrainOptions};
+use crate::terrain::{self, HeldOut, Terrain, TerrainOptions};
 use crate::voxel::{self, VoxelOctree};
 
 /// What to read and how.
@@ -29,6 +31,9 @@ pub struct SurveyJob {
     /// Terrain cell; from the density where `None`.
     pub cell_m: Option<f32>,
     pub photo: Option<PathBuf>,
+    /// Side of the tiles in which the scan is worked through, metres, rounded up to multiples of
+    /// [`scan::tiles::TILE_M`]; in one piece where `None` and the scan is not large.
+    pub tile_m: Option<f32>,
     /// To choose among, never empty.
     pub species: Vec<Species>,
     pub species_by: SpeciesBy,
@@ -51,30 +56,14 @@ pub struct Survey {
 
 /// Reads the scans and finds the ground; gives the density beside it.
 fn classify(job: &SurveyJob, run: &mut Recorder) -> Result<(Classified, f32)> {
-    let files = job.scans.len();
     let scan = run.stage("scan", |warnings| {
         let scan = scan::read(&job.scans, &ReadOptions::default())?.into_value(warnings);
-        let census = &scan.census;
-        let removed = &census.removed;
-        let share = 100.0 * removed.total() as f64 / census.in_files.max(1) as f64;
-        let outcome = Outcome::items(files, "files", scan.cloud.len(), "points")
-            .error(ErrorMeasure::new("removed as noise", share, "%"))
-            .note(format!(
-                "{} points in the files; removed: {} isolated, {} low and {} high noise, {} withheld, \
-                 {} not finite",
-                census.in_files,
-                removed.isolated,
-                removed.low_noise,
-                removed.high_noise,
-                removed.withheld,
-                removed.not_finite
-            ))
-            .note(format!("{:.1} points/m²", scan.density_per_m2));
+        let outcome = scan_outcome(&scan.census, scan.density_per_m2);
         Ok((scan, outcome))
     })?;
     run.stage("ground", |warnings| {
         let points = scan.cloud.len();
-        let options = GroundOptions { method: job.ground };
+        let options = GroundOptions { method: job.ground, is_normalised: None };
         let classified = ground::classify(scan.cloud, &options)
             .map_err(|e| e.in_file(&job.scans[0]))?
             .into_value(warnings);
@@ -90,6 +79,24 @@ fn classify(job: &SurveyJob, run: &mut Recorder) -> Result<(Classified, f32)> {
     })
 }
 
+pub(super) fn scan_outcome(census: &Census, density_per_m2: f32) -> Outcome {
+    let removed = &census.removed;
+    let share = 100.0 * removed.total() as f64 / census.in_files.max(1) as f64;
+    Outcome::items(census.files as usize, "files", census.kept as usize, "points")
+        .error(ErrorMeasure::new("removed as noise", share, "%"))
+        .note(format!(
+            "{} points in the files; removed: {} isolated, {} low and {} high noise, {} withheld, \
+             {} not finite",
+            census.in_files,
+            removed.isolated,
+            removed.low_noise,
+            removed.high_noise,
+            removed.withheld,
+            removed.not_finite
+        ))
+        .note(format!("{density_per_m2:.1} points/m²"))
+}
+
 /// # Errors
 /// A file that can't be read, or has no place on the ground.
 fn photo_raster(path: &Path) -> Result<Raster> {
@@ -102,11 +109,37 @@ fn photo_raster(path: &Path) -> Result<Raster> {
     Ok(raster)
 }
 
-fn place_photo(path: &Path, raster: Raster, classified: &Classified) -> Result<Photo> {
-    let points = classified.cloud.position.iter().map(|p| (p.truncate(), p.truncate()));
-    let (low, high) =
-        points.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((Vec2::ZERO, Vec2::ZERO));
-    Photo::new(&path.display().to_string(), raster, &classified.cloud.frame, low, high)
+fn place_photo(
+    job: &SurveyJob,
+    raster: Option<Raster>,
+    frame: &Frame,
+    (low, high): (Vec2, Vec2),
+) -> Result<Option<Photo>> {
+    let (Some(path), Some(raster)) = (&job.photo, raster) else { return Ok(None) };
+    Photo::new(&path.display().to_string(), raster, frame, low, high).map(Some)
+}
+
+fn extent(cloud: &PointCloud) -> (Vec2, Vec2) {
+    let points = cloud.position.iter().map(|p| (p.truncate(), p.truncate()));
+    points.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((Vec2::ZERO, Vec2::ZERO))
+}
+
+/// Larger scans go by tiles of about so many points, though none is asked for.
+const WHOLE_POINTS: u64 = 30_000_000;
+const TILE_POINTS: f64 = 4_000_000.0;
+/// Points per square metre that a scan is taken to have before it is read.
+const USUAL_DENSITY: f64 = 10.0;
+
+/// Tiles along the side of what is worked on at a time; `None` for the scan in one piece.
+fn tiles_a_side(job: &SurveyJob) -> Option<i32> {
+    let side_m = match job.tile_m {
+        Some(side_m) => f64::from(side_m),
+        None if scan::stated_points(&job.scans) > WHOLE_POINTS => {
+            (TILE_POINTS / USUAL_DENSITY).sqrt()
+        }
+        None => return None,
+    };
+    Some((side_m / scan::tiles::TILE_M).ceil().clamp(1.0, 1000.0) as i32)
 }
 
 /// Scan to terrain.
@@ -114,41 +147,58 @@ fn place_photo(path: &Path, raster: Raster, classified: &Classified) -> Result<P
 /// # Errors
 /// Unreadable scans; no ground; a grid too large.
 pub fn terrain(job: &SurveyJob, run: &mut Recorder) -> Result<(Frame, Terrain)> {
+    if let Some(tiles) = tiles_a_side(job) {
+        let tiled = Tiled::read(job, run)?.classify(job, tiles, run)?;
+        let terrain = tiled.terrain(job, tiles, run)?;
+        return Ok((tiled.into_frame(), terrain));
+    }
     let (classified, _) = classify(job, run)?;
     let terrain = build_terrain(job, &classified, run)?;
     Ok((classified.cloud.frame, terrain))
 }
 
-/// Refuses a scan whose pulses did not reach the ground. A ground is a layer: of the points from
-/// 0.3 m below to 1 m above it most lie within 0.3 m of it, 59 % and more in real scans, while an
-/// even spread gives 46 % and the underside of a canopy less. A single tree cut out of its scan has
-/// no ground either, but is worth a scene: where next to no cell holds ground the terrain's own
+/// Whether the pulses of a scan reached the ground. A ground is a layer: of the points from 0.3 m
+/// below to 1 m above it most lie within 0.3 m of it, 59 % and more in real scans, while an even
+/// spread gives 46 % and the underside of a canopy less. A single tree cut out of its scan has no
+/// ground either, but is worth a scene: where next to no cell holds ground the terrain's own
 /// warning has to do.
-fn check_ground(job: &SurveyJob, classified: &Classified, terrain: &Terrain) -> Result<()> {
-    const LEAST_SHARE: f64 = 0.5;
-    const LEAST_POINTS: u32 = 100;
-    const LEAST_OBSERVED: f64 = 0.1;
-    let (mut near, mut all) = (0u32, 0u32);
-    for (p, kind) in classified.cloud.position.iter().zip(&classified.kind) {
+#[derive(Default)]
+pub(super) struct GroundCheck {
+    near: u64,
+    all: u64,
+}
+
+impl GroundCheck {
+    pub fn add(&mut self, p: Vec3, kind: Kind, terrain: &Terrain) {
         let above = p.z - terrain.height_at(p.truncate());
-        if *kind != Kind::Excluded && (-0.3..1.0).contains(&above) {
-            all += 1;
-            near += u32::from(above < 0.3);
+        if kind != Kind::Excluded && (-0.3..1.0).contains(&above) {
+            self.all += 1;
+            self.near += u64::from(above < 0.3);
         }
     }
-    let observed = terrain.is_observed.iter().filter(|&&o| o).count() as f64;
-    let is_layer = f64::from(near) >= LEAST_SHARE * f64::from(all) || all < LEAST_POINTS;
-    let is_cut_out = observed < LEAST_OBSERVED * terrain.is_observed.len() as f64;
-    if is_layer
-        || is_cut_out
-        || classified.is_normalised
-        || job.ground == ground::Method::FileClasses
-    {
-        return Ok(());
+
+    /// # Errors
+    /// There is no ground.
+    pub fn refuse(&self, job: &SurveyJob, is_normalised: bool, terrain: &Terrain) -> Result<()> {
+        const LEAST_SHARE: f64 = 0.5;
+        const LEAST_POINTS: u64 = 100;
+        const LEAST_OBSERVED: f64 = 0.1;
+        let observed = terrain.is_observed.iter().filter(|&&o| o).count() as f64;
+        let is_layer = self.near as f64 >= LEAST_SHARE * self.all as f64;
+        let is_cut_out = observed < LEAST_OBSERVED * terrain.is_observed.len() as f64;
+        if is_layer
+            || self.all < LEAST_POINTS
+            || is_cut_out
+            || is_normalised
+            || job.ground == ground::Method::FileClasses
+        {
+            return Ok(());
+        }
+        let what = "no ground is found: the lowest points are no layer of their own";
+        Err(Error::new(what).in_file(&job.scans[0]).remedy(
+            "give a scan whose pulses reach the ground, or one with classes and --ground file",
+        ))
     }
-    Err(Error::new("no ground is found: the lowest points are no layer of their own")
-        .in_file(&job.scans[0])
-        .remedy("give a scan whose pulses reach the ground, or one with classes and --ground file"))
 }
 
 fn build_terrain(job: &SurveyJob, classified: &Classified, run: &mut Recorder) -> Result<Terrain> {
@@ -159,21 +209,31 @@ fn build_terrain(job: &SurveyJob, classified: &Classified, run: &mut Recorder) -
         let cells = terrain.heights.data.len();
         let mut outcome = Outcome::items(ground, "ground points", cells, "cells")
             .note(format!("cell {} m", terrain.heights.geometry.cell_x));
-        check_ground(job, classified, &terrain)?;
+        let mut check = GroundCheck::default();
+        for (p, kind) in classified.cloud.position.iter().zip(&classified.kind) {
+            check.add(*p, *kind, &terrain);
+        }
+        check.refuse(job, classified.is_normalised, &terrain)?;
         if let Some(held_out) = terrain::held_out_error(classified, &options)? {
-            outcome = outcome.error(ErrorMeasure::new("held-out RMSE", held_out.rmse_m, "m")).note(
-                format!(
-                    "worst held-out error {:.2} m, of {} points",
-                    held_out.max_m, held_out.points
-                ),
-            );
+            outcome = with_held_out(outcome, held_out);
         }
         Ok((terrain, outcome))
     })
 }
 
+pub(super) fn with_held_out(outcome: Outcome, held_out: HeldOut) -> Outcome {
+    let HeldOut { rmse_m, max_m, points } = held_out;
+    outcome
+        .error(ErrorMeasure::new("held-out RMSE", rmse_m, "m"))
+        .note(format!("worst held-out error {max_m:.2} m, of {points} points"))
+}
+
 /// Crowns that voxels are meant for, metres across.
 const TYPICAL_CROWN_M: f32 = 4.0;
+
+pub(super) fn voxel_m(job: &SurveyJob, density_per_m2: f32) -> f32 {
+    job.voxel_m.unwrap_or_else(|| voxel::choose_size_m(density_per_m2, TYPICAL_CROWN_M))
+}
 
 /// The vegetation as voxels, one centre of mass each.
 fn voxelise(
@@ -186,8 +246,7 @@ fn voxelise(
         let points = classified.cloud.position.iter().zip(&classified.kind);
         let vegetation: Vec<Vec3> =
             points.filter(|(_, k)| **k == Kind::Vegetation).map(|(p, _)| *p).collect();
-        let size_m =
-            job.voxel_m.unwrap_or_else(|| voxel::choose_size_m(density_per_m2, TYPICAL_CROWN_M));
+        let size_m = voxel_m(job, density_per_m2);
         let octree = VoxelOctree::build(&vegetation, size_m)?;
         let moved: f64 = vegetation
             .iter()
@@ -209,11 +268,18 @@ fn voxelise(
 pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
     // Read first: a photo that can't be used is told before the scan is read.
     let raster = job.photo.as_deref().map(photo_raster).transpose()?;
+    if let Some(tiles) = tiles_a_side(job) {
+        let tiled = Tiled::read(job, run)?;
+        let bounds = tiled.bounds();
+        let photo = place_photo(job, raster, tiled.frame(), bounds)?;
+        let tiled = tiled.classify(job, tiles, run)?;
+        let terrain = tiled.terrain(job, tiles, run)?;
+        let (crowns, looks) = tiled.crowns(job, tiles, &terrain, run)?;
+        let frame = tiled.into_frame();
+        return name_trees(job, crowns, &looks, frame, terrain, photo, run);
+    }
     let (classified, density_per_m2) = classify(job, run)?;
-    let photo = match (&job.photo, raster) {
-        (Some(path), Some(raster)) => Some(place_photo(path, raster, &classified)?),
-        _ => None,
-    };
+    let photo = place_photo(job, raster, &classified.cloud.frame, extent(&classified.cloud))?;
     let terrain = build_terrain(job, &classified, run)?;
     let voxels = voxelise(job, &classified, density_per_m2, run)?;
     let crowns = run.stage("crown", |warnings| {
@@ -225,12 +291,25 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
         let outcome = Outcome::items(voxels.len(), "voxels", crowns.len(), "trees");
         Ok((crowns, outcome.error(ErrorMeasure::new("vegetation points in no tree", left, "%"))))
     })?;
-    let frame = classified.cloud.frame.clone();
+    let looks = look::measure(&crowns, &classified, &terrain);
+    let frame = classified.cloud.frame;
+    name_trees(job, crowns, &looks, frame, terrain, photo, run)
+}
+
+/// The last stage: species, and what follows from them.
+fn name_trees(
+    job: &SurveyJob,
+    crowns: Vec<Crown>,
+    looks: &Looks,
+    frame: Frame,
+    terrain: Terrain,
+    photo: Option<Photo>,
+    run: &mut Recorder,
+) -> Result<Survey> {
     run.stage("species", |warnings| {
-        let looks = look::measure(&crowns, &classified, &terrain);
         let (by, seen) = (job.species_by, photo.as_ref());
         let assigned =
-            assign(&crowns, &looks, seen, &job.species, by, job.seed)?.into_value(warnings);
+            assign(&crowns, looks, seen, &job.species, by, job.seed)?.into_value(warnings);
         let species: Vec<usize> = assigned.iter().map(|a| a.species).collect();
         let trees: Vec<Tree> = crowns
             .into_iter()

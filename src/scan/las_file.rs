@@ -59,6 +59,19 @@ pub(super) fn read(path: &Path, options: &ReadOptions, sink: Option<Sink<'_>>) -
     read_inner(path, options, sink).map_err(|error| error.in_file(path))
 }
 
+/// Points that the headers of LAS files promise; files that are none, or say nothing sound, count
+/// for nothing here.
+pub fn stated_points(paths: &[std::path::PathBuf]) -> u64 {
+    let of = |path: &Path| -> Option<u64> {
+        let file = File::open(path).ok()?;
+        let file_bytes = file.metadata().ok()?.len();
+        let header = las::raw::Header::read_from(BufReader::new(file)).ok()?;
+        // Packed to less than a byte a point is no scan.
+        Some(layout(&header, file_bytes).ok()?.point_count.min(file_bytes))
+    };
+    paths.iter().filter_map(|path| of(path)).fold(0, u64::saturating_add)
+}
+
 pub(super) fn io_error(error: std::io::Error) -> Error {
     if error.kind() == std::io::ErrorKind::UnexpectedEof {
         Error::new("the file ends early").remedy(DAMAGED)

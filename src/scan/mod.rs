@@ -23,6 +23,7 @@ use serde::Serialize;
 use crate::diagnostic::{Result, Warned};
 use crate::frame::Frame;
 
+pub use las_file::stated_points;
 pub use merge::MAX_EXTENT_M;
 pub use write::encode_laz;
 
@@ -49,6 +50,22 @@ impl PointCloud {
 
     pub fn is_empty(&self) -> bool {
         self.position.is_empty()
+    }
+
+    /// Keeps the points for whose number `is_kept` holds.
+    pub fn retain(&mut self, is_kept: impl Fn(usize) -> bool) {
+        fn of<T>(column: &mut Vec<T>, is_kept: &impl Fn(usize) -> bool) {
+            let mut numbers = 0..;
+            column.retain(|_| numbers.next().is_some_and(is_kept));
+        }
+        of(&mut self.position, &is_kept);
+        of(&mut self.intensity, &is_kept);
+        of(&mut self.return_number, &is_kept);
+        of(&mut self.return_count, &is_kept);
+        of(&mut self.class, &is_kept);
+        if let Some(rgb) = &mut self.rgb {
+            of(rgb, &is_kept);
+        }
     }
 
     /// What breaks the invariants: columns of equal length, finite positions, return numbers in

@@ -136,21 +136,37 @@ fn bounds(outline: &[Vec2]) -> (Vec2, Vec2) {
     outline.iter().fold(none, |(l, h), p| (l.min(*p), h.max(*p)))
 }
 
-/// The median of the ground's returns.
-fn ground_intensity(classified: &Classified) -> Option<f32> {
-    let mut counts = vec![0u64; usize::from(u16::MAX) + 1];
-    let returns = classified.cloud.intensity.iter().zip(&classified.kind);
-    for (&intensity, _) in returns.filter(|(_, k)| **k == Kind::Ground) {
-        counts[usize::from(intensity)] += 1;
+/// How often each intensity occurs among the ground's returns.
+pub struct GroundIntensity(Vec<u64>);
+
+impl Default for GroundIntensity {
+    fn default() -> Self {
+        GroundIntensity(vec![0; usize::from(u16::MAX) + 1])
     }
-    let all: u64 = counts.iter().sum();
-    let mut left = all / 2;
-    let median = counts.iter().position(|&n| {
-        let is_here = left < n;
-        left = left.saturating_sub(n);
-        is_here
-    })?;
-    (median > 0).then_some(median as f32)
+}
+
+impl GroundIntensity {
+    pub fn add(&mut self, intensity: u16) {
+        self.0[usize::from(intensity)] += 1;
+    }
+
+    /// `None` where the scan has no intensity.
+    pub fn median(&self) -> Option<f32> {
+        let mut left = self.0.iter().sum::<u64>() / 2;
+        let median = self.0.iter().position(|&n| {
+            let is_here = left < n;
+            left = left.saturating_sub(n);
+            is_here
+        })?;
+        (median > 0).then_some(median as f32)
+    }
+}
+
+fn ground_intensity(classified: &Classified) -> Option<f32> {
+    let mut counts = GroundIntensity::default();
+    let returns = classified.cloud.intensity.iter().zip(&classified.kind);
+    returns.filter(|(_, k)| **k == Kind::Ground).for_each(|(&i, _)| counts.add(i));
+    counts.median()
 }
 
 /// Vegetation points by cell, in their order.

@@ -159,12 +159,23 @@ fn geometry(
             return Err(Error::new(format!("a terrain cell of {c} m is not possible"))
                 .remedy("give --cell a number greater than 0"));
         }
-        None => {
-            let area = f64::from((high.x - low.x).max(1.0)) * f64::from((high.y - low.y).max(1.0));
-            let spacing = (area / ground.len().max(1) as f64).sqrt();
-            CELLS_M.into_iter().find(|&c| c >= 0.5 * spacing).unwrap_or(2.0)
-        }
+        None => choose_cell_m((high - low).truncate(), ground.len()),
     };
+    grid_over(low, high, cell)
+}
+
+/// The cell for so many ground points over an extent in metres.
+pub fn choose_cell_m(extent_m: Vec2, ground_points: usize) -> f64 {
+    let area = f64::from(extent_m.x.max(1.0)) * f64::from(extent_m.y.max(1.0));
+    let spacing = (area / ground_points.max(1) as f64).sqrt();
+    CELLS_M.into_iter().find(|&c| c >= 0.5 * spacing).unwrap_or(2.0)
+}
+
+/// The grid of a terrain over a box, aligned to multiples of the cell.
+///
+/// # Errors
+/// More than 100 million cells.
+pub fn grid_over(low: Vec3, high: Vec3, cell: f64) -> Result<GridGeometry> {
     let across = f64::from(high.x - low.x) / cell + 2.0;
     let down = f64::from(high.y - low.y) / cell + 2.0;
     if across * down > MOST_CELLS as f64 {

@@ -51,12 +51,14 @@ pub struct Voxel {
 ///
 /// The edge is such that a column of voxels holds 2 points on average, but not less than 1/10 and
 /// not more than 1/4 of the crown: the crown then spans at least 4 and at most 10 cells, 8–10
-/// wherever the density carries it (TD17).
+/// wherever the density carries it (TD17). In steps of 5 cm, so that nearly equal densities give
+/// equal voxels.
 pub fn choose_size_m(density_per_m2: f32, crown_diameter_m: f32) -> f32 {
     let crown_m = if crown_diameter_m.is_finite() { crown_diameter_m.max(0.1) } else { 0.1 };
     let (finest, coarsest) = (crown_m / MOST_CELLS, crown_m / LEAST_CELLS);
     if density_per_m2 > 0.0 {
-        (POINTS_PER_COLUMN / density_per_m2).sqrt().clamp(finest, coarsest)
+        let wanted = (POINTS_PER_COLUMN / density_per_m2).sqrt();
+        ((wanted * 20.0).round() / 20.0).clamp(finest, coarsest)
     } else {
         coarsest
     }

@@ -1,0 +1,283 @@
+//! Scan to trees tile by tile, for scans larger than memory. Each stage goes through blocks of tiles;
+//! a block is worked on together with the tiles about it, and what lies in its own tiles is kept:
+//! kinds of points, cells of terrain, trees by their apex. Cells, voxels and every other scale are
+//! chosen once for the whole scan, and all grids are aligned to multiples of their cell, so that a
+//! block shows what the whole scan shows.
+//!
+//! Limit: gaps in the scan wider than a tile are filled by the smoothest surface, not triangulated.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use glam::{Vec2, Vec3};
+
+use super::survey::{GroundCheck, SurveyJob, scan_outcome, voxel_m, with_held_out};
+use crate::crown::{self, Crown, CrownOptions};
+use crate::diagnostic::{Error, Result};
+use crate::frame::Frame;
+use crate::ground::{self, Classified, Floor, GroundOptions, Kind};
+use crate::raster::{Grid, inpaint};
+use crate::report::{ErrorMeasure, Outcome, Recorder};
+use crate::scan::tiles::{Tile, TiledScan, Window, tile_of};
+use crate::scan::{PointCloud, ReadOptions};
+use crate::species::look::{self, GroundIntensity, Looks};
+use crate::terrain::{self, HeldOut, Terrain, TerrainOptions};
+use crate::voxel::VoxelOctree;
+
+/// Tiles about a block that are worked on with it.
+const MARGIN: i32 = 1;
+
+/// A scan by tiles; after [`Tiled::classify`] with the kind of every point.
+pub(super) struct Tiled {
+    scan: TiledScan,
+    /// By tile and point; `None` for isolated points.
+    kinds: BTreeMap<Tile, Vec<Option<Kind>>>,
+    is_normalised: bool,
+    ground_points: usize,
+    ground_intensity: Option<f32>,
+}
+
+impl Tiled {
+    pub fn read(job: &SurveyJob, run: &mut Recorder) -> Result<Tiled> {
+        run.stage("scan", |warnings| {
+            let scan = TiledScan::read(&job.scans, &ReadOptions::default())?.into_value(warnings);
+            let outcome = scan_outcome(&scan.census, scan.density_per_m2 as f32);
+            let tiled = Tiled {
+                scan,
+                kinds: BTreeMap::new(),
+                is_normalised: false,
+                ground_points: 0,
+                ground_intensity: None,
+            };
+            Ok((tiled, outcome.note("by tiles; isolated points go with the ground stage")))
+        })
+    }
+
+    pub fn frame(&self) -> &Frame {
+        &self.scan.frame
+    }
+
+    pub fn into_frame(self) -> Frame {
+        self.scan.frame
+    }
+
+    /// Of all points, local metres.
+    pub fn bounds(&self) -> (Vec2, Vec2) {
+        (self.scan.bounds.min.truncate(), self.scan.bounds.max.truncate())
+    }
+
+    /// Finds the kind of every point.
+    pub fn classify(
+        mut self,
+        job: &SurveyJob,
+        tiles_a_side: i32,
+        run: &mut Recorder,
+    ) -> Result<Tiled> {
+        run.stage("ground", |warnings| {
+            let blocks = self.scan.blocks(tiles_a_side);
+            let mut floor = Floor::default();
+            for core in &blocks {
+                floor.add(Floor::of_piece(&self.scan.load(core, 0)?.cloud));
+            }
+            self.is_normalised = floor.is_zero();
+            let options =
+                GroundOptions { method: job.ground, is_normalised: Some(self.is_normalised) };
+            let mut refused = None;
+            let (mut isolated, mut points) = (0usize, 0usize);
+            let mut intensity = GroundIntensity::default();
+            for core in &blocks {
+                let Window { cloud, tiles, is_isolated } = self.scan.load(core, MARGIN)?;
+                let cloud = without(cloud, &is_isolated);
+                let own_intensity = cloud.intensity.clone();
+                let kinds = match ground::classify(cloud, &options) {
+                    Ok(classified) => classified.value.kind,
+                    // A window of water or of nothing but canopy has no ground of its own.
+                    Err(error) => {
+                        refused = Some(error);
+                        vec![Kind::Vegetation; own_intensity.len()]
+                    }
+                };
+                let mut found = kinds.into_iter().zip(own_intensity);
+                let core: BTreeSet<&Tile> = core.iter().collect();
+                for (tile, range) in tiles {
+                    let own: Vec<Option<(Kind, u16)>> = is_isolated[range]
+                        .iter()
+                        .map(|&lonely| if lonely { None } else { found.next() })
+                        .collect();
+                    if !core.contains(&tile) {
+                        continue;
+                    }
+                    points += own.len();
+                    isolated += own.iter().filter(|k| k.is_none()).count();
+                    for (_, i) in own.iter().flatten().filter(|(k, _)| *k == Kind::Ground) {
+                        self.ground_points += 1;
+                        intensity.add(*i);
+                    }
+                    self.kinds.insert(tile, own.into_iter().map(|k| Some(k?.0)).collect());
+                }
+            }
+            if self.ground_points < 3 && !self.is_normalised {
+                let error = refused.unwrap_or_else(|| {
+                    Error::new("no ground was found in the scan").remedy(
+                        "give a scan whose lowest returns reach the ground, or try another --ground",
+                    )
+                });
+                return Err(error.in_file(&job.scans[0]));
+            }
+            if self.is_normalised {
+                warnings.push(
+                    "the heights are above ground already: the terrain is taken as the plane z = 0"
+                        .into(),
+                );
+            }
+            self.ground_intensity = intensity.median();
+            let outcome = Outcome::items(points, "points", self.ground_points, "ground points")
+                .note(format!("{} blocks; {isolated} isolated points left out", blocks.len()));
+            Ok((self, outcome))
+        })
+    }
+
+    /// A block with its surroundings, without isolated points.
+    fn window(&self, core: &[Tile], margin: i32) -> Result<Classified> {
+        let Window { cloud, tiles, .. } = self.scan.load(core, margin)?;
+        let none = Vec::new();
+        let kinds: Vec<Option<Kind>> = tiles
+            .iter()
+            .flat_map(|(tile, _)| self.kinds.get(tile).unwrap_or(&none).iter().copied())
+            .collect();
+        let is_out: Vec<bool> = kinds.iter().map(Option::is_none).collect();
+        Ok(Classified {
+            cloud: without(cloud, &is_out),
+            kind: kinds.into_iter().flatten().collect(),
+            is_normalised: self.is_normalised,
+        })
+    }
+
+    fn is_in(&self, core: &BTreeSet<Tile>, p: Vec3) -> bool {
+        core.contains(&tile_of(self.frame().world_from_local(p) * self.frame().unit_m()))
+    }
+
+    pub fn terrain(
+        &self,
+        job: &SurveyJob,
+        tiles_a_side: i32,
+        run: &mut Recorder,
+    ) -> Result<Terrain> {
+        run.stage("terrain", |_| {
+            let bounds = self.scan.bounds;
+            let cell = match job.cell_m {
+                Some(cell) => f64::from(cell),
+                None => {
+                    terrain::choose_cell_m((bounds.max - bounds.min).truncate(), self.ground_points)
+                }
+            };
+            let geometry = terrain::grid_over(bounds.min, bounds.max, cell)?;
+            let mut whole = Terrain {
+                heights: Grid::filled(geometry, f32::NAN),
+                is_observed: vec![false; geometry.len()],
+            };
+            let options = TerrainOptions { cell_m: Some(cell as f32) };
+            let (mut sum_sq, mut held_out) = (0.0, HeldOut { rmse_m: 0.0, max_m: 0.0, points: 0 });
+            let mut check = GroundCheck::default();
+            for core in self.scan.blocks(tiles_a_side) {
+                let window = self.window(&core, MARGIN)?;
+                let ground = window.kind.iter().filter(|&&k| k == Kind::Ground).count();
+                if ground < 3 && !self.is_normalised {
+                    continue;
+                }
+                let piece = terrain::build(&window, &options)?.value;
+                let core: BTreeSet<Tile> = core.into_iter().collect();
+                self.place(&piece, &core, &mut whole);
+                let own = window.cloud.position.iter().zip(&window.kind);
+                for (p, kind) in own.filter(|(p, _)| self.is_in(&core, **p)) {
+                    check.add(*p, *kind, &piece);
+                }
+                if let Some(out) = terrain::held_out_error(&window, &options)? {
+                    sum_sq += out.rmse_m.powi(2) * out.points as f64;
+                    held_out.max_m = held_out.max_m.max(out.max_m);
+                    held_out.points += out.points;
+                }
+            }
+            let is_known: Vec<bool> = whole.heights.data.iter().map(|z| z.is_finite()).collect();
+            inpaint::fill(&mut whole.heights, &is_known);
+            check.refuse(job, self.is_normalised, &whole)?;
+            let mut outcome =
+                Outcome::items(self.ground_points, "ground points", geometry.len(), "cells")
+                    .note(format!("cell {cell} m"));
+            if held_out.points > 0 {
+                held_out.rmse_m = (sum_sq / held_out.points as f64).sqrt();
+                outcome = with_held_out(outcome, held_out);
+            }
+            Ok((whole, outcome))
+        })
+    }
+
+    /// Copies the cells of a piece whose middles lie in the core.
+    fn place(&self, piece: &Terrain, core: &BTreeSet<Tile>, whole: &mut Terrain) {
+        let (from, to) = (piece.heights.geometry, whole.heights.geometry);
+        for i in 0..from.len() {
+            let [x, y] = from.centre(i % from.cols, i / from.cols);
+            if !self.is_in(core, Vec3::new(x as f32, y as f32, 0.0)) {
+                continue;
+            }
+            if let Some((c, r)) = to.cell_of(x, y) {
+                let k = to.index(c, r);
+                whole.heights.data[k] = piece.heights.data[i];
+                whole.is_observed[k] = piece.is_observed[i];
+            }
+        }
+    }
+
+    pub fn crowns(
+        &self,
+        job: &SurveyJob,
+        tiles_a_side: i32,
+        terrain: &Terrain,
+        run: &mut Recorder,
+    ) -> Result<(Vec<Crown>, Looks)> {
+        run.stage("crown", |warnings| {
+            let options = CrownOptions {
+                min_height_m: job.min_height_m,
+                cell_m: Some(crown::cell_m(self.scan.density_2_per_m2)),
+                ..CrownOptions::default()
+            };
+            let size_m = voxel_m(job, self.scan.density_per_m2 as f32);
+            let mut found: BTreeMap<u64, (Crown, Option<look::Look>)> = BTreeMap::new();
+            let (mut vegetation, mut voxels) = (0usize, 0usize);
+            for core in self.scan.blocks(tiles_a_side) {
+                let window = self.window(&core, MARGIN)?;
+                let core: BTreeSet<Tile> = core.into_iter().collect();
+                let points = window.cloud.position.iter().zip(&window.kind);
+                let leaves: Vec<Vec3> =
+                    points.filter(|(_, k)| **k == Kind::Vegetation).map(|(p, _)| *p).collect();
+                vegetation += leaves.iter().filter(|p| self.is_in(&core, **p)).count();
+                let octree = VoxelOctree::build(&leaves, size_m)?;
+                drop(leaves);
+                voxels += octree.len();
+                let mut crowns = crown::detect(&window, terrain, &octree, &options)?.value;
+                crowns.retain(|c| self.is_in(&core, c.apex));
+                let looks = look::measure(&crowns, &window, terrain).of_crown;
+                for (crown, look) in crowns.into_iter().zip(looks) {
+                    let other = found.get(&crown.key);
+                    if other.is_none_or(|(o, _)| o.height_m < crown.height_m) {
+                        found.insert(crown.key, (crown, look));
+                    }
+                }
+            }
+            let (crowns, of_crown): (Vec<Crown>, Vec<_>) = found.into_values().unzip();
+            if crowns.is_empty() {
+                warnings.push("no tree found".to_owned());
+            }
+            let inside: usize = crowns.iter().map(|c| c.point_count as usize).sum();
+            let left = 100.0 * (1.0 - inside as f64 / vegetation.max(1) as f64);
+            let outcome = Outcome::items(voxels, "voxels", crowns.len(), "trees")
+                .error(ErrorMeasure::new("vegetation points in no tree", left, "%"));
+            let looks = Looks { of_crown, ground_intensity: self.ground_intensity };
+            Ok(((crowns, looks), outcome))
+        })
+    }
+}
+
+fn without(mut cloud: PointCloud, is_out: &[bool]) -> PointCloud {
+    cloud.retain(|i| !is_out.get(i).copied().unwrap_or(false));
+    cloud
+}
