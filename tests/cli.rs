@@ -284,6 +284,15 @@ fn commands_stop_where_they_are_done() {
     assert_eq!(stages(&["terrain", scan, "-o", &dtm, "--json"]), ["scan", "ground", "terrain"]);
     let raster = larix::raster::geotiff::read(Path::new(&dtm)).unwrap();
     assert_eq!(raster.epsg, Some(32617));
+    let mesh = to("dtm.glb");
+    let with_mesh = ["scan", "ground", "terrain", "mesh", "export"];
+    assert_eq!(
+        stages(&["terrain", scan, "--terrain-error", "0.2", "-o", &mesh, "--json"]),
+        with_mesh
+    );
+    let (document, ..) = gltf::import(&mesh).unwrap();
+    let primitive = document.meshes().next().unwrap().primitives().next().unwrap();
+    assert!(primitive.indices().unwrap().count() >= 6);
     for name in ["t.geojson", "t.csv"] {
         let found = stages(&["inventory", scan, "-o", &to(name), "--json"]);
         assert_eq!(found.last().unwrap(), "species");
