@@ -192,7 +192,7 @@ pub fn detect(
     }
 
     let density = canopy::density_per_sq_m(&cloud.position);
-    let cell = options.cell_m.map_or_else(|| canopy::cell_for_density(density), f64::from);
+    let cell = f64::from(options.cell_m.unwrap_or_else(|| cell_m(density)));
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for i in tall() {
         let p = cloud.position[i].as_dvec3();

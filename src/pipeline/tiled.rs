@@ -17,8 +17,8 @@ use crate::frame::Frame;
 use crate::ground::{self, Classified, Floor, GroundOptions, Kind};
 use crate::raster::{Grid, inpaint};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
+use crate::scan::ReadOptions;
 use crate::scan::tiles::{Tile, TiledScan, Window, tile_of};
-use crate::scan::{PointCloud, ReadOptions};
 use crate::species::look::{self, GroundIntensity, Looks};
 use crate::terrain::{self, HeldOut, Terrain, TerrainOptions};
 use crate::voxel::VoxelOctree;
@@ -29,8 +29,8 @@ const MARGIN: i32 = 1;
 /// A scan by tiles; after [`Tiled::classify`] with the kind of every point.
 pub(super) struct Tiled {
     scan: TiledScan,
-    /// By tile and point; `None` for isolated points.
-    kinds: BTreeMap<Tile, Vec<Option<Kind>>>,
+    /// By tile and point.
+    kinds: BTreeMap<Tile, Vec<Kind>>,
     is_normalised: bool,
     ground_points: usize,
     ground_intensity: Option<f32>,
@@ -48,7 +48,7 @@ impl Tiled {
                 ground_points: 0,
                 ground_intensity: None,
             };
-            Ok((tiled, outcome.note("by tiles; isolated points go with the ground stage")))
+            Ok((tiled, outcome))
         })
     }
 
@@ -82,37 +82,27 @@ impl Tiled {
             let options =
                 GroundOptions { method: job.ground, is_normalised: Some(self.is_normalised) };
             let mut refused = None;
-            let (mut isolated, mut points) = (0usize, 0usize);
             let mut intensity = GroundIntensity::default();
             for core in &blocks {
-                let Window { cloud, tiles, is_isolated } = self.scan.load(core, MARGIN)?;
-                let cloud = without(cloud, &is_isolated);
-                let own_intensity = cloud.intensity.clone();
+                let Window { cloud, tiles } = self.scan.load(core, MARGIN)?;
+                let intensities = cloud.intensity.clone();
                 let kinds = match ground::classify(cloud, &options) {
                     Ok(classified) => classified.value.kind,
                     // A window of water or of nothing but canopy has no ground of its own.
                     Err(error) => {
                         refused = Some(error);
-                        vec![Kind::Vegetation; own_intensity.len()]
+                        vec![Kind::Vegetation; intensities.len()]
                     }
                 };
-                let mut found = kinds.into_iter().zip(own_intensity);
-                let core: BTreeSet<&Tile> = core.iter().collect();
-                for (tile, range) in tiles {
-                    let own: Vec<Option<(Kind, u16)>> = is_isolated[range]
-                        .iter()
-                        .map(|&lonely| if lonely { None } else { found.next() })
-                        .collect();
-                    if !core.contains(&tile) {
-                        continue;
-                    }
-                    points += own.len();
-                    isolated += own.iter().filter(|k| k.is_none()).count();
-                    for (_, i) in own.iter().flatten().filter(|(k, _)| *k == Kind::Ground) {
+                for (tile, range) in tiles.into_iter().filter(|(tile, _)| core.contains(tile)) {
+                    let own = &kinds[range.clone()];
+                    for (_, i) in
+                        own.iter().zip(&intensities[range]).filter(|(k, _)| **k == Kind::Ground)
+                    {
                         self.ground_points += 1;
                         intensity.add(*i);
                     }
-                    self.kinds.insert(tile, own.into_iter().map(|k| Some(k?.0)).collect());
+                    self.kinds.insert(tile, own.to_vec());
                 }
             }
             if self.ground_points < 3 && !self.is_normalised {
@@ -130,24 +120,20 @@ impl Tiled {
                 );
             }
             self.ground_intensity = intensity.median();
+            let points = self.scan.census.kept as usize;
             let outcome = Outcome::items(points, "points", self.ground_points, "ground points")
-                .note(format!("{} blocks; {isolated} isolated points left out", blocks.len()));
+                .note(format!("by tiles, in {} blocks", blocks.len()));
             Ok((self, outcome))
         })
     }
 
-    /// A block with its surroundings, without isolated points.
+    /// A block with its surroundings.
     fn window(&self, core: &[Tile], margin: i32) -> Result<Classified> {
-        let Window { cloud, tiles, .. } = self.scan.load(core, margin)?;
-        let none = Vec::new();
-        let kinds: Vec<Option<Kind>> = tiles
-            .iter()
-            .flat_map(|(tile, _)| self.kinds.get(tile).unwrap_or(&none).iter().copied())
-            .collect();
-        let is_out: Vec<bool> = kinds.iter().map(Option::is_none).collect();
+        let Window { cloud, tiles } = self.scan.load(core, margin)?;
+        let kinds = tiles.iter().filter_map(|(tile, _)| self.kinds.get(tile));
         Ok(Classified {
-            cloud: without(cloud, &is_out),
-            kind: kinds.into_iter().flatten().collect(),
+            cloud,
+            kind: kinds.flatten().copied().collect(),
             is_normalised: self.is_normalised,
         })
     }
@@ -275,9 +261,4 @@ impl Tiled {
             Ok(((crowns, looks), outcome))
         })
     }
-}
-
-fn without(mut cloud: PointCloud, is_out: &[bool]) -> PointCloud {
-    cloud.retain(|i| !is_out.get(i).copied().unwrap_or(false));
-    cloud
 }

@@ -9,9 +9,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
+use std::ops::Range;
 use std::path::PathBuf;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, IVec2, Vec3};
 
 use super::las_file::{self, Batch};
 use super::merge::{self, Format};
@@ -24,6 +25,9 @@ use crate::frame::{Crs, Frame};
 pub const TILE_M: f64 = 64.0;
 /// Squares of 1 m along a tile's side.
 const SIDE: usize = TILE_M as usize;
+const LAST: IVec2 = IVec2::splat(SIDE as i32 - 1);
+/// Tiles along the side of the blocks in which isolated points are looked for.
+const ISOLATED_BLOCK: i32 = 6;
 /// Bytes of points in memory before they go to the temporary file.
 const HELD_BYTES: usize = 512 << 20;
 
@@ -40,15 +44,15 @@ enum Piece {
 struct Stack {
     /// With the number of the file.
     pieces: Vec<(usize, Piece)>,
-    /// Occupied squares of 1 m, a row a word.
-    occupied: Vec<u64>,
+    /// Numbers of the isolated points, rising.
+    isolated: Vec<u32>,
 }
 
 /// A scan by tiles.
 pub struct TiledScan {
     pub frame: Frame,
     pub census: Census,
-    /// Points per occupied square of 1 m, of all points but classed noise.
+    /// Points per occupied square of 1 m.
     pub density_per_m2: f64,
     /// The same over squares of 2 m.
     pub density_2_per_m2: f64,
@@ -57,17 +61,13 @@ pub struct TiledScan {
     spill: Spill,
     colours: Vec<ColourScale>,
     keeps_colour: bool,
-    drop_isolated: bool,
 }
 
 /// The points of a window in the order of its tiles, and where each tile's points are among them.
 pub struct Window {
     pub cloud: PointCloud,
     /// With the range of its points; in order.
-    pub tiles: Vec<(Tile, std::ops::Range<usize>)>,
-    /// What has almost nothing around it, by point; of points near the border of the window more
-    /// than truly are.
-    pub is_isolated: Vec<bool>,
+    pub tiles: Vec<(Tile, Range<usize>)>,
 }
 
 impl TiledScan {
@@ -86,7 +86,6 @@ impl TiledScan {
                 spill.held += bytes_of(&batch);
                 for (tile, batch) in by_tile(batch, unit_m) {
                     let stack = tiles.entry(tile).or_default();
-                    stack.mark(&batch.coordinates, unit_m, tile);
                     stack.add(number, batch);
                 }
                 if spill.held > HELD_BYTES {
@@ -109,30 +108,88 @@ impl TiledScan {
             parts.push(part);
         }
         let mut warnings = Vec::new();
-        let mut census = merge::census(&parts, &mut warnings);
-        let (frame, bounds_m) = merge::frame(paths, &parts, &census)?;
+        let census = merge::census(&parts, &mut warnings);
+        let (frame, _) = merge::frame(paths, &parts, &census)?;
         let colours: Vec<ColourScale> = parts.iter().map(|p| p.colour).collect();
         let keeps_colour = merge::keeps_colour(&parts, &mut warnings);
-        census.kept = census.in_files - census.removed.total();
-        let unit_m = frame.unit_m();
-        let occupied: u64 = tiles.values().map(|s| s.squares(1)).sum();
-        let occupied_2: u64 = tiles.values().map(|s| s.squares(2)).sum();
-        let scan = TiledScan {
+        let mut scan = TiledScan {
             census,
-            density_per_m2: census.kept as f64 / occupied.max(1) as f64,
-            density_2_per_m2: census.kept as f64 / (4 * occupied_2.max(1)) as f64,
-            bounds: Bounds {
-                min: frame.local_from_world(bounds_m.0 / unit_m),
-                max: frame.local_from_world(bounds_m.1 / unit_m),
-            },
+            density_per_m2: 0.0,
+            density_2_per_m2: 0.0,
+            bounds: Bounds { min: Vec3::ZERO, max: Vec3::ZERO },
             frame,
             tiles,
             spill,
             colours,
             keeps_colour,
-            drop_isolated: options.drop_isolated,
         };
+        scan.survey()?;
+        if options.drop_isolated {
+            scan.drop_isolated()?;
+            scan.survey()?;
+            for part in &mut parts {
+                part.bounds = None;
+            }
+            let unit_m = scan.frame.unit_m();
+            let ends = [scan.bounds.min, scan.bounds.max];
+            let [low, high] = ends.map(|p| scan.frame.world_from_local(p) * unit_m);
+            if let Some(first) = parts.first_mut() {
+                first.bounds = Some((low / unit_m, high / unit_m));
+            }
+            scan.frame = merge::frame(paths, &parts, &scan.census)?.0;
+            scan.survey()?;
+        }
         Ok(Warned::with(scan, warnings))
+    }
+
+    /// Bounds, densities and the number of points that are kept.
+    fn survey(&mut self) -> Result<()> {
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        let (mut kept, mut squares, mut squares_2) = (0u64, 0u64, 0u64);
+        for tile in self.tiles.keys() {
+            let cloud = self.load(std::slice::from_ref(tile), 0)?.cloud;
+            kept += cloud.len() as u64;
+            let corner = corner_m(&self.frame, *tile);
+            let mut occupied = [0u64; SIDE];
+            for p in &cloud.position {
+                (low, high) = (low.min(*p), high.max(*p));
+                let at = (*p - corner).truncate().as_ivec2().clamp(IVec2::ZERO, LAST);
+                occupied[at.y as usize] |= 1 << at.x;
+            }
+            squares += occupied.iter().map(|row| u64::from(row.count_ones())).sum::<u64>();
+            squares_2 += occupied
+                .chunks(2)
+                .map(|rows| {
+                    let both = rows.iter().fold(0, |a, b| a | b);
+                    u64::from(((both | both >> 1) & 0x5555_5555_5555_5555u64).count_ones())
+                })
+                .sum::<u64>();
+        }
+        self.census.kept = kept;
+        self.bounds = Bounds { min: low, max: high };
+        self.density_per_m2 = kept as f64 / squares.max(1) as f64;
+        self.density_2_per_m2 = kept as f64 / (4 * squares_2.max(1)) as f64;
+        Ok(())
+    }
+
+    /// Marks what has almost nothing around it; it is loaded no more.
+    fn drop_isolated(&mut self) -> Result<()> {
+        let mut isolated: BTreeMap<Tile, Vec<u32>> = BTreeMap::new();
+        for core in self.blocks(ISOLATED_BLOCK) {
+            let Window { cloud, tiles } = self.load(&core, 1)?;
+            let is_isolated = isolated::among(&cloud, self.density_per_m2);
+            for (tile, range) in tiles.into_iter().filter(|(tile, _)| core.contains(tile)) {
+                let own = is_isolated[range].iter().zip(0u32..);
+                isolated.insert(tile, own.filter(|(out, _)| **out).map(|(_, i)| i).collect());
+            }
+        }
+        for (tile, numbers) in isolated {
+            self.census.removed.isolated += numbers.len() as u64;
+            if let Some(stack) = self.tiles.get_mut(&tile) {
+                stack.isolated = numbers;
+            }
+        }
+        Ok(())
     }
 
     /// Squares of so many tiles' side that hold points, as the sets of their tiles; in order.
@@ -182,14 +239,15 @@ impl TiledScan {
                     }
                 }
             }
+            if !stack.isolated.is_empty() {
+                cloud.retain(|i| {
+                    let own = i.checked_sub(start).and_then(|own| u32::try_from(own).ok());
+                    own.is_none_or(|own| stack.isolated.binary_search(&own).is_err())
+                });
+            }
             ranges.push((tile, start..cloud.len()));
         }
-        let is_isolated = if self.drop_isolated {
-            isolated::among(&cloud, self.density_per_m2)
-        } else {
-            vec![false; cloud.len()]
-        };
-        Ok(Window { cloud, tiles: ranges, is_isolated })
+        Ok(Window { cloud, tiles: ranges })
     }
 }
 
@@ -287,27 +345,6 @@ impl Stack {
         }
         self.pieces.push((file, Piece::Held(batch)));
     }
-
-    fn mark(&mut self, coordinates: &Coordinates, unit_m: DVec3, tile: Tile) {
-        self.occupied.resize(SIDE, 0);
-        let corner = tile.map(|i| f64::from(i) * TILE_M);
-        for p in (0..coordinates.len()).filter_map(|i| coordinates.get(i)) {
-            let at = |v: f64, corner: f64| ((v - corner).max(0.0) as usize).min(SIDE - 1);
-            let (col, row) = (at(p.x * unit_m.x, corner[0]), at(p.y * unit_m.y, corner[1]));
-            self.occupied[row] |= 1 << col;
-        }
-    }
-
-    /// Occupied squares of 1 m or 2 m.
-    fn squares(&self, side: usize) -> u64 {
-        let joined = self.occupied.chunks(side).map(|rows| rows.iter().fold(0, |a, b| a | b));
-        joined
-            .map(|row: u64| {
-                let row = if side == 2 { (row | row >> 1) & 0x5555_5555_5555_5555 } else { row };
-                u64::from(row.count_ones())
-            })
-            .sum()
-    }
 }
 
 /// Points out of memory.
@@ -385,8 +422,8 @@ impl Spill {
     }
 }
 
-/// Local metres of a place's tile corner.
-pub fn corner_m(frame: &Frame, tile: Tile) -> Vec3 {
+/// Local metres of a tile's south-western corner.
+fn corner_m(frame: &Frame, tile: Tile) -> Vec3 {
     let world_m = DVec3::new(f64::from(tile[0]), f64::from(tile[1]), 0.0) * TILE_M;
     frame.local_from_world(world_m / frame.unit_m())
 }

@@ -1,0 +1,161 @@
+//! A scan worked through by tiles gives what it gives in one piece, however it is cut into files.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use larix::crown::Crown;
+use larix::ground::Method;
+use larix::pipeline::{self, Survey, SurveyJob};
+use larix::report::{Recorder, Silent};
+use larix::scan::{ReadOptions, encode_laz, read};
+use larix::seed::Seed;
+use larix::simulate::StandOptions;
+use larix::species::assign::SpeciesBy;
+
+fn survey(scans: &[PathBuf], tile_m: Option<f32>) -> Survey {
+    let job = SurveyJob {
+        scans: scans.to_vec(),
+        ground: Method::Smrf,
+        cell_m: None,
+        tile_m,
+        photo: None,
+        species: vec![larix::species::load("pinus_sylvestris").unwrap()],
+        species_by: SpeciesBy::Auto,
+        voxel_m: None,
+        min_height_m: 2.0,
+        seed: Seed::new(1),
+    };
+    pipeline::survey::inventory(&job, &mut Recorder::new(&Silent)).unwrap()
+}
+
+/// The scan cut in four files through its middle.
+fn quarters(scan: &Path, dir: &Path) -> Vec<PathBuf> {
+    let options = ReadOptions { drop_noise_classes: false, drop_isolated: false };
+    let whole = read(&[scan.to_path_buf()], &options).unwrap().value;
+    let middle = 0.5 * (whole.bounds.min + whole.bounds.max);
+    (0..4)
+        .map(|k| {
+            let mut cloud = whole.cloud.clone();
+            let position = whole.cloud.position.clone();
+            cloud.retain(|i| {
+                let p = position[i];
+                usize::from(p.x >= middle.x) + 2 * usize::from(p.y >= middle.y) == k
+            });
+            let path = dir.join(format!("{k}.laz"));
+            std::fs::write(&path, encode_laz(&cloud).unwrap()).unwrap();
+            path
+        })
+        .collect()
+}
+
+/// Nearer to the outer edge windows show what the whole shows not quite: the ground's hull ends.
+const EDGE_M: f64 = 10.0;
+
+/// Trees away from the outer edge that only one of two surveys has, and those of the same id whose
+/// crowns differ by more than a millimetre.
+fn differences(a: &Survey, b: &Survey) -> (usize, usize) {
+    let g = a.terrain.heights.geometry;
+    assert_eq!(g, b.terrain.heights.geometry);
+    assert_eq!(a.frame, b.frame);
+    let by_key = |s: &Survey| -> BTreeMap<u64, Crown> {
+        let inner = s.trees.iter().map(|t| &t.crown).filter(|c| {
+            let (x, y) = (f64::from(c.root.x), f64::from(c.root.y));
+            (x - g.west).min(g.east() - x).min(y - g.south()).min(g.north - y) > EDGE_M
+        });
+        inner.map(|c| (c.key, c.clone())).collect()
+    };
+    let (a, b) = (by_key(a), by_key(b));
+    let only = a.keys().filter(|k| !b.contains_key(k)).count()
+        + b.keys().filter(|k| !a.contains_key(k)).count();
+    let near = |x: f32, y: f32| (x - y).abs() < 1e-3;
+    let changed = a.iter().filter(|(k, x)| {
+        b.get(k).is_some_and(|y| {
+            !(near(x.height_m, y.height_m)
+                && near(x.base_height_m, y.base_height_m)
+                && near(x.diameter_m, y.diameter_m)
+                && x.outline.len() == y.outline.len()
+                && x.outline.iter().zip(&y.outline).all(|(p, q)| p.distance(*q) < 1e-3))
+        })
+    });
+    (only, changed.count())
+}
+
+fn compare(name: &str, scan: &Path, tile_m: f32, dir: &Path) {
+    let whole = survey(&[scan.to_path_buf()], None);
+    let quarters = quarters(scan, dir);
+    let cut = differences(&whole, &survey(&quarters, None));
+    let tiled = differences(&whole, &survey(&quarters, Some(tile_m)));
+    println!(
+        "{name}: {} trees in one piece; elsewhere or changed in four files {cut:?}, by tiles of \
+         {tile_m} m {tiled:?}",
+        whole.trees.len()
+    );
+    assert_eq!((cut, tiled), ((0, 0), (0, 0)), "{name}");
+}
+
+#[test]
+fn a_simulated_scan_cut_in_four_is_the_same_forest() {
+    let dir = tempfile::tempdir().unwrap();
+    let species: Vec<_> = ["larix_sibirica", "betula_pendula", "pinus_sylvestris"]
+        .map(|n| larix::species::load(n).unwrap())
+        .to_vec();
+    let options = StandOptions { trees: 700, ..StandOptions::default() };
+    let mut run = Recorder::new(&Silent);
+    let made = pipeline::demo::survey_of_stand(&options, &species, Seed::new(5), &mut run).unwrap();
+    let scan = dir.path().join("whole.laz");
+    std::fs::write(&scan, &made.scan).unwrap();
+    compare("simulated", &scan, 64.0, dir.path());
+}
+
+#[test]
+fn real_scans_cut_in_four_are_the_same_forest() {
+    for name in ["lasR/bcts_1.laz", "pycrown/POINTS_abs.laz", "lidR/MixedConifer.laz"] {
+        let scan = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
+        if !scan.exists() {
+            println!("skipped: {} is not here", scan.display());
+            continue;
+        }
+        let dir = tempfile::tempdir().unwrap();
+        compare(name, &scan, 128.0, dir.path());
+    }
+}
+
+#[test]
+fn neighbouring_files_make_one_forest_without_a_seam() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/lasR");
+    let files = ["bcts_1.laz", "bcts_2.laz"].map(|name| folder.join(name));
+    if !files.iter().all(|f| f.exists()) {
+        println!("skipped: {} is not here", folder.display());
+        return;
+    }
+    let both = survey(&files, None);
+    // Where the files meet the trees stand as close as elsewhere.
+    let edge = |file: &PathBuf| {
+        let scan = read(std::slice::from_ref(file), &ReadOptions::default()).unwrap().value;
+        let corner = |p| scan.cloud.frame.world_from_local(p);
+        (corner(scan.bounds.min), corner(scan.bounds.max))
+    };
+    let [(a_min, a_max), (b_min, b_max)] = [edge(&files[0]), edge(&files[1])];
+    let gaps = [b_min.x - a_max.x, a_min.x - b_max.x, b_min.y - a_max.y, a_min.y - b_max.y];
+    println!("files apart by {gaps:?}; {} trees", both.trees.len());
+    let (along_x, seam) = if gaps[0].abs() < 2.0 {
+        (true, a_max.x)
+    } else if gaps[1].abs() < 2.0 {
+        (true, a_min.x)
+    } else if gaps[2].abs() < 2.0 {
+        (false, a_max.y)
+    } else {
+        (false, a_min.y)
+    };
+    let count = |from: f64, to: f64| {
+        both.trees
+            .iter()
+            .map(|t| both.frame.world_from_local(t.crown.root))
+            .map(|p| if along_x { p.x } else { p.y } - seam)
+            .filter(|d| (from..to).contains(d))
+            .count()
+    };
+    let (at, beside) = (count(-4.0, 4.0), count(-28.0, -4.0) + count(4.0, 28.0));
+    println!("{at} trees within 4 m of the seam, {beside} in six such strips beside it");
+    assert!((6 * at).abs_diff(beside) * 3 < beside, "{at} {beside}");
+}
