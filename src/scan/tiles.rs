@@ -76,6 +76,14 @@ impl TiledScan {
     /// # Errors
     /// Those of [`super::read`]; no room for the temporary file.
     pub fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<TiledScan>> {
+        Self::read_within(HELD_BYTES, paths, options)
+    }
+
+    fn read_within(
+        held_bytes: usize,
+        paths: &[PathBuf],
+        options: &ReadOptions,
+    ) -> Result<Warned<TiledScan>> {
         let formats = merge::formats(paths)?;
         let mut tiles: BTreeMap<Tile, Stack> = BTreeMap::new();
         let mut spill = Spill::default();
@@ -88,7 +96,7 @@ impl TiledScan {
                     let stack = tiles.entry(tile).or_default();
                     stack.add(number, batch);
                 }
-                if spill.held > HELD_BYTES {
+                if spill.held > held_bytes {
                     spill.all(&mut tiles)?;
                 }
                 Ok(())
@@ -426,4 +434,101 @@ impl Spill {
 fn corner_m(frame: &Frame, tile: Tile) -> Vec3 {
     let world_m = DVec3::new(f64::from(tile[0]), f64::from(tile[1]), 0.0) * TILE_M;
     frame.local_from_world(world_m / frame.unit_m())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::encode_laz;
+    use crate::seed::Seed;
+
+    fn cloud(has_colour: bool) -> PointCloud {
+        let mut d = Seed::new(6).draws();
+        let n = 20_000;
+        let position: Vec<Vec3> = (0..n)
+            .map(|_| Vec3::new(d.between(0.0, 150.0), d.between(0.0, 90.0), d.between(0.0, 20.0)))
+            .collect();
+        PointCloud {
+            frame: Frame::local(DVec3::new(500_030.0, 4_000_010.0, 0.0)),
+            intensity: (0..n as u16).collect(),
+            return_number: vec![1; n],
+            return_count: (0..n).map(|i| 1 + (i % 3) as u8).collect(),
+            class: (0..n).map(|i| (i % 5) as u8).collect(),
+            rgb: has_colour.then(|| (0..n as u16).map(|i| [i, 1, 700]).collect()),
+            position,
+        }
+    }
+
+    /// Every column of a point, by its place.
+    fn points(cloud: &PointCloud) -> Vec<[i64; 10]> {
+        let mut all: Vec<[i64; 10]> = (0..cloud.len())
+            .map(|i| {
+                let world = cloud.frame.world_from_local(cloud.position[i]).to_array();
+                let [x, y, z] = world.map(|v| (v * 1000.0).round() as i64);
+                let [r, g, b] = cloud.rgb.as_ref().map_or([0; 3], |c| c[i]).map(i64::from);
+                let flags = [cloud.return_number[i], cloud.return_count[i], cloud.class[i]];
+                let [number, count, class] = flags.map(i64::from);
+                [x, y, z, cloud.intensity[i].into(), number, count, class, r, g, b]
+            })
+            .collect();
+        all.sort_unstable();
+        all
+    }
+
+    #[test]
+    fn points_come_back_from_memory_and_from_the_file_as_they_are_read_whole() {
+        let dir = tempfile::tempdir().unwrap();
+        for has_colour in [false, true] {
+            let path = dir.path().join("scan.laz");
+            std::fs::write(&path, encode_laz(&cloud(has_colour)).unwrap()).unwrap();
+            let paths = [path];
+            let options = ReadOptions::default();
+            let whole = crate::scan::read(&paths, &options).unwrap().value;
+            for held_bytes in [0, HELD_BYTES] {
+                let tiled = TiledScan::read_within(held_bytes, &paths, &options).unwrap().value;
+                assert_eq!(tiled.spill.file.is_some(), held_bytes == 0);
+                assert_eq!(tiled.frame, whole.cloud.frame);
+                assert_eq!(tiled.census, whole.census);
+                assert!((tiled.density_per_m2 - f64::from(whole.density_per_m2)).abs() < 1e-3);
+                let every: Vec<Tile> = tiled.tiles.keys().copied().collect();
+                let window = tiled.load(&every, 0).unwrap();
+                window.cloud.check().unwrap();
+                assert_eq!(points(&window.cloud), points(&whole.cloud));
+                let (tile, range) = window.tiles[1].clone();
+                let alone = tiled.load(&[tile], 0).unwrap().cloud;
+                assert_eq!(alone.position, window.cloud.position[range]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_window_holds_its_tiles_and_those_about_them() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("scan.laz");
+        std::fs::write(&path, encode_laz(&cloud(false)).unwrap()).unwrap();
+        let tiled = TiledScan::read(&[path], &ReadOptions::default()).unwrap().value;
+        let blocks = tiled.blocks(2);
+        assert_eq!(blocks.iter().map(Vec::len).sum::<usize>(), tiled.tiles.len());
+        let first = [blocks[0][0]];
+        let window = tiled.load(&first, 1).unwrap();
+        assert!(window.tiles.len() > 1 && window.tiles.iter().any(|(t, _)| *t == first[0]));
+        for (tile, range) in &window.tiles {
+            assert!((0..2).all(|k| (tile[k] - first[0][k]).abs() <= 1));
+            for p in &window.cloud.position[range.clone()] {
+                assert_eq!(tile_of(tiled.frame.world_from_local(*p)), *tile);
+            }
+        }
+    }
+
+    #[test]
+    fn text_and_laz_lie_in_one_set_of_tiles() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.xyz");
+        let line = |i: i32| format!("{} {} {}\n", 100 + i % 40, 200 + i / 40, i % 7);
+        std::fs::write(&path, (0..1600).map(line).collect::<String>()).unwrap();
+        let whole = crate::scan::read(&[path.clone()], &ReadOptions::default()).unwrap().value;
+        let tiled = TiledScan::read(&[path], &ReadOptions::default()).unwrap().value;
+        let every: Vec<Tile> = tiled.tiles.keys().copied().collect();
+        assert_eq!(points(&tiled.load(&every, 0).unwrap().cloud), points(&whole.cloud));
+    }
 }
