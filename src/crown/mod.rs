@@ -285,7 +285,7 @@ struct Evidence {
 
 /// The trees of one storey.
 struct Layer {
-    trees: Vec<(Crown, Vec<u32>)>,
+    trees: Vec<Crown>,
     /// Index into `trees` by cell; [`basins::NONE`] where there is no crown, [`LEFT_OUT`] where
     /// there is something too little like a tree.
     tree_of_cell: Vec<u32>,
@@ -307,7 +307,7 @@ impl Stand<'_> {
         Some(self.geometry.index(c, r))
     }
 
-    /// The trees that the given points and voxels show, each with its points.
+    /// The trees that the given points and voxels show.
     fn layer(&self, points: &[u32], voxels: &[u32], least: Evidence) -> Layer {
         let (g, cell_m) = (self.geometry, self.geometry.cell_x as f32);
         let at = |i: &u32| self.cloud.position[*i as usize];
@@ -336,8 +336,7 @@ impl Stand<'_> {
             })
             .collect();
 
-        let cells = (0u32..).zip(&tree_of_cell).map(|(cell, &tree)| (tree, cell));
-        let cells = grouped(chosen.len(), cells);
+        let cells = Groups::new(chosen.len(), tree_of_cell.par_iter().copied(), |cell| cell);
         let tree_at = |p: Vec3, height_m: f32| {
             let tree = self.cell_of(p).map_or(basins::NONE, |cell| tree_of_cell[cell]);
             let in_tree = chosen.get(tree as usize).is_some_and(|c| {
@@ -346,29 +345,27 @@ impl Stand<'_> {
             });
             if in_tree { tree } else { basins::NONE }
         };
-        let members = points.iter().map(|i| (tree_at(at(i), self.height[*i as usize]), *i));
-        let members = grouped(chosen.len(), members);
-        let voxels_of_tree = grouped(
-            chosen.len(),
-            voxels.iter().map(|&i| {
-                let p = self.centres[i as usize];
-                (tree_at(p, p.z - self.terrain.height_at(p.truncate())), i)
-            }),
-        );
+        let tree_of_point = points.par_iter().map(|i| tree_at(at(i), self.height[*i as usize]));
+        let members = Groups::new(chosen.len(), tree_of_point, |k| points[k as usize]);
+        let tree_of_voxel = voxels.par_iter().map(|&i| {
+            let p = self.centres[i as usize];
+            tree_at(p, p.z - self.terrain.height_at(p.truncate()))
+        });
+        let voxels_of_tree = Groups::new(chosen.len(), tree_of_voxel, |k| voxels[k as usize]);
         let crowns: Vec<Option<Crown>> = (0..chosen.len())
             .into_par_iter()
             .map(|tree| {
-                let middle: Vec<Vec2> = (cells[tree].iter())
+                let middle: Vec<Vec2> = (cells.of(tree).iter())
                     .map(|&i| {
                         let [x, y] = g.centre(i as usize % g.cols, i as usize / g.cols);
                         Vec2::new(x as f32, y as f32)
                     })
                     .collect();
-                let points: Vec<Vec3> = members[tree].iter().map(at).collect();
+                let points: Vec<Vec3> = members.of(tree).iter().map(at).collect();
                 let heights: Vec<f32> =
-                    members[tree].iter().map(|&i| self.height[i as usize]).collect();
+                    members.of(tree).iter().map(|&i| self.height[i as usize]).collect();
                 let own: Vec<Vec3> =
-                    voxels_of_tree[tree].iter().map(|&i| self.centres[i as usize]).collect();
+                    voxels_of_tree.of(tree).iter().map(|&i| self.centres[i as usize]).collect();
                 let members = measure::Members {
                     points: &points,
                     heights: &heights,
@@ -384,10 +381,10 @@ impl Stand<'_> {
         // Places that gave no crown leave the numbering.
         let mut number = vec![basins::NONE; chosen.len()];
         let mut trees = Vec::with_capacity(chosen.len());
-        for (tree, (crown, members)) in crowns.into_iter().zip(members).enumerate() {
+        for (tree, crown) in crowns.into_iter().enumerate() {
             if let Some(crown) = crown {
                 number[tree] = trees.len() as u32;
-                trees.push((crown, members));
+                trees.push(crown);
             }
         }
         for tree in tree_of_cell.iter_mut() {
@@ -406,7 +403,7 @@ impl Layer {
                 return false;
             }
             let Some(cell) = stand.cell_of(p) else { return false };
-            let Some((crown, _)) = self.trees.get(self.tree_of_cell[cell] as usize) else {
+            let Some(crown) = self.trees.get(self.tree_of_cell[cell] as usize) else {
                 return self.tree_of_cell[cell] == basins::NONE;
             };
             let up = p.z - crown.root.z;
@@ -418,13 +415,11 @@ impl Layer {
             let from_stem = (p - crown.root).truncate().distance(lean);
             from_stem > STEM_M + STEM_RELATIVE * crown.height_m
         };
-        let points = points.iter().copied();
-        let voxels = voxels.iter().copied();
         Left {
-            points: points
+            points: (points.par_iter().copied())
                 .filter(|&i| is_left(stand.cloud.position[i as usize], stand.height[i as usize]))
                 .collect(),
-            voxels: voxels
+            voxels: (voxels.par_iter().copied())
                 .filter(|&i| {
                     let p = stand.centres[i as usize];
                     is_left(p, p.z - stand.terrain.height_at(p.truncate()))
@@ -442,9 +437,9 @@ fn join(upper: Layer, lower: Layer) -> Vec<Crown> {
         let cell = top.geometry.index(c, r);
         Some((tree_of_cell[cell] as usize, top.data[cell]))
     };
-    let mut crowns: Vec<Crown> = trees.into_iter().map(|(crown, _)| crown).collect();
+    let mut crowns = trees;
     let canopy_trees = crowns.len();
-    for (mut crown, _) in lower.trees {
+    for mut crown in lower.trees {
         if let Some((tree, top_m)) = over(crown.apex) {
             crown.is_understory = tree < canopy_trees && top_m > crown.height_m + CLEARANCE_M;
             if let Some(above) = crowns.get_mut(tree).filter(|_| tree < canopy_trees) {
@@ -457,14 +452,44 @@ fn join(upper: Layer, lower: Layer) -> Vec<Crown> {
 }
 
 /// Members of each group, in order; what is in no group is left out.
-fn grouped(groups: usize, members: impl Iterator<Item = (u32, u32)>) -> Vec<Vec<u32>> {
-    let mut out = vec![Vec::new(); groups];
-    for (group, member) in members {
-        if let Some(list) = out.get_mut(group as usize) {
-            list.push(member);
+struct Groups {
+    /// Where each group begins in `members`; one more than groups.
+    start: Vec<u32>,
+    members: Vec<u32>,
+}
+
+impl Groups {
+    /// `group` of each thing in turn; `member` is what stands for the thing of that number.
+    fn new(
+        groups: usize,
+        group: impl IndexedParallelIterator<Item = u32>,
+        member: impl Fn(u32) -> u32,
+    ) -> Groups {
+        let group: Vec<u32> = group.collect();
+        let mut start = vec![0u32; groups + 1];
+        for &k in &group {
+            if let Some(count) = start.get_mut((k as usize).saturating_add(1)) {
+                *count += 1;
+            }
         }
+        for k in 0..groups {
+            start[k + 1] += start[k];
+        }
+        let mut members = vec![0; start[groups] as usize];
+        let mut next = start.clone();
+        next.truncate(groups);
+        for (i, &k) in (0u32..).zip(&group) {
+            if let Some(slot) = next.get_mut(k as usize) {
+                members[*slot as usize] = member(i);
+                *slot += 1;
+            }
+        }
+        Groups { start, members }
     }
-    out
+
+    fn of(&self, group: usize) -> &[u32] {
+        &self.members[self.start[group] as usize..self.start[group + 1] as usize]
+    }
 }
 
 /// Keys from the roots, the taller first; sorted by key.

@@ -9,6 +9,7 @@ mod voxel_rules;
 
 use glam::Vec3;
 use lowest::Lowest;
+use rayon::prelude::*;
 
 use crate::diagnostic::{Error, Result, Warned};
 use crate::raster::GridGeometry;
@@ -67,14 +68,18 @@ pub fn classify(cloud: PointCloud, options: &GroundOptions) -> Result<Warned<Cla
     let is_last = |i: usize| {
         cloud.return_number[i] >= cloud.return_count[i] && !NEITHER.contains(&cloud.class[i])
     };
+    let last: Vec<Vec3> = (0..cloud.len())
+        .into_par_iter()
+        .filter(|&i| is_last(i))
+        .map(|i| cloud.position[i])
+        .collect();
     // Return numbers may be wrong throughout; every point is then a candidate.
-    let are_all = (0..cloud.len()).filter(|&i| is_last(i)).take(3).count() < 3;
-    let is_candidate = |i: usize| are_all || is_last(i);
+    let candidates = if last.len() < 3 { &cloud.position } else { &last };
     if cloud.len() < 3 {
         return Err(Error::new(format!("too few points to find the ground: {}", cloud.len()))
             .remedy("give a whole scan: at least a few points that reached the ground"));
     }
-    let is_normalised = is_normalised(&cloud, is_candidate);
+    let is_normalised = is_normalised(candidates, zero_level(&cloud));
     let mut warnings = Vec::new();
     let is_ground: Vec<bool> = if options.method == Method::FileClasses {
         if !cloud.class.contains(&FILE_GROUND) {
@@ -87,11 +92,9 @@ pub fn classify(cloud: PointCloud, options: &GroundOptions) -> Result<Warned<Cla
         cloud.position.iter().map(|p| (p.z - zero).abs() <= NORMALISED_GROUND_M).collect()
     } else {
         match options.method {
-            Method::Tin => {
-                densify::ground(&Lowest::of(&cloud.position, is_candidate), &cloud.position)
-            }
+            Method::Tin => densify::ground(&Lowest::of(candidates), &cloud.position),
             Method::VoxelRules => voxel_rules::ground(&cloud.position),
-            _ => smrf::ground(&Lowest::of(&cloud.position, is_candidate), &cloud.position),
+            _ => smrf::ground(&Lowest::of(candidates), &cloud.position),
         }
     };
     if is_normalised {
@@ -99,8 +102,9 @@ pub fn classify(cloud: PointCloud, options: &GroundOptions) -> Result<Warned<Cla
             "the heights are above ground already: the terrain is taken as the plane z = 0".into(),
         );
     }
+    drop(last);
     let kind: Vec<Kind> = is_ground
-        .iter()
+        .par_iter()
         .zip(&cloud.class)
         .map(|(&ground, class)| match (NEITHER.contains(class), ground) {
             (true, _) => Kind::Excluded,
@@ -121,16 +125,19 @@ fn zero_level(cloud: &PointCloud) -> f32 {
     (-cloud.frame.origin.z * cloud.frame.unit_m().z) as f32
 }
 
+/// Infinite the wrong way round for no points.
+fn bounds(points: &[Vec3]) -> (Vec3, Vec3) {
+    let none = || (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    let both = |a: (Vec3, Vec3), b: (Vec3, Vec3)| (a.0.min(b.0), a.1.max(b.1));
+    points.par_iter().fold(none, |b, p| both(b, (*p, *p))).reduce(none, both)
+}
+
 /// Whether heights are above ground already: of the lowest points of 5 m cells, a quarter or more
 /// lie within 15 cm of z = 0 of the world and next to none below −50 cm. A level site at sea level
 /// fits too; both readings of it agree.
-fn is_normalised(cloud: &PointCloud, is_candidate: impl Fn(usize) -> bool) -> bool {
+fn is_normalised(candidates: &[Vec3], zero: f32) -> bool {
     const CELL_M: f64 = 5.0;
-    let zero = zero_level(cloud);
-    let candidates =
-        || cloud.position.iter().enumerate().filter(|(i, _)| is_candidate(*i)).map(|(_, p)| *p);
-    let (low, high) =
-        candidates().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
+    let (low, high) = bounds(candidates);
     let geometry = GridGeometry::covering(
         [low.x.into(), low.y.into()],
         [high.x.into(), high.y.into()],
@@ -138,7 +145,7 @@ fn is_normalised(cloud: &PointCloud, is_candidate: impl Fn(usize) -> bool) -> bo
         CELL_M.max(f64::from((high - low).truncate().max_element()) / 2000.0),
     );
     let mut lowest = vec![f32::INFINITY; geometry.len()];
-    for p in candidates() {
+    for p in candidates {
         if let Some((c, r)) = geometry.cell_of(p.x.into(), p.y.into()) {
             let i = geometry.index(c, r);
             lowest[i] = lowest[i].min(p.z - zero);

@@ -65,8 +65,9 @@ impl GridGeometry {
 
     /// Column and row of the cell that holds the point, `None` outside.
     pub fn cell_of(&self, x: f64, y: f64) -> Option<(usize, usize)> {
-        let c = ((x - self.west) / self.cell_x).floor();
-        let r = ((self.north - y) / self.cell_y).floor();
+        let c = (x - self.west) / self.cell_x;
+        let r = (self.north - y) / self.cell_y;
+        // Truncation is the floor of what is not negative, and faster.
         (c >= 0.0 && r >= 0.0 && c < self.cols as f64 && r < self.rows as f64)
             .then_some((c as usize, r as usize))
     }

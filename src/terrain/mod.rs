@@ -12,6 +12,7 @@ mod tin;
 use std::collections::BTreeMap;
 
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 use crate::diagnostic::{Error, Result, Warned};
 use crate::ground::{Classified, Kind};
@@ -66,7 +67,7 @@ pub fn build(classified: &Classified, options: &TerrainOptions) -> Result<Warned
 }
 
 fn ground_points(classified: &Classified) -> Vec<Vec3> {
-    let points = classified.cloud.position.iter().zip(&classified.kind);
+    let points = classified.cloud.position.par_iter().zip(&classified.kind);
     points.filter(|(_, k)| **k == Kind::Ground).map(|(p, _)| *p).collect()
 }
 
@@ -83,9 +84,13 @@ fn from_points(ground: &[Vec3], geometry: GridGeometry) -> Result<Terrain> {
         rows: geometry.rows * 2,
         ..geometry
     };
-    let vertices = tin::thinned(ground, &half);
+    let (vertices, squares) = tin::thinned(ground, &half);
     let mut heights = tin::heights(&vertices, geometry);
-    let is_observed = observed(ground, &geometry);
+    let mut is_observed = vec![false; geometry.len()];
+    for square in squares {
+        let (col, row) = (square as usize % half.cols, square as usize / half.cols);
+        is_observed[geometry.index(col / 2, row / 2)] = true;
+    }
     fill(&mut heights, &vertices);
     Ok(Terrain { heights, is_observed })
 }
@@ -148,11 +153,14 @@ fn geometry(
     ground: &[Vec3],
     options: &TerrainOptions,
 ) -> Result<GridGeometry> {
-    let mut points = classified.cloud.position.iter();
-    let Some(first) = points.next() else {
+    let points = &classified.cloud.position;
+    let Some(first) = points.first() else {
         return Err(Error::new("no points, so no terrain").remedy("give a scan with points"));
     };
-    let (low, high) = points.fold((*first, *first), |(a, b), p| (a.min(*p), b.max(*p)));
+    let both = |a: (Vec3, Vec3), b: (Vec3, Vec3)| (a.0.min(b.0), a.1.max(b.1));
+    let (low, high) = (points.par_iter())
+        .fold(|| (*first, *first), |b, p| both(b, (*p, *p)))
+        .reduce(|| (*first, *first), both);
     let cell = match options.cell_m {
         Some(c) if c.is_finite() && c > 0.0 => f64::from(c),
         Some(c) => {
@@ -216,32 +224,32 @@ pub fn held_out_error(
         }
     }
     let is_out = |p: &Vec3| hash(&p.to_array()).is_multiple_of(HELD_OUT);
-    let mut off: Vec<f64> = Vec::new();
-    let mut measure = |out: Vec<Vec3>, kept: &[Vec3], geometry: GridGeometry| -> Result<()> {
-        let terrain = from_points(kept, geometry)?;
-        off.extend(out.iter().map(|p| f64::from(terrain.height_at(p.truncate()) - p.z).abs()));
-        Ok(())
-    };
-    if one_in == 1 || drawn.is_empty() {
-        let (out, kept): (Vec<Vec3>, Vec<Vec3>) = ground.into_iter().partition(is_out);
-        if kept.len() >= 3 {
-            measure(out, &kept, geometry)?;
+    let measure = |out: Vec<Vec3>, kept: &[Vec3], geometry: GridGeometry| -> Result<Vec<f64>> {
+        if kept.len() < 3 {
+            return Ok(Vec::new());
         }
+        let terrain = from_points(kept, geometry)?;
+        let off = |p: &Vec3| f64::from(terrain.height_at(p.truncate()) - p.z).abs();
+        Ok(out.iter().map(off).collect())
+    };
+    let off = if one_in == 1 || drawn.is_empty() {
+        let (out, kept): (Vec<Vec3>, Vec<Vec3>) = ground.into_iter().partition(is_out);
+        measure(out, &kept, geometry)?
     } else {
-        for ([i, j], points) in drawn {
+        let squares: Vec<([i32; 2], Vec<Vec3>)> = drawn.into_iter().collect();
+        let off = squares.into_par_iter().map(|([i, j], points)| {
             let low = Vec2::new(i as f32, j as f32) * HELD_OUT_SQUARE_M;
             let high = low + HELD_OUT_SQUARE_M;
             let (out, kept): (Vec<Vec3>, Vec<Vec3>) = points.into_iter().partition(|p| {
                 let rim = (p.truncate() - low).min(high - p.truncate()).min_element();
                 is_out(p) && rim >= HELD_OUT_RIM_M
             });
-            if kept.len() >= 3 {
-                let corner = |v: Vec2| v.to_array().map(f64::from);
-                let cell = geometry.cell_x;
-                measure(out, &kept, GridGeometry::covering(corner(low), corner(high), cell))?;
-            }
-        }
-    }
+            let corner = |v: Vec2| v.to_array().map(f64::from);
+            let geometry = GridGeometry::covering(corner(low), corner(high), geometry.cell_x);
+            measure(out, &kept, geometry)
+        });
+        off.collect::<Result<Vec<Vec<f64>>>>()?.concat()
+    };
     if off.is_empty() {
         return Ok(None);
     }
