@@ -78,7 +78,11 @@ pub(super) fn find(canopy: &Canopy, min_height_m: f32) -> Basins {
     let joins: Vec<u32> = (0..g.len())
         .into_par_iter()
         .map(|i| {
-            if height_m(i) < min_height_m { NONE } else { steepest(canopy, height_m, min_height_m, i) }
+            if height_m(i) < min_height_m {
+                NONE
+            } else {
+                steepest(canopy, height_m, min_height_m, i)
+            }
         })
         .collect();
     let mut top: Vec<u32> =

@@ -116,13 +116,8 @@ fn fill(heights: &mut Grid<f32>, vertices: &[Vec3]) {
         }
     }
     let trend = trend(&about, squares);
-    let trend_at = |i: usize| {
-        let [x, y] = g.centre(i % g.cols, i / g.cols);
-        trend.bilinear(x, y)
-    };
-    for (i, z) in heights.data.iter_mut().enumerate() {
-        *z -= trend_at(i);
-    }
+    let trend_here = trend.resampled(g);
+    heights.data.par_iter_mut().zip(&trend_here.data).for_each(|(z, trend)| *z -= trend);
     for v in vertices {
         // At the hull, and where fewer than three points have none, each stands for its cell.
         if let Some((c, r)) = g.cell_of(v.x.into(), v.y.into())
@@ -133,9 +128,7 @@ fn fill(heights: &mut Grid<f32>, vertices: &[Vec3]) {
     }
     let is_known: Vec<bool> = heights.data.iter().map(|z| z.is_finite()).collect();
     inpaint::fill(heights, &is_known);
-    for (i, z) in heights.data.iter_mut().enumerate() {
-        *z += trend_at(i);
-    }
+    heights.data.par_iter_mut().zip(&trend_here.data).for_each(|(z, trend)| *z += trend);
 }
 
 fn observed(ground: &[Vec3], geometry: &GridGeometry) -> Vec<bool> {
@@ -269,6 +262,18 @@ impl Terrain {
     /// Height at a place, bilinear; clamped to the border outside.
     pub fn height_at(&self, p: Vec2) -> f32 {
         self.heights.bilinear(f64::from(p.x), f64::from(p.y))
+    }
+
+    /// How many of the points that may show the ground lie between 0.3 m below and 0.3 m above it,
+    /// and how many between 0.3 m below and 1 m above.
+    pub fn near(&self, classified: &Classified) -> (usize, usize) {
+        let points = classified.cloud.position.par_iter().zip(&classified.kind);
+        let count = |(p, kind): (&Vec3, &Kind)| {
+            let above = p.z - self.height_at(p.truncate());
+            let is_layer = *kind != Kind::Excluded && (-0.3..1.0).contains(&above);
+            (usize::from(is_layer && above < 0.3), usize::from(is_layer))
+        };
+        points.map(count).reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
     }
 
     /// Unit normal at a place, from central differences one cell wide.

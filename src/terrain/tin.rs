@@ -22,7 +22,7 @@ use crate::raster::{Grid, GridGeometry};
 
 /// Side of a block and width of its margin, cells.
 const BLOCK: usize = 256;
-const MARGIN: f64 = 16.0;
+const MARGIN: f64 = 8.0;
 /// Fewer vertices are triangulated at once.
 const FEW: usize = 20_000;
 
@@ -213,25 +213,31 @@ fn draw(
     (cols, rows): &(Range<usize>, Range<usize>),
     mut set: impl FnMut(usize, f32),
 ) {
-    let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
-    if area == 0.0 {
-        return;
-    }
     let (least, most) = (a.min(*b).min(*c), a.max(*b).max(*c));
     // Indices of the first and last centre within [low, high] along one axis.
     let span = |low: f64, high: f64, within: &Range<usize>| {
         let low = (low - 0.5).max(0.0);
-        let first = low as usize + usize::from(low > low.trunc());
+        let first = low as usize + usize::from(low > (low as usize) as f64);
         // A negative number becomes 0.
         first.max(within.start)..((high + 0.5) as usize).min(within.end)
     };
     let cols = span((least.x - g.west) / g.cell_x, (most.x - g.west) / g.cell_x, cols);
+    if cols.is_empty() {
+        return;
+    }
     let rows = span((g.north - most.y) / g.cell_y, (g.north - least.y) / g.cell_y, rows);
+    let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+    if rows.is_empty() || area == 0.0 {
+        return;
+    }
+    // Shares of the corners b and c: how they change along x and y.
+    let (vx, vy) = ((c.y - a.y) / area, (a.x - c.x) / area);
+    let (wx, wy) = ((a.y - b.y) / area, (b.x - a.x) / area);
     for row in rows {
+        let y = g.north - (row as f64 + 0.5) * g.cell_y - a.y;
         for col in cols.clone() {
-            let [x, y] = g.centre(col, row);
-            let v = ((x - a.x) * (c.y - a.y) - (y - a.y) * (c.x - a.x)) / area;
-            let w = ((b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x)) / area;
+            let x = g.west + (col as f64 + 0.5) * g.cell_x - a.x;
+            let (v, w) = (vx * x + vy * y, wx * x + wy * y);
             let u = 1.0 - v - w;
             if u.min(v).min(w) >= -1e-9 {
                 set(g.index(col, row), (u * a.z + v * b.z + w * c.z) as f32);

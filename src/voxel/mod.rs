@@ -97,6 +97,8 @@ struct Occupied {
     codes: Vec<u64>,
     counts: Vec<u32>,
     centres_of_mass: Vec<Vec3>,
+    /// Mean squared distance of the points from their voxel's centre of mass, m².
+    spread_sq_m: f64,
 }
 
 fn bounds(points: &[Vec3]) -> Option<(Vec3, Vec3)> {
@@ -198,10 +200,25 @@ impl Grid {
             let place = |k: &K| points[unpack(*k).1 as usize].as_dvec3();
             (run(v).iter().map(place).sum::<DVec3>() / run(v).len() as f64).as_vec3()
         };
+        let centres_of_mass: Vec<Vec3> = (0..count).into_par_iter().map(centre).collect();
+        // Voxels whose sums are added up one after the other, whatever the threads.
+        const TOGETHER: usize = 1 << 12;
+        let moved: Vec<f64> = centres_of_mass
+            .par_chunks(TOGETHER)
+            .enumerate()
+            .map(|(chunk, centres)| {
+                let of_voxel = |(v, centre): (usize, &Vec3)| -> f64 {
+                    let off = |k: &K| centre.distance_squared(points[unpack(*k).1 as usize]);
+                    run(v).iter().map(|k| f64::from(off(k))).sum()
+                };
+                (chunk * TOGETHER..).zip(centres).map(of_voxel).sum()
+            })
+            .collect();
         Occupied {
+            spread_sq_m: moved.iter().sum::<f64>() / keys.len().max(1) as f64,
             codes: (0..count).into_par_iter().map(|v| code(&run(v)[0])).collect(),
             counts: (0..count).into_par_iter().map(|v| end[v] - start(v)).collect(),
-            centres_of_mass: (0..count).into_par_iter().map(centre).collect(),
+            centres_of_mass,
         }
     }
 }
