@@ -71,7 +71,37 @@ pub(super) struct Canopy {
 
 /// `points`: place and height above terrain of each point that may be canopy; `bare`: places seen
 /// to be ground.
+///
+/// With more than one of `grids`, the smooth surface is the mean of those on so many times so many
+/// grids, each shifted by that part of a cell: where the cells happen to lie then matters less.
 pub(super) fn build(
+    geometry: GridGeometry,
+    points: impl Iterator<Item = (Vec3, f32)> + Clone,
+    bare: impl Iterator<Item = Vec3> + Clone,
+    grids: usize,
+) -> Canopy {
+    let mut canopy = on_grid(geometry, points.clone(), bare.clone());
+    for k in 1..grids * grids {
+        let part = |k: usize| k as f64 / grids as f64;
+        let shifted = GridGeometry {
+            west: geometry.west - part(k % grids) * geometry.cell_x,
+            north: geometry.north + part(k / grids) * geometry.cell_y,
+            cols: geometry.cols + 1,
+            rows: geometry.rows + 1,
+            ..geometry
+        };
+        let other = on_grid(shifted, points.clone(), bare.clone()).smooth.resampled(geometry);
+        let sum = canopy.smooth.data.par_iter_mut().zip(&other.data);
+        sum.for_each(|(sum, other)| *sum += other);
+    }
+    let share = 1.0 / (grids * grids).max(1) as f32;
+    if grids > 1 {
+        canopy.smooth.data.par_iter_mut().for_each(|sum| *sum *= share);
+    }
+    canopy
+}
+
+fn on_grid(
     geometry: GridGeometry,
     points: impl Iterator<Item = (Vec3, f32)>,
     bare: impl Iterator<Item = Vec3>,

@@ -111,11 +111,21 @@ pub struct CrownOptions {
     pub min_confidence: f32,
     /// Cell of the canopy surface, metres; from the density where not given.
     pub cell_m: Option<f32>,
+    /// The canopy surface is the mean of those on so many times so many shifted grids, 1 to 8.
+    pub grids: usize,
+    /// Whether a lower storey is looked for.
+    pub has_understory: bool,
 }
 
 impl Default for CrownOptions {
     fn default() -> Self {
-        CrownOptions { min_height_m: 2.0, min_confidence: 0.15, cell_m: None }
+        CrownOptions {
+            min_height_m: 2.0,
+            min_confidence: 0.15,
+            cell_m: None,
+            grids: 1,
+            has_understory: true,
+        }
     }
 }
 
@@ -132,6 +142,10 @@ impl CrownOptions {
         if !(0.0..=1.0).contains(&self.min_confidence) {
             return Err(Error::new(format!("the least confidence is {}", self.min_confidence))
                 .remedy("give a number from 0 to 1"));
+        }
+        if !(1..=8).contains(&self.grids) {
+            return Err(Error::new(format!("the canopy on {} shifted grids", self.grids))
+                .remedy("give a number from 1 to 8"));
         }
         self.cell_m.map_or(Ok(()), |v| length("the cell of the canopy surface", v))
     }
@@ -210,7 +224,10 @@ pub fn detect(
     let every_voxel: Vec<u32> = (0..stand.centres.len() as u32).collect();
     let upper = Evidence { points: 1, confidence: options.min_confidence, may_stand_alone: true };
     let upper = stand.layer(&all, &every_voxel, upper);
-    let left = upper.left(&stand, &all, &every_voxel);
+    let left = match options.has_understory {
+        true => upper.left(&stand, &all, &every_voxel),
+        false => Left { points: Vec::new(), voxels: Vec::new() },
+    };
     let lower = Evidence { confidence: LOWER.confidence.max(options.min_confidence), ..LOWER };
     let lower = stand.layer(&left.points, &left.voxels, lower);
     if upper.left_out > 0 {
@@ -320,7 +337,8 @@ impl Stand<'_> {
             };
         }
         let heights = points.iter().map(|i| (at(i), self.height[*i as usize]));
-        let canopy = canopy::build(g, heights, self.bare.iter().map(at));
+        let grids = self.options.grids;
+        let canopy = canopy::build(g, heights, self.bare.iter().map(at), grids);
         let basins = basins::find(&canopy, self.options.min_height_m);
         let regions = hierarchy::merge(&basins, g.cols, cell_m);
         let mut chosen = hierarchy::choose(&regions, g.cols, cell_m);
