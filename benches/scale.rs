@@ -16,6 +16,10 @@ use larix::simulate::StandOptions;
 use larix::species::assign::SpeciesBy;
 use larix::species::{self, Species};
 
+/// Counts the heap, for the peak of each stage.
+#[global_allocator]
+static ALLOCATOR: peak_alloc::PeakAlloc = peak_alloc::PeakAlloc;
+
 fn species() -> Vec<Species> {
     let names = ["larix_sibirica", "betula_pendula", "pinus_sylvestris", "picea_obovata"];
     names.iter().map(|n| species::load(n).expect("built in")).collect()

@@ -35,13 +35,14 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 15] = [
+const HOMES: [(&str, &[&str]); 16] = [
     ("ab_glyph", &["render"]),
     ("crs_definitions", &["scan"]),
     ("las", &["scan"]),
     ("tiff", &["raster"]),
     ("image", &["raster"]),
     ("spade", &["terrain", "ground"]),
+    ("delaunator", &["terrain"]),
     ("gltf_json", &["export"]),
     ("clap", &["cli"]),
     ("indicatif", &["cli"]),

@@ -3,6 +3,8 @@
 //! canopy surface in place of single points; a watershed). Every local maximum gets a basin, so
 //! one crown may hold several; `hierarchy` decides which belong together.
 
+use rayon::prelude::*;
+
 use super::canopy::Canopy;
 use crate::raster::Grid;
 
@@ -71,48 +73,72 @@ const SKIRT: f32 = 0.25;
 pub(super) fn find(canopy: &Canopy, min_height_m: f32) -> Basins {
     let Canopy { top: raw, smooth: canopy } = canopy;
     let g = canopy.geometry;
-    let is_tall = |i: &u32| raw.data[*i as usize].min(canopy.data[*i as usize]) >= min_height_m;
-    let mut order: Vec<u32> = (0..g.len() as u32).filter(is_tall).collect();
-    order.sort_unstable_by(|&a, &b| {
+    let height_m = |i: usize| raw.data[i].min(canopy.data[i]);
+    // The neighbour that each cell joins; itself at a top; `NONE` where bare.
+    let joins: Vec<u32> = (0..g.len())
+        .into_par_iter()
+        .map(|i| {
+            if height_m(i) < min_height_m {
+                NONE
+            } else {
+                steepest(canopy, height_m, min_height_m, i)
+            }
+        })
+        .collect();
+    let mut top: Vec<u32> =
+        (0..g.len() as u32).into_par_iter().filter(|&i| joins[i as usize] == i).collect();
+    top.par_sort_unstable_by(|&a, &b| {
         canopy.data[b as usize].total_cmp(&canopy.data[a as usize]).then(a.cmp(&b))
     });
-    let mut of_cell = vec![NONE; g.len()];
-    let mut top: Vec<u32> = Vec::new();
-    for &i in &order {
-        let (c, r) = (i as usize % g.cols, i as usize / g.cols);
-        let h = canopy.data[i as usize];
-        let mut steepest = f32::NEG_INFINITY;
-        let mut basin = NONE;
-        for nr in r.saturating_sub(1)..=(r + 1).min(g.rows - 1) {
-            for nc in c.saturating_sub(1)..=(c + 1).min(g.cols - 1) {
-                let n = g.index(nc, nr);
-                if of_cell[n] == NONE || n == i as usize {
-                    continue;
-                }
-                let far = if nc != c && nr != r { std::f32::consts::SQRT_2 } else { 1.0 };
-                let slope = (canopy.data[n] - h) / far;
-                if slope > steepest {
-                    steepest = slope;
-                    basin = of_cell[n];
-                }
+    let mut basin_of_top = vec![NONE; g.len()];
+    for (basin, &i) in (0u32..).zip(&top) {
+        basin_of_top[i as usize] = basin;
+    }
+    let of_cell: Vec<u32> = (0..g.len())
+        .into_par_iter()
+        .map(|i| {
+            let mut at = i;
+            // Upwards at every step, so that it ends.
+            while joins[at] != NONE && joins[at] as usize != at {
+                at = joins[at] as usize;
             }
-        }
-        if basin == NONE {
-            basin = top.len() as u32;
-            top.push(i);
-        }
-        of_cell[i as usize] = basin;
-    }
-    for &i in &order {
-        let basin = &mut of_cell[i as usize];
-        let height_m = raw.data[i as usize].min(canopy.data[i as usize]);
-        if height_m < SKIRT * canopy.data[top[*basin as usize] as usize] {
-            *basin = NONE;
-        }
-    }
+            let basin = basin_of_top[at];
+            let is_skirt = basin != NONE && height_m(i) < SKIRT * canopy.data[at];
+            if is_skirt { NONE } else { basin }
+        })
+        .collect();
     let extent = extents(canopy, &of_cell, &top);
     let contact = contacts(canopy, &of_cell);
     Basins { of_cell, extent, contact }
+}
+
+/// The neighbour to which the surface rises most steeply from a cell; the cell itself at a top.
+/// Of equal heights the one that comes first on the grid counts as higher.
+fn steepest(
+    canopy: &Grid<f32>,
+    height_m: impl Fn(usize) -> f32,
+    min_height_m: f32,
+    i: usize,
+) -> u32 {
+    let g = canopy.geometry;
+    let (c, r) = (i % g.cols, i / g.cols);
+    let h = canopy.data[i];
+    let (mut steepest, mut to) = (f32::NEG_INFINITY, i);
+    for nr in r.saturating_sub(1)..=(r + 1).min(g.rows - 1) {
+        for nc in c.saturating_sub(1)..=(c + 1).min(g.cols - 1) {
+            let n = g.index(nc, nr);
+            let is_higher = canopy.data[n] > h || canopy.data[n] == h && n < i;
+            if !is_higher || height_m(n) < min_height_m {
+                continue;
+            }
+            let far = if nc != c && nr != r { std::f32::consts::SQRT_2 } else { 1.0 };
+            let slope = (canopy.data[n] - h) / far;
+            if slope > steepest {
+                (steepest, to) = (slope, n);
+            }
+        }
+    }
+    to as u32
 }
 
 fn extents(canopy: &Grid<f32>, of_cell: &[u32], top: &[u32]) -> Vec<Extent> {
@@ -198,7 +224,7 @@ fn contacts(canopy: &Grid<f32>, of_cell: &[u32]) -> Vec<Contact> {
             }
         }
     }
-    all.sort_by_key(|t| (t.a, t.b));
+    all.par_sort_by_key(|t| (t.a, t.b));
     all.dedup_by(|later, first| {
         let same = (later.a, later.b) == (first.a, first.b);
         if same {

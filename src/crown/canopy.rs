@@ -26,9 +26,17 @@ const KERNEL_STEP: f32 = 1.5;
 
 /// Points per occupied square metre, over squares of 2 m; 0 for no points.
 pub(super) fn density_per_sq_m(position: &[Vec3]) -> f64 {
-    let mut squares: Vec<(i32, i32)> =
-        position.iter().map(|p| ((p.x * 0.5).floor() as i32, (p.y * 0.5).floor() as i32)).collect();
-    squares.dedup();
+    let square = |p: &Vec3| ((p.x * 0.5).floor() as i32, (p.y * 0.5).floor() as i32);
+    let mut squares: Vec<(i32, i32)> = position
+        .par_chunks(1 << 16)
+        .flat_map_iter(|run| {
+            let mut squares: Vec<(i32, i32)> = run.iter().map(square).collect();
+            squares.dedup();
+            squares.sort_unstable();
+            squares.dedup();
+            squares
+        })
+        .collect();
     squares.par_sort_unstable();
     squares.dedup();
     position.len() as f64 / (4 * squares.len().max(1)) as f64
@@ -63,7 +71,37 @@ pub(super) struct Canopy {
 
 /// `points`: place and height above terrain of each point that may be canopy; `bare`: places seen
 /// to be ground.
+///
+/// With more than one of `grids`, the smooth surface is the mean of those on so many times so many
+/// grids, each shifted by that part of a cell: where the cells happen to lie then matters less.
 pub(super) fn build(
+    geometry: GridGeometry,
+    points: impl Iterator<Item = (Vec3, f32)> + Clone,
+    bare: impl Iterator<Item = Vec3> + Clone,
+    grids: usize,
+) -> Canopy {
+    let mut canopy = on_grid(geometry, points.clone(), bare.clone());
+    for k in 1..grids * grids {
+        let part = |k: usize| k as f64 / grids as f64;
+        let shifted = GridGeometry {
+            west: geometry.west - part(k % grids) * geometry.cell_x,
+            north: geometry.north + part(k / grids) * geometry.cell_y,
+            cols: geometry.cols + 1,
+            rows: geometry.rows + 1,
+            ..geometry
+        };
+        let other = on_grid(shifted, points.clone(), bare.clone()).smooth.resampled(geometry);
+        let sum = canopy.smooth.data.par_iter_mut().zip(&other.data);
+        sum.for_each(|(sum, other)| *sum += other);
+    }
+    let share = 1.0 / (grids * grids).max(1) as f32;
+    if grids > 1 {
+        canopy.smooth.data.par_iter_mut().for_each(|sum| *sum *= share);
+    }
+    canopy
+}
+
+fn on_grid(
     geometry: GridGeometry,
     points: impl Iterator<Item = (Vec3, f32)>,
     bare: impl Iterator<Item = Vec3>,
@@ -137,25 +175,27 @@ fn fill_voids(grid: &mut Grid<f32>) {
 fn fill_pits(grid: &mut Grid<f32>) {
     let g = grid.geometry;
     let mut raised = grid.data.clone();
-    for row in 0..g.rows {
-        for col in 0..g.cols {
+    raised.par_chunks_mut(g.cols).enumerate().for_each(|(row, line)| {
+        for (col, out) in line.iter_mut().enumerate() {
+            let h = *out;
             let mut around = [0.0f32; 8];
-            let mut n = 0;
-            for_neighbours(grid, col, row, |h| {
-                around[n] = h;
+            let (mut n, mut higher) = (0, 0);
+            for_neighbours(grid, col, row, |v| {
+                around[n] = v;
                 n += 1;
+                higher += usize::from(v - PIT_DEPTH_M > h);
             });
-            if n < 5 {
+            // The median and all above it are higher by that.
+            if n < 5 || higher < n - n / 2 {
                 continue;
             }
             around[..n].sort_unstable_by(f32::total_cmp);
             let median = around[n / 2];
-            let h = grid.at(col, row);
             if h < median - PIT_DEPTH_M - PIT_DEPTH_RELATIVE * median {
-                raised[g.index(col, row)] = median;
+                *out = median;
             }
         }
-    }
+    });
     grid.data = raised;
 }
 
@@ -163,7 +203,7 @@ fn fill_pits(grid: &mut Grid<f32>) {
 fn smoothed(grid: &Grid<f32>) -> Grid<f32> {
     let g = grid.geometry;
     let cell = g.cell_x as f32;
-    let highest = grid.data.iter().copied().fold(0.0f32, f32::max);
+    let highest = grid.data.par_iter().copied().reduce(|| 0.0f32, f32::max);
     let width = |h: f32| KERNEL_BASE_M + KERNEL_PER_M * h;
     let mut level_m = KERNEL_BASE_M;
     let mut lower = gaussian(grid, level_m / cell);
@@ -173,13 +213,14 @@ fn smoothed(grid: &Grid<f32>) -> Grid<f32> {
     while level_m < width(highest) {
         let upper_m = level_m * KERNEL_STEP;
         let upper = gaussian(grid, upper_m / cell);
-        for (i, value) in out.data.iter_mut().enumerate() {
-            let w = width(guide[i]);
+        let levels = lower.data.par_iter().zip(&upper.data).zip(&guide);
+        out.data.par_iter_mut().zip(levels).for_each(|(value, ((lower, upper), guide))| {
+            let w = width(*guide);
             if w > level_m {
                 let t = ((w - level_m) / (upper_m - level_m)).min(1.0);
-                *value = lower.data[i] + (upper.data[i] - lower.data[i]) * t;
+                *value = lower + (upper - lower) * t;
             }
-        }
+        });
         lower = upper;
         level_m = upper_m;
     }
@@ -199,23 +240,26 @@ fn gaussian(grid: &Grid<f32>, sigma: f32) -> Grid<f32> {
     weight.iter_mut().for_each(|w| *w /= total);
     let (cols, rows) = (grid.geometry.cols, grid.geometry.rows);
     let mut across = vec![0.0f32; grid.data.len()];
-    for (line, out) in grid.data.chunks(cols).zip(across.chunks_mut(cols)) {
-        for (c, value) in out.iter_mut().enumerate() {
-            *value = weight
-                .iter()
-                .enumerate()
-                .map(|(k, w)| w * line[(c + k).saturating_sub(reach).min(cols - 1)])
-                .sum();
+    let lines = grid.data.par_chunks(cols).zip(across.par_chunks_mut(cols));
+    lines.for_each_init(Vec::new, |padded: &mut Vec<f32>, (line, out)| {
+        padded.clear();
+        padded.extend(std::iter::repeat_n(line[0], reach));
+        padded.extend_from_slice(line);
+        padded.extend(std::iter::repeat_n(line[cols - 1], reach));
+        for (k, w) in weight.iter().enumerate() {
+            for (value, v) in out.iter_mut().zip(&padded[k..k + cols]) {
+                *value += w * v;
+            }
         }
-    }
+    });
     let mut data = vec![0.0f32; grid.data.len()];
-    for (r, out) in data.chunks_mut(cols).enumerate() {
+    data.par_chunks_mut(cols).enumerate().for_each(|(r, out)| {
         for (k, w) in weight.iter().enumerate() {
             let from = (r + k).saturating_sub(reach).min(rows - 1) * cols;
             for (value, v) in out.iter_mut().zip(&across[from..from + cols]) {
                 *value += w * v;
             }
         }
-    }
+    });
     Grid { geometry: grid.geometry, data }
 }

@@ -326,7 +326,7 @@ mod training {
         let cell = canopy::cell_for_density(canopy::density_per_sq_m(&c.cloud.position));
         let g = canopy::geometry([low.x, low.y], [high.x, high.y], cell, c.cloud.len());
         let bare = points().filter(|(_, k)| **k == Kind::Ground).map(|(p, _)| *p);
-        let surface = canopy::build(g, vegetation.iter().copied(), bare);
+        let surface = canopy::build(g, vegetation.iter().copied(), bare, 1);
         let h = merge(&basins::find(&surface, 2.0), g.cols, g.cell_x as f32);
         let origin = c.cloud.frame.origin;
         let mut out = String::new();

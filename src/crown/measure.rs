@@ -100,14 +100,16 @@ fn root_place(
     outline: &[Vec2],
     diameter_m: f32,
 ) -> Vec2 {
-    let layer = |h: f32| (h.max(0.0) / voxel_m) as usize;
-    let mut sorted: Vec<(usize, u32)> =
-        heights.iter().enumerate().map(|(i, &h)| (layer(h), i as u32)).collect();
+    // The layer and the point's number in one word.
+    let layer = |h: f32| u64::from((h.max(0.0) / voxel_m) as u32);
+    let mut sorted: Vec<u64> =
+        heights.iter().zip(0u64..).map(|(&h, i)| layer(h) << 32 | i).collect();
     sorted.sort_unstable();
+    let layer = |k: u64| (k >> 32) as usize;
     // The window of layers with the most points; of equals the lowest.
     let (mut best, mut end) = (0..0, 0);
     for start in 0..sorted.len() {
-        while end < sorted.len() && sorted[end].0 < sorted[start].0 + ROOT_LAYER_VOXELS {
+        while end < sorted.len() && layer(sorted[end]) < layer(sorted[start]) + ROOT_LAYER_VOXELS {
             end += 1;
         }
         if end - start > best.len() {
@@ -115,8 +117,8 @@ fn root_place(
         }
     }
     let mut sum = glam::DVec2::ZERO;
-    for &(_, i) in &sorted[best.clone()] {
-        sum += points[i as usize].truncate().as_dvec2();
+    for &k in &sorted[best.clone()] {
+        sum += points[k as u32 as usize].truncate().as_dvec2();
     }
     let mass = (sum / best.len().max(1) as f64).as_vec2();
     let middle = outline::centroid(outline);
@@ -137,10 +139,8 @@ fn solid(points: &[Vec3], outline: &[Vec2], ground: f32, base_m: f32, height_m: 
     let axis = outline::centroid(outline);
     let step = (height_m - base_m).max(0.01) / SOLID_LAYERS as f32;
     let width = std::f32::consts::TAU / SECTORS as f32;
-    let sector = |v: Vec2| {
-        let turn = v.y.atan2(v.x).rem_euclid(std::f32::consts::TAU) / width;
-        (turn as usize).min(SECTORS - 1)
-    };
+    let dividers = outline::dividers::<{ SECTORS / 4 - 1 }>();
+    let sector = |v: Vec2| outline::sector(v, &dividers);
     let mut limit = [0.0f32; SECTORS];
     for (i, &a) in outline.iter().enumerate() {
         let b = outline[(i + 1) % outline.len()];

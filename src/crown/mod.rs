@@ -111,11 +111,21 @@ pub struct CrownOptions {
     pub min_confidence: f32,
     /// Cell of the canopy surface, metres; from the density where not given.
     pub cell_m: Option<f32>,
+    /// The canopy surface is the mean of those on so many times so many shifted grids, 1 to 8.
+    pub grids: usize,
+    /// Whether a lower storey is looked for.
+    pub has_understory: bool,
 }
 
 impl Default for CrownOptions {
     fn default() -> Self {
-        CrownOptions { min_height_m: 2.0, min_confidence: 0.15, cell_m: None }
+        CrownOptions {
+            min_height_m: 2.0,
+            min_confidence: 0.15,
+            cell_m: None,
+            grids: 1,
+            has_understory: true,
+        }
     }
 }
 
@@ -132,6 +142,10 @@ impl CrownOptions {
         if !(0.0..=1.0).contains(&self.min_confidence) {
             return Err(Error::new(format!("the least confidence is {}", self.min_confidence))
                 .remedy("give a number from 0 to 1"));
+        }
+        if !(1..=8).contains(&self.grids) {
+            return Err(Error::new(format!("the canopy on {} shifted grids", self.grids))
+                .remedy("give a number from 1 to 8"));
         }
         self.cell_m.map_or(Ok(()), |v| length("the cell of the canopy surface", v))
     }
@@ -215,7 +229,10 @@ pub fn detect(
     let every_voxel: Vec<u32> = (0..stand.centres.len() as u32).collect();
     let upper = Evidence { points: 1, confidence: options.min_confidence, may_stand_alone: true };
     let upper = stand.layer(&all, &every_voxel, upper);
-    let left = upper.left(&stand, &all, &every_voxel);
+    let left = match options.has_understory {
+        true => upper.left(&stand, &all, &every_voxel),
+        false => Left { points: Vec::new(), voxels: Vec::new() },
+    };
     let lower = Evidence { confidence: LOWER.confidence.max(options.min_confidence), ..LOWER };
     let lower = stand.layer(&left.points, &left.voxels, lower);
     if upper.left_out > 0 {
@@ -290,7 +307,7 @@ struct Evidence {
 
 /// The trees of one storey.
 struct Layer {
-    trees: Vec<(Crown, Vec<u32>)>,
+    trees: Vec<Crown>,
     /// Index into `trees` by cell; [`basins::NONE`] where there is no crown, [`LEFT_OUT`] where
     /// there is something too little like a tree.
     tree_of_cell: Vec<u32>,
@@ -312,7 +329,7 @@ impl Stand<'_> {
         Some(self.geometry.index(c, r))
     }
 
-    /// The trees that the given points and voxels show, each with its points.
+    /// The trees that the given points and voxels show.
     fn layer(&self, points: &[u32], voxels: &[u32], least: Evidence) -> Layer {
         let (g, cell_m) = (self.geometry, self.geometry.cell_x as f32);
         let at = |i: &u32| self.cloud.position[*i as usize];
@@ -325,7 +342,8 @@ impl Stand<'_> {
             };
         }
         let heights = points.iter().map(|i| (at(i), self.height[*i as usize]));
-        let canopy = canopy::build(g, heights, self.bare.iter().map(at));
+        let grids = self.options.grids;
+        let canopy = canopy::build(g, heights, self.bare.iter().map(at), grids);
         let basins = basins::find(&canopy, self.options.min_height_m);
         let regions = hierarchy::merge(&basins, g.cols, cell_m);
         let mut chosen = hierarchy::choose(&regions, g.cols, cell_m);
@@ -341,8 +359,7 @@ impl Stand<'_> {
             })
             .collect();
 
-        let cells = (0u32..).zip(&tree_of_cell).map(|(cell, &tree)| (tree, cell));
-        let cells = grouped(chosen.len(), cells);
+        let cells = Groups::new(chosen.len(), tree_of_cell.par_iter().copied(), |cell| cell);
         let tree_at = |p: Vec3, height_m: f32| {
             let tree = self.cell_of(p).map_or(basins::NONE, |cell| tree_of_cell[cell]);
             let in_tree = chosen.get(tree as usize).is_some_and(|c| {
@@ -351,29 +368,27 @@ impl Stand<'_> {
             });
             if in_tree { tree } else { basins::NONE }
         };
-        let members = points.iter().map(|i| (tree_at(at(i), self.height[*i as usize]), *i));
-        let members = grouped(chosen.len(), members);
-        let voxels_of_tree = grouped(
-            chosen.len(),
-            voxels.iter().map(|&i| {
-                let p = self.centres[i as usize];
-                (tree_at(p, p.z - self.terrain.height_at(p.truncate())), i)
-            }),
-        );
+        let tree_of_point = points.par_iter().map(|i| tree_at(at(i), self.height[*i as usize]));
+        let members = Groups::new(chosen.len(), tree_of_point, |k| points[k as usize]);
+        let tree_of_voxel = voxels.par_iter().map(|&i| {
+            let p = self.centres[i as usize];
+            tree_at(p, p.z - self.terrain.height_at(p.truncate()))
+        });
+        let voxels_of_tree = Groups::new(chosen.len(), tree_of_voxel, |k| voxels[k as usize]);
         let crowns: Vec<Option<Crown>> = (0..chosen.len())
             .into_par_iter()
             .map(|tree| {
-                let middle: Vec<Vec2> = (cells[tree].iter())
+                let middle: Vec<Vec2> = (cells.of(tree).iter())
                     .map(|&i| {
                         let [x, y] = g.centre(i as usize % g.cols, i as usize / g.cols);
                         Vec2::new(x as f32, y as f32)
                     })
                     .collect();
-                let points: Vec<Vec3> = members[tree].iter().map(at).collect();
+                let points: Vec<Vec3> = members.of(tree).iter().map(at).collect();
                 let heights: Vec<f32> =
-                    members[tree].iter().map(|&i| self.height[i as usize]).collect();
+                    members.of(tree).iter().map(|&i| self.height[i as usize]).collect();
                 let own: Vec<Vec3> =
-                    voxels_of_tree[tree].iter().map(|&i| self.centres[i as usize]).collect();
+                    voxels_of_tree.of(tree).iter().map(|&i| self.centres[i as usize]).collect();
                 let members = measure::Members {
                     points: &points,
                     heights: &heights,
@@ -389,10 +404,10 @@ impl Stand<'_> {
         // Places that gave no crown leave the numbering.
         let mut number = vec![basins::NONE; chosen.len()];
         let mut trees = Vec::with_capacity(chosen.len());
-        for (tree, (crown, members)) in crowns.into_iter().zip(members).enumerate() {
+        for (tree, crown) in crowns.into_iter().enumerate() {
             if let Some(crown) = crown {
                 number[tree] = trees.len() as u32;
-                trees.push((crown, members));
+                trees.push(crown);
             }
         }
         for tree in tree_of_cell.iter_mut() {
@@ -411,7 +426,7 @@ impl Layer {
                 return false;
             }
             let Some(cell) = stand.cell_of(p) else { return false };
-            let Some((crown, _)) = self.trees.get(self.tree_of_cell[cell] as usize) else {
+            let Some(crown) = self.trees.get(self.tree_of_cell[cell] as usize) else {
                 return self.tree_of_cell[cell] == basins::NONE;
             };
             let up = p.z - crown.root.z;
@@ -423,13 +438,11 @@ impl Layer {
             let from_stem = (p - crown.root).truncate().distance(lean);
             from_stem > STEM_M + STEM_RELATIVE * crown.height_m
         };
-        let points = points.iter().copied();
-        let voxels = voxels.iter().copied();
         Left {
-            points: points
+            points: (points.par_iter().copied())
                 .filter(|&i| is_left(stand.cloud.position[i as usize], stand.height[i as usize]))
                 .collect(),
-            voxels: voxels
+            voxels: (voxels.par_iter().copied())
                 .filter(|&i| {
                     let p = stand.centres[i as usize];
                     is_left(p, p.z - stand.terrain.height_at(p.truncate()))
@@ -447,9 +460,9 @@ fn join(upper: Layer, lower: Layer) -> Vec<Crown> {
         let cell = top.geometry.index(c, r);
         Some((tree_of_cell[cell] as usize, top.data[cell]))
     };
-    let mut crowns: Vec<Crown> = trees.into_iter().map(|(crown, _)| crown).collect();
+    let mut crowns = trees;
     let canopy_trees = crowns.len();
-    for (mut crown, _) in lower.trees {
+    for mut crown in lower.trees {
         if let Some((tree, top_m)) = over(crown.apex) {
             crown.is_understory = tree < canopy_trees && top_m > crown.height_m + CLEARANCE_M;
             if let Some(above) = crowns.get_mut(tree).filter(|_| tree < canopy_trees) {
@@ -462,14 +475,44 @@ fn join(upper: Layer, lower: Layer) -> Vec<Crown> {
 }
 
 /// Members of each group, in order; what is in no group is left out.
-fn grouped(groups: usize, members: impl Iterator<Item = (u32, u32)>) -> Vec<Vec<u32>> {
-    let mut out = vec![Vec::new(); groups];
-    for (group, member) in members {
-        if let Some(list) = out.get_mut(group as usize) {
-            list.push(member);
+struct Groups {
+    /// Where each group begins in `members`; one more than groups.
+    start: Vec<u32>,
+    members: Vec<u32>,
+}
+
+impl Groups {
+    /// `group` of each thing in turn; `member` is what stands for the thing of that number.
+    fn new(
+        groups: usize,
+        group: impl IndexedParallelIterator<Item = u32>,
+        member: impl Fn(u32) -> u32,
+    ) -> Groups {
+        let group: Vec<u32> = group.collect();
+        let mut start = vec![0u32; groups + 1];
+        for &k in &group {
+            if let Some(count) = start.get_mut((k as usize).saturating_add(1)) {
+                *count += 1;
+            }
         }
+        for k in 0..groups {
+            start[k + 1] += start[k];
+        }
+        let mut members = vec![0; start[groups] as usize];
+        let mut next = start.clone();
+        next.truncate(groups);
+        for (i, &k) in (0u32..).zip(&group) {
+            if let Some(slot) = next.get_mut(k as usize) {
+                members[*slot as usize] = member(i);
+                *slot += 1;
+            }
+        }
+        Groups { start, members }
     }
-    out
+
+    fn of(&self, group: usize) -> &[u32] {
+        &self.members[self.start[group] as usize..self.start[group + 1] as usize]
+    }
 }
 
 /// Keys from the roots, the taller first; sorted by key.

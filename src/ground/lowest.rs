@@ -30,16 +30,14 @@ pub struct Lowest {
 
 impl Lowest {
     /// Of the points that are candidates (at least one, all finite).
-    pub fn of(points: &[Vec3], is_candidate: impl Fn(usize) -> bool) -> Self {
-        let candidates = || points.iter().enumerate().filter(|(i, _)| is_candidate(*i));
-        let (low, high) = candidates()
-            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, (_, p)| (b.0.min(*p), b.1.max(*p)));
+    pub fn of(candidates: &[Vec3]) -> Self {
+        let (low, high) = super::bounds(candidates);
         let (min, max) = ([low.x, low.y].map(f64::from), [high.x, high.y].map(f64::from));
         let area = (max[0] - min[0]).max(1.0) * (max[1] - min[1]).max(1.0);
         let cell = CELL_M.max((area * 4.0 / MOST_CELLS).sqrt());
         let covering = |cells: f64| GridGeometry::covering(min, max, cell * cells);
         let thinned: Vec<Vec3> =
-            lowest(candidates().map(|(_, p)| *p), &covering(0.5)).flatten().collect();
+            lowest(candidates.iter().copied(), &covering(0.5)).flatten().collect();
         let squares = covering(SQUARE);
         let trend_of = |points: &[Vec3]| {
             let lowest: Vec<_> = lowest(points.iter().copied(), &squares).collect();

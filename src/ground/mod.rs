@@ -9,6 +9,7 @@ mod voxel_rules;
 
 use glam::Vec3;
 use lowest::Lowest;
+use rayon::prelude::*;
 
 use crate::diagnostic::{Error, Result, Warned};
 use crate::raster::GridGeometry;
@@ -66,18 +67,16 @@ const NORMALISED_GROUND_M: f32 = 0.25;
 /// # Errors
 /// No points; fewer than three that could be ground; no class 2 where that is asked for.
 pub fn classify(cloud: PointCloud, options: &GroundOptions) -> Result<Warned<Classified>> {
-    let is_last = |i: usize| {
-        cloud.return_number[i] >= cloud.return_count[i] && !NEITHER.contains(&cloud.class[i])
-    };
+    let last = last_returns(&cloud);
     // Return numbers may be wrong throughout; every point is then a candidate.
-    let are_all = (0..cloud.len()).filter(|&i| is_last(i)).take(3).count() < 3;
-    let is_candidate = |i: usize| are_all || is_last(i);
+    let candidates = if last.len() < 3 { &cloud.position } else { &last };
     if cloud.len() < 3 {
         return Err(Error::new(format!("too few points to find the ground: {}", cloud.len()))
             .remedy("give a whole scan: at least a few points that reached the ground"));
     }
-    let is_normalised =
-        options.is_normalised.unwrap_or_else(|| Floor::of(&cloud, is_candidate).is_zero());
+    let is_normalised = options
+        .is_normalised
+        .unwrap_or_else(|| Floor::of(candidates, zero_level(&cloud)).is_zero());
     let mut warnings = Vec::new();
     let is_ground: Vec<bool> = if options.method == Method::FileClasses {
         if !cloud.class.contains(&FILE_GROUND) {
@@ -90,11 +89,9 @@ pub fn classify(cloud: PointCloud, options: &GroundOptions) -> Result<Warned<Cla
         cloud.position.iter().map(|p| (p.z - zero).abs() <= NORMALISED_GROUND_M).collect()
     } else {
         match options.method {
-            Method::Tin => {
-                densify::ground(&Lowest::of(&cloud.position, is_candidate), &cloud.position)
-            }
+            Method::Tin => densify::ground(&Lowest::of(candidates), &cloud.position),
             Method::VoxelRules => voxel_rules::ground(&cloud.position),
-            _ => smrf::ground(&Lowest::of(&cloud.position, is_candidate), &cloud.position),
+            _ => smrf::ground(&Lowest::of(candidates), &cloud.position),
         }
     };
     if is_normalised {
@@ -102,8 +99,9 @@ pub fn classify(cloud: PointCloud, options: &GroundOptions) -> Result<Warned<Cla
             "the heights are above ground already: the terrain is taken as the plane z = 0".into(),
         );
     }
+    drop(last);
     let kind: Vec<Kind> = is_ground
-        .iter()
+        .par_iter()
         .zip(&cloud.class)
         .map(|(&ground, class)| match (NEITHER.contains(class), ground) {
             (true, _) => Kind::Excluded,
@@ -119,9 +117,27 @@ pub fn classify(cloud: PointCloud, options: &GroundOptions) -> Result<Warned<Cla
     Ok(Warned::with(Classified { cloud, kind, is_normalised }, warnings))
 }
 
+/// Points that may be ground: last returns of what may have ground below it.
+fn last_returns(cloud: &PointCloud) -> Vec<Vec3> {
+    (0..cloud.len())
+        .into_par_iter()
+        .filter(|&i| {
+            cloud.return_number[i] >= cloud.return_count[i] && !NEITHER.contains(&cloud.class[i])
+        })
+        .map(|i| cloud.position[i])
+        .collect()
+}
+
 /// Local height of z = 0 of the world.
 fn zero_level(cloud: &PointCloud) -> f32 {
     (-cloud.frame.origin.z * cloud.frame.unit_m().z) as f32
+}
+
+/// Infinite the wrong way round for no points.
+fn bounds(points: &[Vec3]) -> (Vec3, Vec3) {
+    let none = || (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    let both = |a: (Vec3, Vec3), b: (Vec3, Vec3)| (a.0.min(b.0), a.1.max(b.1));
+    points.par_iter().fold(none, |b, p| both(b, (*p, *p))).reduce(none, both)
 }
 
 /// Whether heights are above ground already: of the lowest points of 5 m cells, a quarter or more
@@ -135,23 +151,17 @@ pub struct Floor {
 }
 
 impl Floor {
-    /// Of a cloud, or of a piece of one.
+    /// Of a piece of a cloud.
     pub fn of_piece(cloud: &PointCloud) -> Floor {
-        Floor::of(cloud, |i| {
-            cloud.return_number[i] >= cloud.return_count[i] && !NEITHER.contains(&cloud.class[i])
-        })
+        Floor::of(&last_returns(cloud), zero_level(cloud))
     }
 
-    fn of(cloud: &PointCloud, is_candidate: impl Fn(usize) -> bool) -> Floor {
+    fn of(candidates: &[Vec3], zero: f32) -> Floor {
         const CELL_M: f64 = 5.0;
-        let zero = zero_level(cloud);
-        let candidates =
-            || cloud.position.iter().enumerate().filter(|(i, _)| is_candidate(*i)).map(|(_, p)| *p);
-        let (low, high) = candidates()
-            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
-        if !(low.is_finite() && high.is_finite()) {
+        if candidates.is_empty() {
             return Floor::default();
         }
+        let (low, high) = bounds(candidates);
         let geometry = GridGeometry::covering(
             [low.x.into(), low.y.into()],
             [high.x.into(), high.y.into()],
@@ -159,7 +169,7 @@ impl Floor {
             CELL_M.max(f64::from((high - low).truncate().max_element()) / 2000.0),
         );
         let mut lowest = vec![f32::INFINITY; geometry.len()];
-        for p in candidates() {
+        for p in candidates {
             if let Some((c, r)) = geometry.cell_of(p.x.into(), p.y.into()) {
                 let i = geometry.index(c, r);
                 lowest[i] = lowest[i].min(p.z - zero);

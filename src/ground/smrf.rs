@@ -68,18 +68,6 @@ impl Surface {
         let y = side(Vec2::Y).max(side(Vec2::NEG_Y));
         x.hypot(y)
     }
-
-    /// Heights at the centres of another grid.
-    fn resampled(&self, geometry: GridGeometry) -> Grid<f32> {
-        let mut out = Grid::filled(geometry, 0.0);
-        out.data.par_chunks_mut(geometry.cols).enumerate().for_each(|(row, heights)| {
-            for (col, z) in heights.iter_mut().enumerate() {
-                let [x, y] = geometry.centre(col, row);
-                *z = self.0.bilinear(x, y);
-            }
-        });
-        out
-    }
 }
 
 /// Which of `points` are ground, judged by a surface through the lowest.
@@ -102,7 +90,7 @@ fn surface(lowest: &Lowest) -> Surface {
     let mut surface = Surface(lowest.trend.clone());
     for level in (0..=LEVELS).rev() {
         let geometry = lowest.geometry(2f64.powi(level));
-        let trend = surface.resampled(geometry);
+        let trend = surface.0.resampled(geometry);
         let low = lowest_heights(&lowest.points, &surface, geometry);
         let mut is_known: Vec<bool> = low.data.iter().map(|z| z.is_finite()).collect();
         let mut above = low.clone();

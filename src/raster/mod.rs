@@ -12,6 +12,7 @@ pub mod trend;
 mod world_file;
 
 pub use picture::Picture;
+use rayon::prelude::*;
 pub use world_file::read;
 
 /// Placement of a north-up grid. Units are the owner's: local metres for terrain, world units for
@@ -65,8 +66,9 @@ impl GridGeometry {
 
     /// Column and row of the cell that holds the point, `None` outside.
     pub fn cell_of(&self, x: f64, y: f64) -> Option<(usize, usize)> {
-        let c = ((x - self.west) / self.cell_x).floor();
-        let r = ((self.north - y) / self.cell_y).floor();
+        let c = (x - self.west) / self.cell_x;
+        let r = (self.north - y) / self.cell_y;
+        // Truncation is the floor of what is not negative, and faster.
         (c >= 0.0 && r >= 0.0 && c < self.cols as f64 && r < self.rows as f64)
             .then_some((c as usize, r as usize))
     }
@@ -112,19 +114,58 @@ impl<T: Copy> Grid<T> {
 impl Grid<f32> {
     /// Bilinear between cell centres, clamped to the outermost centres beyond them.
     pub fn bilinear(&self, x: f64, y: f64) -> f32 {
+        self.mixed(self.along_x(x), self.along_y(y))
+    }
+
+    /// Heights at the centres of another grid, as by [`Self::bilinear`].
+    pub fn resampled(&self, geometry: GridGeometry) -> Grid<f32> {
+        let columns: Vec<Between> =
+            (0..geometry.cols).map(|col| self.along_x(geometry.centre(col, 0)[0])).collect();
+        let mut out = Grid::filled(geometry, 0.0);
+        out.data.par_chunks_mut(geometry.cols.max(1)).enumerate().for_each(|(row, line)| {
+            let row = self.along_y(geometry.centre(0, row)[1]);
+            for (z, column) in line.iter_mut().zip(&columns) {
+                *z = self.mixed(*column, row);
+            }
+        });
+        out
+    }
+
+    fn along_x(&self, x: f64) -> Between {
         let g = &self.geometry;
-        let u = ((x - g.west) / g.cell_x - 0.5).clamp(0.0, (g.cols - 1) as f64);
-        let v = ((g.north - y) / g.cell_y - 0.5).clamp(0.0, (g.rows - 1) as f64);
-        let (c, r) = (
-            (u as usize).min(g.cols.saturating_sub(2)),
-            (v as usize).min(g.rows.saturating_sub(2)),
-        );
-        let (fu, fv) = ((u - c as f64) as f32, (v - r as f64) as f32);
-        let c1 = (c + 1).min(g.cols - 1);
-        let r1 = (r + 1).min(g.rows - 1);
-        let top = self.at(c, r) * (1.0 - fu) + self.at(c1, r) * fu;
-        let bottom = self.at(c, r1) * (1.0 - fu) + self.at(c1, r1) * fu;
-        top * (1.0 - fv) + bottom * fv
+        Between::new((x - g.west) / g.cell_x, g.cols)
+    }
+
+    fn along_y(&self, y: f64) -> Between {
+        let g = &self.geometry;
+        Between::new((g.north - y) / g.cell_y, g.rows)
+    }
+
+    fn mixed(&self, x: Between, y: Between) -> f32 {
+        let cols = self.geometry.cols;
+        let across = |row: usize| {
+            let line = &self.data[row * cols..(row + 1) * cols];
+            line[x.first] * (1.0 - x.share) + line[x.second] * x.share
+        };
+        across(y.first) * (1.0 - y.share) + across(y.second) * y.share
+    }
+}
+
+/// Two neighbouring cells along an axis, and the share of the second.
+#[derive(Clone, Copy)]
+struct Between {
+    first: usize,
+    second: usize,
+    share: f32,
+}
+
+impl Between {
+    /// `at` counts cells from the edge of the first of `cells`.
+    fn new(at: f64, cells: usize) -> Between {
+        let last = cells - 1;
+        let at = (at - 0.5).clamp(0.0, last as f64);
+        let first = (at as usize).min(cells.saturating_sub(2));
+        Between { first, second: (first + 1).min(last), share: (at - first as f64) as f32 }
     }
 }
 

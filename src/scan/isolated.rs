@@ -160,13 +160,26 @@ fn count(parts: &[Part], key: impl Fn(DVec3) -> u64 + Sync) -> Vec<(u64, u32)> {
     let mut counts: Vec<(u64, u32)> = runs(parts)
         .into_par_iter()
         .flat_map_iter(|run| {
-            let mut keys: Vec<u64> = run.points(parts).map(&key).collect();
-            keys.sort_unstable();
-            let runs = keys.chunk_by(|a, b| a == b);
-            runs.filter_map(|same| Some((*same.first()?, same.len() as u32))).collect::<Vec<_>>()
+            // Points come in the order of flight: many in a row lie in one voxel.
+            let mut counts: Vec<(u64, u32)> = Vec::new();
+            for key in run.points(parts).map(&key) {
+                match counts.last_mut() {
+                    Some((last, n)) if *last == key => *n += 1,
+                    _ => counts.push((key, 1)),
+                }
+            }
+            counts.sort_unstable();
+            add_up(&mut counts);
+            counts
         })
         .collect();
     counts.par_sort_unstable();
+    add_up(&mut counts);
+    counts
+}
+
+/// Makes one count of those of one key, which stand next to each other.
+fn add_up(counts: &mut Vec<(u64, u32)>) {
     counts.dedup_by(|next, kept| {
         let is_same = next.0 == kept.0;
         if is_same {
@@ -174,5 +187,4 @@ fn count(parts: &[Part], key: impl Fn(DVec3) -> u64 + Sync) -> Vec<(u64, u32)> {
         }
         is_same
     });
-    counts
 }

@@ -77,8 +77,13 @@ fn look(
     for i in places.inside(outline) {
         let i = i as usize;
         let p = *cloud.position.get(i)?;
-        let height = p.z - terrain.height_at(p.truncate());
-        if !(height >= LOW_M && contains(outline, p.truncate())) {
+        let at = p.truncate();
+        let is_in_box = at.cmpge(low).all() && at.cmple(high).all();
+        if !(is_in_box && contains(outline, at)) {
+            continue;
+        }
+        let height = p.z - terrain.height_at(at);
+        if height < LOW_M {
             continue;
         }
         let height = f64::from(height);

@@ -12,6 +12,7 @@ mod tin;
 use std::collections::BTreeMap;
 
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 use crate::diagnostic::{Error, Result, Warned};
 use crate::ground::{Classified, Kind};
@@ -66,7 +67,7 @@ pub fn build(classified: &Classified, options: &TerrainOptions) -> Result<Warned
 }
 
 fn ground_points(classified: &Classified) -> Vec<Vec3> {
-    let points = classified.cloud.position.iter().zip(&classified.kind);
+    let points = classified.cloud.position.par_iter().zip(&classified.kind);
     points.filter(|(_, k)| **k == Kind::Ground).map(|(p, _)| *p).collect()
 }
 
@@ -83,9 +84,13 @@ fn from_points(ground: &[Vec3], geometry: GridGeometry) -> Result<Terrain> {
         rows: geometry.rows * 2,
         ..geometry
     };
-    let vertices = tin::thinned(ground, &half);
+    let (vertices, squares) = tin::thinned(ground, &half);
     let mut heights = tin::heights(&vertices, geometry);
-    let is_observed = observed(ground, &geometry);
+    let mut is_observed = vec![false; geometry.len()];
+    for square in squares {
+        let (col, row) = (square as usize % half.cols, square as usize / half.cols);
+        is_observed[geometry.index(col / 2, row / 2)] = true;
+    }
     fill(&mut heights, &vertices);
     Ok(Terrain { heights, is_observed })
 }
@@ -111,13 +116,8 @@ fn fill(heights: &mut Grid<f32>, vertices: &[Vec3]) {
         }
     }
     let trend = trend(&about, squares);
-    let trend_at = |i: usize| {
-        let [x, y] = g.centre(i % g.cols, i / g.cols);
-        trend.bilinear(x, y)
-    };
-    for (i, z) in heights.data.iter_mut().enumerate() {
-        *z -= trend_at(i);
-    }
+    let trend_here = trend.resampled(g);
+    heights.data.par_iter_mut().zip(&trend_here.data).for_each(|(z, trend)| *z -= trend);
     for v in vertices {
         // At the hull, and where fewer than three points have none, each stands for its cell.
         if let Some((c, r)) = g.cell_of(v.x.into(), v.y.into())
@@ -128,9 +128,7 @@ fn fill(heights: &mut Grid<f32>, vertices: &[Vec3]) {
     }
     let is_known: Vec<bool> = heights.data.iter().map(|z| z.is_finite()).collect();
     inpaint::fill(heights, &is_known);
-    for (i, z) in heights.data.iter_mut().enumerate() {
-        *z += trend_at(i);
-    }
+    heights.data.par_iter_mut().zip(&trend_here.data).for_each(|(z, trend)| *z += trend);
 }
 
 fn observed(ground: &[Vec3], geometry: &GridGeometry) -> Vec<bool> {
@@ -148,11 +146,14 @@ fn geometry(
     ground: &[Vec3],
     options: &TerrainOptions,
 ) -> Result<GridGeometry> {
-    let mut points = classified.cloud.position.iter();
-    let Some(first) = points.next() else {
+    let points = &classified.cloud.position;
+    let Some(first) = points.first() else {
         return Err(Error::new("no points, so no terrain").remedy("give a scan with points"));
     };
-    let (low, high) = points.fold((*first, *first), |(a, b), p| (a.min(*p), b.max(*p)));
+    let both = |a: (Vec3, Vec3), b: (Vec3, Vec3)| (a.0.min(b.0), a.1.max(b.1));
+    let (low, high) = (points.par_iter())
+        .fold(|| (*first, *first), |b, p| both(b, (*p, *p)))
+        .reduce(|| (*first, *first), both);
     let cell = match options.cell_m {
         Some(c) if c.is_finite() && c > 0.0 => f64::from(c),
         Some(c) => {
@@ -227,32 +228,32 @@ pub fn held_out_error(
         }
     }
     let is_out = |p: &Vec3| hash(&p.to_array()).is_multiple_of(HELD_OUT);
-    let mut off: Vec<f64> = Vec::new();
-    let mut measure = |out: Vec<Vec3>, kept: &[Vec3], geometry: GridGeometry| -> Result<()> {
-        let terrain = from_points(kept, geometry)?;
-        off.extend(out.iter().map(|p| f64::from(terrain.height_at(p.truncate()) - p.z).abs()));
-        Ok(())
-    };
-    if one_in == 1 || drawn.is_empty() {
-        let (out, kept): (Vec<Vec3>, Vec<Vec3>) = ground.into_iter().partition(is_out);
-        if kept.len() >= 3 {
-            measure(out, &kept, geometry)?;
+    let measure = |out: Vec<Vec3>, kept: &[Vec3], geometry: GridGeometry| -> Result<Vec<f64>> {
+        if kept.len() < 3 {
+            return Ok(Vec::new());
         }
+        let terrain = from_points(kept, geometry)?;
+        let off = |p: &Vec3| f64::from(terrain.height_at(p.truncate()) - p.z).abs();
+        Ok(out.iter().map(off).collect())
+    };
+    let off = if one_in == 1 || drawn.is_empty() {
+        let (out, kept): (Vec<Vec3>, Vec<Vec3>) = ground.into_iter().partition(is_out);
+        measure(out, &kept, geometry)?
     } else {
-        for ([i, j], points) in drawn {
+        let squares: Vec<([i32; 2], Vec<Vec3>)> = drawn.into_iter().collect();
+        let off = squares.into_par_iter().map(|([i, j], points)| {
             let low = Vec2::new(i as f32, j as f32) * HELD_OUT_SQUARE_M;
             let high = low + HELD_OUT_SQUARE_M;
             let (out, kept): (Vec<Vec3>, Vec<Vec3>) = points.into_iter().partition(|p| {
                 let rim = (p.truncate() - low).min(high - p.truncate()).min_element();
                 is_out(p) && rim >= HELD_OUT_RIM_M
             });
-            if kept.len() >= 3 {
-                let corner = |v: Vec2| v.to_array().map(f64::from);
-                let cell = geometry.cell_x;
-                measure(out, &kept, GridGeometry::covering(corner(low), corner(high), cell))?;
-            }
-        }
-    }
+            let corner = |v: Vec2| v.to_array().map(f64::from);
+            let geometry = GridGeometry::covering(corner(low), corner(high), geometry.cell_x);
+            measure(out, &kept, geometry)
+        });
+        off.collect::<Result<Vec<Vec<f64>>>>()?.concat()
+    };
     if off.is_empty() {
         return Ok(None);
     }
@@ -272,6 +273,18 @@ impl Terrain {
     /// Height at a place, bilinear; clamped to the border outside.
     pub fn height_at(&self, p: Vec2) -> f32 {
         self.heights.bilinear(f64::from(p.x), f64::from(p.y))
+    }
+
+    /// How many of the points that may show the ground lie between 0.3 m below and 0.3 m above it,
+    /// and how many between 0.3 m below and 1 m above.
+    pub fn near(&self, classified: &Classified) -> (usize, usize) {
+        let points = classified.cloud.position.par_iter().zip(&classified.kind);
+        let count = |(p, kind): (&Vec3, &Kind)| {
+            let above = p.z - self.height_at(p.truncate());
+            let is_layer = *kind != Kind::Excluded && (-0.3..1.0).contains(&above);
+            (usize::from(is_layer && above < 0.3), usize::from(is_layer))
+        };
+        points.map(count).reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
     }
 
     /// Unit normal at a place, from central differences one cell wide.

@@ -1,91 +1,246 @@
 //! Heights on a grid from scattered points: a Delaunay triangulation, linear in each triangle.
 //!
+//! Large sets are triangulated in square blocks side by side, each with the vertices of a margin
+//! around it. A triangle whose circumcircle is no wider than the margin is one of the whole
+//! triangulation, in whichever block it shows: no vertex beyond the margin lies in its circle. Such
+//! triangles are drawn. A vertex all around which such triangles lie is done with; the few others,
+//! at the hull and about voids, have all the corners of the triangles still missing and are
+//! triangulated once more, together. So the heights are those of one triangulation of all, but for
+//! which way four corners of a rectangle are halved.
+//!
 //! The triangles are drawn onto the grid one after the other, so that no point location is needed
 //! and the result does not depend on any order of queries. Known limit: long thin triangles along
 //! the hull are as linear as the others.
 
+use std::ops::Range;
+
+use delaunator::{Point, triangulate};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
 
 use crate::raster::{Grid, GridGeometry};
 
-struct Vertex {
-    position: Point2<f64>,
-    z: f64,
-}
+/// Side of a block and width of its margin, cells.
+const BLOCK: usize = 256;
+const MARGIN: f64 = 8.0;
+/// Fewer vertices are triangulated at once.
+const FEW: usize = 20_000;
 
-impl HasPosition for Vertex {
-    type Scalar = f64;
-    fn position(&self) -> Point2<f64> {
-        self.position
-    }
-}
-
-/// The mean point of each square of `cell_m` that holds any, in the order of the squares: as many
-/// vertices as the grid can show, and less noise in each.
-pub fn thinned(points: &[Vec3], geometry: &GridGeometry) -> Vec<Vec3> {
+/// The mean point of each square of a grid that holds any, in the order of the squares: as many
+/// vertices as the grid can show, and less noise in each. With the index of each square.
+pub fn thinned(points: &[Vec3], squares: &GridGeometry) -> (Vec<Vec3>, Vec<u32>) {
     // Sorted rather than summed on the grid, which may have many more squares than points.
-    let mut places: Vec<(u32, u32)> = points
-        .iter()
-        .enumerate()
-        .filter_map(|(i, p)| {
-            let (c, r) = geometry.cell_of(p.x.into(), p.y.into())?;
-            Some((u32::try_from(geometry.index(c, r)).ok()?, u32::try_from(i).ok()?))
-        })
-        .collect();
+    let place = |(i, p): (usize, &Vec3)| {
+        let (c, r) = squares.cell_of(p.x.into(), p.y.into())?;
+        let square = u32::try_from(squares.index(c, r)).ok()?;
+        Some(u64::from(square) << 32 | u64::from(u32::try_from(i).ok()?))
+    };
+    let mut places: Vec<u64> = Vec::with_capacity(points.len());
+    places.par_extend(points.par_iter().enumerate().filter_map(place));
     places.par_sort_unstable();
-    places
-        .chunk_by(|a, b| a.0 == b.0)
-        .map(|same| {
-            let sum = same.iter().map(|&(_, i)| points[i as usize].as_dvec3()).sum::<DVec3>();
-            (sum / same.len() as f64).as_vec3()
-        })
-        .collect()
+    let mean = |same: &[u64]| {
+        let point = |&k: &u64| points[k as u32 as usize].as_dvec3();
+        let sum = same.iter().map(point).sum::<DVec3>();
+        ((sum / same.len() as f64).as_vec3(), (same[0] >> 32) as u32)
+    };
+    places.par_chunk_by(|a, b| a >> 32 == b >> 32).map(mean).unzip()
 }
 
 /// Height at every cell centre inside the points' hull; NaN outside. Points must be finite.
 pub fn heights(points: &[Vec3], geometry: GridGeometry) -> Grid<f32> {
     let mut grid = Grid::filled(geometry, f32::NAN);
-    let vertices = points
-        .iter()
-        .map(|p| Vertex { position: Point2::new(p.x.into(), p.y.into()), z: p.z.into() })
-        .collect();
-    let Ok(tin) = DelaunayTriangulation::<Vertex>::bulk_load(vertices) else { return grid };
-    for face in tin.inner_faces() {
-        let corners = face.vertices().map(|v| {
-            let d = v.data();
-            [d.position.x, d.position.y, d.z]
+    let open: Vec<Vec3> = if points.len() <= FEW {
+        points.to_vec()
+    } else {
+        let blocks = Blocks::new(points, geometry);
+        let parts: Vec<(Vec<f32>, Vec<u32>)> =
+            (0..blocks.len()).into_par_iter().map(|b| blocks.heights(points, b)).collect();
+        let mut open = Vec::new();
+        for (b, (heights, left)) in parts.into_iter().enumerate() {
+            let (cols, rows) = blocks.cells(b);
+            for (row, line) in rows.zip(heights.chunks(cols.len())) {
+                let at = geometry.index(cols.start, row);
+                grid.data[at..at + line.len()].copy_from_slice(line);
+            }
+            open.extend(left.into_iter().map(|i| points[i as usize]));
+        }
+        open
+    };
+    let all = (0..geometry.cols, 0..geometry.rows);
+    for corners in triangles(&open) {
+        draw(&corners.map(|i| open[i].as_dvec3()), &geometry, &all, |i, z| {
+            // What the blocks have drawn stays.
+            if points.len() <= FEW || grid.data[i].is_nan() {
+                grid.data[i] = z;
+            }
         });
-        draw(&corners, &mut grid);
     }
     grid
 }
 
-fn draw([a, b, c]: &[[f64; 3]; 3], grid: &mut Grid<f32>) {
-    let g = grid.geometry;
-    let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-    if area == 0.0 {
+/// Corners of the Delaunay triangles; none for points in a line.
+fn triangles(points: &[Vec3]) -> impl Iterator<Item = [usize; 3]> {
+    let places: Vec<Point> =
+        points.iter().map(|p| Point { x: p.x.into(), y: p.y.into() }).collect();
+    let corners = triangulate(&places).triangles;
+    (0..corners.len() / 3).map(move |t| [corners[3 * t], corners[3 * t + 1], corners[3 * t + 2]])
+}
+
+/// Vertices by the block of cells that they lie in; those off the grid in the nearest.
+struct Blocks {
+    geometry: GridGeometry,
+    cols: usize,
+    rows: usize,
+    /// Where each block's vertices begin in `vertices`; one more than blocks.
+    start: Vec<u32>,
+    vertices: Vec<u32>,
+}
+
+impl Blocks {
+    fn new(points: &[Vec3], geometry: GridGeometry) -> Blocks {
+        let (cols, rows) = (geometry.cols.div_ceil(BLOCK), geometry.rows.div_ceil(BLOCK));
+        let mut blocks =
+            Blocks { geometry, cols, rows, start: vec![0; cols * rows + 1], vertices: Vec::new() };
+        for p in points {
+            let b = blocks.block_of(p);
+            blocks.start[b + 1] += 1;
+        }
+        for b in 0..cols * rows {
+            blocks.start[b + 1] += blocks.start[b];
+        }
+        let mut next = blocks.start.clone();
+        blocks.vertices = vec![0; points.len()];
+        for (i, p) in points.iter().enumerate() {
+            let slot = &mut next[blocks.block_of(p)];
+            blocks.vertices[*slot as usize] = i as u32;
+            *slot += 1;
+        }
+        blocks
+    }
+
+    fn len(&self) -> usize {
+        self.cols * self.rows
+    }
+
+    fn block_of(&self, p: &Vec3) -> usize {
+        let g = &self.geometry;
+        let col = (f64::from(p.x) - g.west) / (g.cell_x * BLOCK as f64);
+        let row = (g.north - f64::from(p.y)) / (g.cell_y * BLOCK as f64);
+        (row as usize).min(self.rows - 1) * self.cols + (col as usize).min(self.cols - 1)
+    }
+
+    /// Columns and rows of the grid.
+    fn cells(&self, block: usize) -> (Range<usize>, Range<usize>) {
+        let span = |at: usize, end: usize| at * BLOCK..((at + 1) * BLOCK).min(end);
+        let (col, row) = (block % self.cols, block / self.cols);
+        (span(col, self.geometry.cols), span(row, self.geometry.rows))
+    }
+
+    /// Heights of the block's cells, row by row, NaN where they are not known yet, and those of its
+    /// vertices that are not done with.
+    fn heights(&self, points: &[Vec3], block: usize) -> (Vec<f32>, Vec<u32>) {
+        let g = &self.geometry;
+        let (cols, rows) = self.cells(block);
+        let mut heights = vec![f32::NAN; cols.len() * rows.len()];
+        let own = self.start[block] as usize..self.start[block + 1] as usize;
+        let margin_m = MARGIN * g.cell_x;
+        let (west, east) = (
+            g.west + cols.start as f64 * g.cell_x - margin_m,
+            g.west + cols.end as f64 * g.cell_x + margin_m,
+        );
+        let (north, south) = (
+            g.north - rows.start as f64 * g.cell_y + margin_m,
+            g.north - rows.end as f64 * g.cell_y - margin_m,
+        );
+        // Its own vertices first.
+        let mut near: Vec<u32> = self.vertices[own.clone()].to_vec();
+        let (col, row) = (block % self.cols, block / self.cols);
+        for r in row.saturating_sub(1)..(row + 2).min(self.rows) {
+            for c in col.saturating_sub(1)..(col + 2).min(self.cols) {
+                let other = r * self.cols + c;
+                let theirs = self.start[other] as usize..self.start[other + 1] as usize;
+                if other != block {
+                    near.extend(self.vertices[theirs].iter().filter(|&&i| {
+                        let [x, y] = points[i as usize].truncate().to_array().map(f64::from);
+                        (west..=east).contains(&x) && (south..=north).contains(&y)
+                    }));
+                }
+            }
+        }
+        let places: Vec<Point> = (near.iter())
+            .map(|&i| points[i as usize])
+            .map(|p| Point { x: p.x.into(), y: p.y.into() })
+            .collect();
+        let tin = triangulate(&places);
+        let mut is_done = vec![!tin.triangles.is_empty(); own.len()];
+        let mut leave = |i: usize| {
+            if let Some(done) = is_done.get_mut(i) {
+                *done = false;
+            }
+        };
+        tin.hull.iter().for_each(|&i| leave(i));
+        let all = (cols.clone(), rows.clone());
+        for t in tin.triangles.chunks_exact(3) {
+            let corners = [t[0], t[1], t[2]].map(|i| points[near[i] as usize].as_dvec3());
+            if circle_diameter_sq(&corners) > margin_m * margin_m {
+                t.iter().for_each(|&i| leave(i));
+                continue;
+            }
+            draw(&corners, g, &all, |i, z| {
+                let (col, row) = (i % g.cols - cols.start, i / g.cols - rows.start);
+                heights[row * cols.len() + col] = z;
+            });
+        }
+        let left = near.iter().zip(is_done).filter(|(_, done)| !done).map(|(i, _)| *i).collect();
+        (heights, left)
+    }
+}
+
+/// Infinite for three points in a line.
+fn circle_diameter_sq([a, b, c]: &[DVec3; 3]) -> f64 {
+    let (ab, ac) = ((*b - *a).truncate(), (*c - *a).truncate());
+    let bc = ac - ab;
+    let twice_area = ab.perp_dot(ac);
+    let product = ab.length_squared() * ac.length_squared() * bc.length_squared();
+    if twice_area == 0.0 { f64::INFINITY } else { product / (twice_area * twice_area) }
+}
+
+/// Calls `set` with the index and height of each cell of the given columns and rows whose centre
+/// lies in the triangle.
+fn draw(
+    [a, b, c]: &[DVec3; 3],
+    g: &GridGeometry,
+    (cols, rows): &(Range<usize>, Range<usize>),
+    mut set: impl FnMut(usize, f32),
+) {
+    let (least, most) = (a.min(*b).min(*c), a.max(*b).max(*c));
+    // Indices of the first and last centre within [low, high] along one axis.
+    let span = |low: f64, high: f64, within: &Range<usize>| {
+        let low = (low - 0.5).max(0.0);
+        let first = low as usize + usize::from(low > (low as usize) as f64);
+        // A negative number becomes 0.
+        first.max(within.start)..((high + 0.5) as usize).min(within.end)
+    };
+    let cols = span((least.x - g.west) / g.cell_x, (most.x - g.west) / g.cell_x, cols);
+    if cols.is_empty() {
         return;
     }
-    let least = |k: usize| a[k].min(b[k]).min(c[k]);
-    let most = |k: usize| a[k].max(b[k]).max(c[k]);
-    // Indices of the first and last centre within [low, high] along one axis.
-    let span = |low: f64, high: f64, count: usize| {
-        let first = (low - 0.5).ceil().max(0.0) as usize;
-        let last = (high - 0.5).floor();
-        if last < 0.0 { 0..0 } else { first..(last as usize + 1).min(count) }
-    };
-    let cols = span((least(0) - g.west) / g.cell_x, (most(0) - g.west) / g.cell_x, g.cols);
-    let rows = span((g.north - most(1)) / g.cell_y, (g.north - least(1)) / g.cell_y, g.rows);
+    let rows = span((g.north - most.y) / g.cell_y, (g.north - least.y) / g.cell_y, rows);
+    let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+    if rows.is_empty() || area == 0.0 {
+        return;
+    }
+    // Shares of the corners b and c: how they change along x and y.
+    let (vx, vy) = ((c.y - a.y) / area, (a.x - c.x) / area);
+    let (wx, wy) = ((a.y - b.y) / area, (b.x - a.x) / area);
     for row in rows {
+        let y = g.north - (row as f64 + 0.5) * g.cell_y - a.y;
         for col in cols.clone() {
-            let [x, y] = g.centre(col, row);
-            let v = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / area;
-            let w = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / area;
+            let x = g.west + (col as f64 + 0.5) * g.cell_x - a.x;
+            let (v, w) = (vx * x + vy * y, wx * x + wy * y);
             let u = 1.0 - v - w;
             if u.min(v).min(w) >= -1e-9 {
-                grid.set(col, row, (u * a[2] + v * b[2] + w * c[2]) as f32);
+                set(g.index(col, row), (u * a.z + v * b.z + w * c.z) as f32);
             }
         }
     }

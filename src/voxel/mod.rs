@@ -99,6 +99,8 @@ struct Occupied {
     codes: Vec<u64>,
     counts: Vec<u32>,
     centres_of_mass: Vec<Vec3>,
+    /// Mean squared distance of the points from their voxel's centre of mass, m².
+    spread_sq_m: f64,
 }
 
 fn bounds(points: &[Vec3]) -> Option<(Vec3, Vec3)> {
@@ -130,8 +132,11 @@ impl Grid {
 
     /// Indices counted from the local origin.
     fn cell(&self, p: Vec3) -> [i64; 3] {
-        let cell: DVec3 = (p.as_dvec3() / f64::from(self.size_m)).floor();
-        [cell.x as i64, cell.y as i64, cell.z as i64]
+        let floor = |v: f64| {
+            let whole = v as i64;
+            whole.saturating_sub(i64::from(v < whole as f64))
+        };
+        (p.as_dvec3() / f64::from(self.size_m)).to_array().map(floor)
     }
 
     /// Indices of the voxel around `p`; `None` outside the grid.
@@ -157,23 +162,65 @@ impl Grid {
     /// Sorts the points into voxels. The sum of a voxel's points runs in the order of the points,
     /// so the result does not depend on the number of threads.
     fn occupied(&self, points: &[Vec3]) -> Occupied {
-        let mut places: Vec<(u64, u32)> = points
-            .par_iter()
-            .enumerate()
-            .filter_map(|(i, p)| Some((morton::encode(self.index_of(*p)?), i as u32)))
-            .collect();
-        places.par_sort_unstable();
-        let mut runs: Vec<&[(u64, u32)]> = places.chunk_by(|a, b| a.0 == b.0).collect();
-        runs.shrink_to_fit();
-        let centre = |run: &&[(u64, u32)]| {
-            let sum: DVec3 =
-                run.iter().filter_map(|(_, i)| points.get(*i as usize)).map(|p| p.as_dvec3()).sum();
-            (sum / run.len() as f64).as_vec3()
+        let side = self.sides.into_iter().max().unwrap_or(1);
+        let bits = |most: u32| u32::BITS - most.leading_zeros();
+        let shift = bits(points.len() as u32);
+        // A code and a point's number fit into one word, but for extents of thousands of voxels
+        // with very many points.
+        if 3 * bits(side - 1) + shift <= u64::BITS {
+            let number = (1u64 << shift) - 1;
+            let pack = |code, i| code << shift | u64::from(i);
+            self.sorted(points, pack, |k| (k >> shift, (k & number) as u32))
+        } else {
+            let pack = |code, i| u128::from(code) << 32 | u128::from(i);
+            self.sorted(points, pack, |k| ((k >> 32) as u64, k as u32))
+        }
+    }
+
+    /// `pack` makes a key of a code and a point's number that sorts by the code, then the number.
+    fn sorted<K: Copy + Ord + Send + Sync>(
+        &self,
+        points: &[Vec3],
+        pack: impl Fn(u64, u32) -> K + Sync,
+        unpack: impl Fn(K) -> (u64, u32) + Sync,
+    ) -> Occupied {
+        let key = |(i, p): (usize, &Vec3)| {
+            self.index_of(*p).map(|index| pack(morton::encode(index), i as u32))
         };
+        let mut keys: Vec<K> = Vec::with_capacity(points.len());
+        keys.par_extend(points.par_iter().enumerate().filter_map(key));
+        keys.par_sort_unstable();
+        let code = |k: &K| unpack(*k).0;
+        let count = keys.chunk_by(|a, b| code(a) == code(b)).count();
+        let mut end: Vec<u32> = Vec::with_capacity(count);
+        for run in keys.chunk_by(|a, b| code(a) == code(b)) {
+            end.push(end.last().copied().unwrap_or(0) + run.len() as u32);
+        }
+        let start = |v: usize| v.checked_sub(1).map_or(0, |before| end[before]);
+        let run = |v: usize| &keys[start(v) as usize..end[v] as usize];
+        let centre = |v: usize| {
+            let place = |k: &K| points[unpack(*k).1 as usize].as_dvec3();
+            (run(v).iter().map(place).sum::<DVec3>() / run(v).len() as f64).as_vec3()
+        };
+        let centres_of_mass: Vec<Vec3> = (0..count).into_par_iter().map(centre).collect();
+        // Voxels whose sums are added up one after the other, whatever the threads.
+        const TOGETHER: usize = 1 << 12;
+        let moved: Vec<f64> = centres_of_mass
+            .par_chunks(TOGETHER)
+            .enumerate()
+            .map(|(chunk, centres)| {
+                let of_voxel = |(v, centre): (usize, &Vec3)| -> f64 {
+                    let off = |k: &K| centre.distance_squared(points[unpack(*k).1 as usize]);
+                    run(v).iter().map(|k| f64::from(off(k))).sum()
+                };
+                (chunk * TOGETHER..).zip(centres).map(of_voxel).sum()
+            })
+            .collect();
         Occupied {
-            codes: runs.iter().filter_map(|run| Some(run.first()?.0)).collect(),
-            counts: runs.iter().map(|run| run.len() as u32).collect(),
-            centres_of_mass: runs.par_iter().map(centre).collect(),
+            spread_sq_m: moved.iter().sum::<f64>() / keys.len().max(1) as f64,
+            codes: (0..count).into_par_iter().map(|v| code(&run(v)[0])).collect(),
+            counts: (0..count).into_par_iter().map(|v| end[v] - start(v)).collect(),
+            centres_of_mass,
         }
     }
 }

@@ -24,6 +24,7 @@ pub struct VoxelOctree {
     counts: Vec<u32>,
     /// As long as `counts`.
     centres_of_mass: Vec<Vec3>,
+    spread_sq_m: f64,
 }
 
 /// What is at a voxel's place.
@@ -63,6 +64,7 @@ impl VoxelOctree {
             first_child: Vec::with_capacity(nodes),
             counts: occupied.counts,
             centres_of_mass: occupied.centres_of_mass,
+            spread_sq_m: occupied.spread_sq_m,
         };
         // Root first; children of a level begin where the level ends, but voxels begin at 0.
         for (up, (masks, first_child)) in levels.into_iter().enumerate().rev() {
@@ -110,6 +112,11 @@ impl VoxelOctree {
     /// Points of each voxel in Morton order.
     pub fn counts(&self) -> &[u32] {
         &self.counts
+    }
+
+    /// RMS distance of the points from the centre of mass of their voxel.
+    pub fn spread_m(&self) -> f64 {
+        self.spread_sq_m.sqrt()
     }
 
     /// Bytes held.
