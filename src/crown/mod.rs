@@ -213,6 +213,9 @@ pub fn detect(
         height: &height,
         terrain,
         centres: voxels.centres_of_mass(),
+        centre_height: (voxels.centres_of_mass().par_iter())
+            .map(|p| p.z - terrain.height_at(p.truncate()))
+            .collect(),
         voxel_m: voxels.size_m(),
         bare: (0..cloud.len() as u32)
             .filter(|&i| classified.kind[i as usize] == Kind::Ground)
@@ -284,6 +287,8 @@ struct Stand<'a> {
     terrain: &'a Terrain,
     /// Of the voxels.
     centres: &'a [Vec3],
+    /// Of those centres, above the terrain.
+    centre_height: Vec<f32>,
     voxel_m: f32,
     /// Ground points.
     bare: Vec<u32>,
@@ -365,10 +370,9 @@ impl Stand<'_> {
         };
         let tree_of_point = points.par_iter().map(|i| tree_at(at(i), self.height[*i as usize]));
         let members = Groups::new(chosen.len(), tree_of_point, |k| points[k as usize]);
-        let tree_of_voxel = voxels.par_iter().map(|&i| {
-            let p = self.centres[i as usize];
-            tree_at(p, p.z - self.terrain.height_at(p.truncate()))
-        });
+        let tree_of_voxel = voxels
+            .par_iter()
+            .map(|&i| tree_at(self.centres[i as usize], self.centre_height[i as usize]));
         let voxels_of_tree = Groups::new(chosen.len(), tree_of_voxel, |k| voxels[k as usize]);
         let crowns: Vec<Option<Crown>> = (0..chosen.len())
             .into_par_iter()
@@ -438,10 +442,7 @@ impl Layer {
                 .filter(|&i| is_left(stand.cloud.position[i as usize], stand.height[i as usize]))
                 .collect(),
             voxels: (voxels.par_iter().copied())
-                .filter(|&i| {
-                    let p = stand.centres[i as usize];
-                    is_left(p, p.z - stand.terrain.height_at(p.truncate()))
-                })
+                .filter(|&i| is_left(stand.centres[i as usize], stand.centre_height[i as usize]))
                 .collect(),
         }
     }
