@@ -4,8 +4,10 @@
 use std::path::{Path, PathBuf};
 
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
-use crate::crown::{self, CrownOptions};
+use super::Effort;
+use crate::crown;
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::ground::{self, Classified, GroundOptions, Kind};
@@ -18,7 +20,7 @@ use crate::species::Species;
 use crate::species::assign::{How, SpeciesBy, assign};
 use crate::species::photo::Photo;
 use crate::species::{allometry, look};
-use crate::terrain::{self, Terrain, TerrainOptions};
+use crate::terrain::{self, Terrain};
 use crate::voxel::{self, VoxelOctree};
 
 /// What to read and how.
@@ -35,6 +37,7 @@ pub struct SurveyJob {
     /// From the density where `None`.
     pub voxel_m: Option<f32>,
     pub min_height_m: f32,
+    pub effort: Effort,
     pub seed: Seed,
 }
 
@@ -126,18 +129,11 @@ pub fn terrain(job: &SurveyJob, run: &mut Recorder) -> Result<(Frame, Terrain)> 
 /// warning has to do.
 fn check_ground(job: &SurveyJob, classified: &Classified, terrain: &Terrain) -> Result<()> {
     const LEAST_SHARE: f64 = 0.5;
-    const LEAST_POINTS: u32 = 100;
+    const LEAST_POINTS: usize = 100;
     const LEAST_OBSERVED: f64 = 0.1;
-    let (mut near, mut all) = (0u32, 0u32);
-    for (p, kind) in classified.cloud.position.iter().zip(&classified.kind) {
-        let above = p.z - terrain.height_at(p.truncate());
-        if *kind != Kind::Excluded && (-0.3..1.0).contains(&above) {
-            all += 1;
-            near += u32::from(above < 0.3);
-        }
-    }
+    let (near, all) = terrain.near(classified);
     let observed = terrain.is_observed.iter().filter(|&&o| o).count() as f64;
-    let is_layer = f64::from(near) >= LEAST_SHARE * f64::from(all) || all < LEAST_POINTS;
+    let is_layer = near as f64 >= LEAST_SHARE * all as f64 || all < LEAST_POINTS;
     let is_cut_out = observed < LEAST_OBSERVED * terrain.is_observed.len() as f64;
     if is_layer
         || is_cut_out
@@ -153,7 +149,7 @@ fn check_ground(job: &SurveyJob, classified: &Classified, terrain: &Terrain) -> 
 
 fn build_terrain(job: &SurveyJob, classified: &Classified, run: &mut Recorder) -> Result<Terrain> {
     run.stage("terrain", |warnings| {
-        let options = TerrainOptions { cell_m: job.cell_m };
+        let options = job.effort.terrain(job.cell_m);
         let terrain = terrain::build(classified, &options)?.into_value(warnings);
         let ground = classified.kind.iter().filter(|&&k| k == Kind::Ground).count();
         let cells = terrain.heights.data.len();
@@ -183,20 +179,14 @@ fn voxelise(
     run: &mut Recorder,
 ) -> Result<VoxelOctree> {
     run.stage("voxel", |_| {
-        let points = classified.cloud.position.iter().zip(&classified.kind);
+        let points = classified.cloud.position.par_iter().zip(&classified.kind);
         let vegetation: Vec<Vec3> =
             points.filter(|(_, k)| **k == Kind::Vegetation).map(|(p, _)| *p).collect();
         let size_m =
             job.voxel_m.unwrap_or_else(|| voxel::choose_size_m(density_per_m2, TYPICAL_CROWN_M));
         let octree = VoxelOctree::build(&vegetation, size_m)?;
-        let moved: f64 = vegetation
-            .iter()
-            .filter_map(|p| Some((p, octree.get(octree.index_of(*p)?)?)))
-            .map(|(p, v)| f64::from(v.centre_of_mass.distance_squared(*p)))
-            .sum();
-        let rms = (moved / vegetation.len().max(1) as f64).sqrt();
         let outcome = Outcome::items(vegetation.len(), "points", octree.len(), "voxels")
-            .error(ErrorMeasure::new("point to centre RMS", rms, "m"))
+            .error(ErrorMeasure::new("point to centre RMS", octree.spread_m(), "m"))
             .note(format!("voxel {size_m:.2} m, {} bytes", octree.memory_bytes()));
         Ok((octree, outcome))
     })
@@ -217,7 +207,7 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
     let terrain = build_terrain(job, &classified, run)?;
     let voxels = voxelise(job, &classified, density_per_m2, run)?;
     let crowns = run.stage("crown", |warnings| {
-        let options = CrownOptions { min_height_m: job.min_height_m, ..CrownOptions::default() };
+        let options = job.effort.crown(job.min_height_m);
         let crowns = crown::detect(&classified, &terrain, &voxels, &options)?.into_value(warnings);
         let vegetation = classified.kind.iter().filter(|&&k| k == Kind::Vegetation).count();
         let inside: usize = crowns.iter().map(|c| c.point_count as usize).sum();

@@ -30,10 +30,18 @@ pub struct Terrain {
 }
 
 /// How the grid is made.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct TerrainOptions {
     /// Side of a cell; from the density of ground points where `None`.
     pub cell_m: Option<f32>,
+    /// What that side is at least, in mean distances between ground points.
+    pub cell_in_spacings: f64,
+}
+
+impl Default for TerrainOptions {
+    fn default() -> Self {
+        TerrainOptions { cell_m: None, cell_in_spacings: 0.5 }
+    }
 }
 
 /// Cells that are chosen among, metres.
@@ -163,7 +171,7 @@ fn geometry(
         None => {
             let area = f64::from((high.x - low.x).max(1.0)) * f64::from((high.y - low.y).max(1.0));
             let spacing = (area / ground.len().max(1) as f64).sqrt();
-            CELLS_M.into_iter().find(|&c| c >= 0.5 * spacing).unwrap_or(2.0)
+            CELLS_M.into_iter().find(|&c| c >= options.cell_in_spacings * spacing).unwrap_or(2.0)
         }
     };
     let across = f64::from(high.x - low.x) / cell + 2.0;
@@ -412,7 +420,7 @@ mod tests {
         let e = build(&two, &TerrainOptions::default()).unwrap_err();
         assert_eq!(e.message(), "2 ground points make no terrain");
         let points = scattered(100, |_, _| 0.0);
-        let options = TerrainOptions { cell_m: Some(1e-4) };
+        let options = TerrainOptions { cell_m: Some(1e-4), ..TerrainOptions::default() };
         let e = build(&classified(points, |_| true), &options).unwrap_err();
         assert!(e.remedy_text().unwrap().contains("--cell"), "{e:?}");
     }
