@@ -36,6 +36,7 @@ fn job() -> (tempfile::TempDir, ForestJob) {
         species_by: SpeciesBy::Auto,
         voxel_m: None,
         min_height_m: 2.0,
+        effort: pipeline::Effort::Normal,
         seed,
     };
     let name = "forest".to_owned();

@@ -122,6 +122,7 @@ fn main() {
             species_by: SpeciesBy::Auto,
             voxel_m: None,
             min_height_m: 2.0,
+            effort: pipeline::Effort::Normal,
             seed: Seed::new(1),
         };
         let (mut trees, mut peak, mut table) = (0, 0, String::new());

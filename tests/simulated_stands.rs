@@ -28,6 +28,7 @@ fn survey(mix: &[&str], options: &StandOptions, seed: u64, dir: &Path) -> (Stand
         species_by: SpeciesBy::Auto,
         voxel_m: None,
         min_height_m: 2.0,
+        effort: pipeline::Effort::Normal,
         seed,
     };
     let survey = pipeline::survey::inventory(&job, &mut run).unwrap();

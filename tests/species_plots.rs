@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 use glam::{DVec2, DVec3, Vec2};
 use larix::crown::Crown;
 use larix::ground::{self, GroundOptions, Method};
-use larix::pipeline::SurveyJob;
 use larix::pipeline::survey::{self, Survey};
+use larix::pipeline::{Effort, SurveyJob};
 use larix::raster::geotiff;
 use larix::report::{Recorder, Silent};
 use larix::scan::{ReadOptions, read};
@@ -79,6 +79,7 @@ fn job(plot: &str, names: &[&str], by: SpeciesBy, with_photo: bool) -> SurveyJob
         species_by: by,
         voxel_m: None,
         min_height_m: 2.0,
+        effort: Effort::Normal,
         seed: Seed::new(1),
     }
 }
@@ -268,7 +269,7 @@ fn features_of_the_annotated_crowns() {
         let job = job(plot, &MIX, SpeciesBy::Auto, true);
         let cloud = read(&job.scans, &ReadOptions::default()).unwrap().value.cloud;
         let classified = ground::classify(cloud, &GroundOptions::default()).unwrap().value;
-        let terrain = terrain::build(&classified, &TerrainOptions { cell_m: None }).unwrap().value;
+        let terrain = terrain::build(&classified, &TerrainOptions::default()).unwrap().value;
         let frame = &classified.cloud.frame;
         let corners = classified.cloud.position.iter().map(|p| p.truncate());
         let (low, high) =

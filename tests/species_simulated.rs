@@ -1,7 +1,7 @@
 //! Species on simulated stands, whose truth is known: with the photo, and by shape alone.
 
 use larix::ground::Method;
-use larix::pipeline::{SurveyJob, demo, survey};
+use larix::pipeline::{Effort, SurveyJob, demo, survey};
 use larix::report::{Recorder, Silent};
 use larix::seed::Seed;
 use larix::simulate::{Comparison, StandOptions};
@@ -28,6 +28,7 @@ fn stand(names: &[&str], seed: u64, with_photo: bool, by: SpeciesBy) -> Comparis
         species_by: by,
         voxel_m: None,
         min_height_m: 2.0,
+        effort: Effort::Normal,
         seed,
     };
     demo::compare(&made.stand, &survey::inventory(&job, &mut run).unwrap())

@@ -302,7 +302,7 @@ fn meshes_of_real_terrain_keep_their_error() {
         let Some(path) = data(name) else { continue };
         let scan = scan::read(&[path], &ReadOptions::default()).unwrap().value;
         let classified = ground::classify(scan.cloud, &GroundOptions::default()).unwrap().value;
-        let options = TerrainOptions { cell_m: Some(1.0) };
+        let options = TerrainOptions { cell_m: Some(1.0), ..TerrainOptions::default() };
         let terrain = terrain::build(&classified, &options).unwrap().value;
         for error_m in [0.5f32, 0.1] {
             let facets = terrain.facets(error_m, usize::MAX);

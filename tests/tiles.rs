@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use larix::crown::Crown;
 use larix::ground::Method;
-use larix::pipeline::{self, Survey, SurveyJob};
+use larix::pipeline::{self, Effort, Survey, SurveyJob};
 use larix::report::{Recorder, Silent};
 use larix::scan::{ReadOptions, encode_laz, read};
 use larix::seed::Seed;
@@ -23,6 +23,7 @@ fn survey(scans: &[PathBuf], tile_m: Option<f32>) -> Survey {
         species_by: SpeciesBy::Auto,
         voxel_m: None,
         min_height_m: 2.0,
+        effort: Effort::Normal,
         seed: Seed::new(1),
     };
     pipeline::survey::inventory(&job, &mut Recorder::new(&Silent)).unwrap()

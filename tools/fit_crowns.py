@@ -16,7 +16,7 @@ import pathlib
 import numpy as np
 from scipy.optimize import linear_sum_assignment, minimize
 
-OVERLAP, FOLDS, LEAST_CHANCE = 0.4, 6, 0.15
+OVERLAP, FOLDS, LEAST_CHANCE = 0.4, 6, 0.2
 
 
 def measures(table, low, high):

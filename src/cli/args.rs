@@ -70,6 +70,16 @@ pub enum Ground {
     File,
 }
 
+/// Time against error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Effort {
+    /// Coarser terrain, no lower storey.
+    Fast,
+    Normal,
+    /// Finer terrain, crowns from several grids.
+    Best,
+}
+
 /// What tells the species of a tree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum SpeciesBy {
@@ -168,6 +178,9 @@ pub struct TreeArgs {
     /// Voxel in metres; from the density where absent.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub voxel: Option<f32>,
+    /// How much time may be taken for how small an error.
+    #[arg(long, value_enum, default_value = "normal")]
+    pub effort: Effort,
     /// Trees lower than this are left out.
     #[arg(long, value_name = "M", default_value = "2", allow_negative_numbers = true, value_parser = positive)]
     pub min_height: f32,

@@ -9,7 +9,7 @@ use super::progress::Terminal;
 use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, OutputFile};
 use crate::ground::Method;
-use crate::pipeline::{self, ForestJob, Sharing, SurveyJob, TreeJob};
+use crate::pipeline::{self, Effort, ForestJob, Sharing, SurveyJob, TreeJob};
 use crate::raster::{GridGeometry, cog};
 use crate::report::{self, Outcome, Recorder, Silent};
 use crate::scene::ValidScene;
@@ -101,6 +101,11 @@ fn survey_job(scan: &ScanArgs, tree: &TreeArgs) -> Result<SurveyJob> {
         species_by: species_by(tree.species_by),
         voxel_m: tree.voxel,
         min_height_m: tree.min_height,
+        effort: match tree.effort {
+            args::Effort::Fast => Effort::Fast,
+            args::Effort::Normal => Effort::Normal,
+            args::Effort::Best => Effort::Best,
+        },
         seed: seed(tree.seed),
     })
 }
@@ -264,6 +269,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
         species_by: SpeciesBy::Auto,
         voxel_m: None,
         min_height_m: 2.0,
+        effort: Effort::Normal,
         seed: seed(1),
     };
     let (dir, name) = place(&a.output)?;
@@ -397,6 +403,7 @@ fn demo(a: &args::Demo, run: &mut Recorder) -> Result<Told> {
             species_by: SpeciesBy::Auto,
             voxel_m: None,
             min_height_m: 2.0,
+            effort: Effort::Normal,
             seed: seed(a.seed),
         },
         &a.scene,

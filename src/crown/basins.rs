@@ -124,15 +124,16 @@ fn steepest(
     let (c, r) = (i % g.cols, i / g.cols);
     let h = canopy.data[i];
     let (mut steepest, mut to) = (f32::NEG_INFINITY, i);
+    let (from, end) = (c.saturating_sub(1), (c + 2).min(g.cols));
     for nr in r.saturating_sub(1)..=(r + 1).min(g.rows - 1) {
-        for nc in c.saturating_sub(1)..=(c + 1).min(g.cols - 1) {
-            let n = g.index(nc, nr);
-            let is_higher = canopy.data[n] > h || canopy.data[n] == h && n < i;
+        let start = g.index(from, nr);
+        for (n, &there) in (start..).zip(&canopy.data[start..start + end - from]) {
+            let is_higher = there > h || there == h && n < i;
             if !is_higher || height_m(n) < min_height_m {
                 continue;
             }
-            let far = if nc != c && nr != r { std::f32::consts::SQRT_2 } else { 1.0 };
-            let slope = (canopy.data[n] - h) / far;
+            let far = if nr != r && n - start + from != c { std::f32::consts::SQRT_2 } else { 1.0 };
+            let slope = (there - h) / far;
             if slope > steepest {
                 (steepest, to) = (slope, n);
             }

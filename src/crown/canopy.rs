@@ -8,6 +8,8 @@
 //! et al. 2014) take the median of their neighbourhood; empty cells take the mean of filled
 //! neighbours, a ring at a time. Known limit: gaps narrower than three cells are closed with them.
 
+use std::ops::Range;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -143,7 +145,7 @@ fn fill_voids(grid: &mut Grid<f32>) {
         .collect();
     for _ in 0..FILL_RINGS {
         let filled: Vec<Option<f32>> = empty
-            .iter()
+            .par_iter()
             .map(|&(c, r)| {
                 let (mut sum, mut n) = (0.0, 0);
                 for_neighbours(grid, c, r, |h| {
@@ -175,18 +177,35 @@ fn fill_voids(grid: &mut Grid<f32>) {
 fn fill_pits(grid: &mut Grid<f32>) {
     let g = grid.geometry;
     let mut raised = grid.data.clone();
-    raised.par_chunks_mut(g.cols).enumerate().for_each(|(row, line)| {
-        for (col, out) in line.iter_mut().enumerate() {
+    let line = |row: usize| &grid.data[row * g.cols..(row + 1) * g.cols];
+    raised.par_chunks_mut(g.cols).enumerate().for_each_init(Vec::new, |higher, (row, out)| {
+        // Neighbours higher by the least depth of a pit: few cells have enough.
+        higher.clear();
+        higher.resize(g.cols, 0u8);
+        let own = line(row);
+        for r in row.saturating_sub(1)..=(row + 1).min(g.rows - 1) {
+            let mut count = |to: Range<usize>, from: &[f32]| {
+                for ((n, h), v) in higher[to.clone()].iter_mut().zip(&own[to]).zip(from) {
+                    *n += u8::from(v - PIT_DEPTH_M > *h);
+                }
+            };
+            count(0..g.cols, line(r));
+            count(0..g.cols - 1, &line(r)[1..]);
+            count(1..g.cols, &line(r)[..g.cols - 1]);
+        }
+        for (col, out) in out.iter_mut().enumerate() {
+            // Even five neighbours have three from the median up.
+            if higher[col] < 3 {
+                continue;
+            }
             let h = *out;
             let mut around = [0.0f32; 8];
-            let (mut n, mut higher) = (0, 0);
+            let mut n = 0;
             for_neighbours(grid, col, row, |v| {
                 around[n] = v;
                 n += 1;
-                higher += usize::from(v - PIT_DEPTH_M > h);
             });
-            // The median and all above it are higher by that.
-            if n < 5 || higher < n - n / 2 {
+            if n < 5 {
                 continue;
             }
             around[..n].sort_unstable_by(f32::total_cmp);

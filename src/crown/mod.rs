@@ -121,7 +121,7 @@ impl Default for CrownOptions {
     fn default() -> Self {
         CrownOptions {
             min_height_m: 2.0,
-            min_confidence: 0.15,
+            min_confidence: 0.2,
             cell_m: None,
             grids: 1,
             has_understory: true,
@@ -218,6 +218,9 @@ pub fn detect(
         height: &height,
         terrain,
         centres: voxels.centres_of_mass(),
+        centre_height: (voxels.centres_of_mass().par_iter())
+            .map(|p| p.z - terrain.height_at(p.truncate()))
+            .collect(),
         voxel_m: voxels.size_m(),
         bare: (0..cloud.len() as u32)
             .filter(|&i| classified.kind[i as usize] == Kind::Ground)
@@ -273,7 +276,7 @@ pub fn detect(
 /// What is taken for a lower tree. Seen through gaps, boughs and undergrowth look more like trees
 /// than from above: on the annotated plots, where only crowns seen from above are marked, 40 places
 /// pass, at the least confidence of the canopy 134.
-const LOWER: Evidence = Evidence { points: 10, confidence: 0.5, may_stand_alone: false };
+const LOWER: Evidence = Evidence { points: 10, confidence: 0.6, may_stand_alone: false };
 /// A lower tree ends this far below the crown over it, metres and part of that tree's height.
 const CLEARANCE_M: f32 = 1.0;
 const CLEARANCE_RELATIVE: f32 = 0.05;
@@ -289,6 +292,8 @@ struct Stand<'a> {
     terrain: &'a Terrain,
     /// Of the voxels.
     centres: &'a [Vec3],
+    /// Of those centres, above the terrain.
+    centre_height: Vec<f32>,
     voxel_m: f32,
     /// Ground points.
     bare: Vec<u32>,
@@ -370,10 +375,9 @@ impl Stand<'_> {
         };
         let tree_of_point = points.par_iter().map(|i| tree_at(at(i), self.height[*i as usize]));
         let members = Groups::new(chosen.len(), tree_of_point, |k| points[k as usize]);
-        let tree_of_voxel = voxels.par_iter().map(|&i| {
-            let p = self.centres[i as usize];
-            tree_at(p, p.z - self.terrain.height_at(p.truncate()))
-        });
+        let tree_of_voxel = voxels
+            .par_iter()
+            .map(|&i| tree_at(self.centres[i as usize], self.centre_height[i as usize]));
         let voxels_of_tree = Groups::new(chosen.len(), tree_of_voxel, |k| voxels[k as usize]);
         let crowns: Vec<Option<Crown>> = (0..chosen.len())
             .into_par_iter()
@@ -443,10 +447,7 @@ impl Layer {
                 .filter(|&i| is_left(stand.cloud.position[i as usize], stand.height[i as usize]))
                 .collect(),
             voxels: (voxels.par_iter().copied())
-                .filter(|&i| {
-                    let p = stand.centres[i as usize];
-                    is_left(p, p.z - stand.terrain.height_at(p.truncate()))
-                })
+                .filter(|&i| is_left(stand.centres[i as usize], stand.centre_height[i as usize]))
                 .collect(),
         }
     }

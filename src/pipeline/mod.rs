@@ -3,6 +3,7 @@
 
 pub mod demo;
 mod drape;
+pub mod effort;
 mod figure;
 pub mod forest;
 pub mod rules;
@@ -11,6 +12,7 @@ pub mod survey;
 mod tiled;
 pub mod tree;
 
+pub use effort::Effort;
 pub use forest::{Forest, ForestJob, Sharing};
 pub use sheet::{Sheet, SheetJob};
 pub use survey::{Survey, SurveyJob};

@@ -4,9 +4,11 @@
 use std::path::{Path, PathBuf};
 
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
+use super::Effort;
 use super::tiled::Tiled;
-use crate::crown::{self, Crown, CrownOptions};
+use crate::crown::{self, Crown};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::ground::{self, Classified, GroundOptions, Kind};
@@ -20,7 +22,7 @@ use crate::species::allometry;
 use crate::species::assign::{How, SpeciesBy, assign};
 use crate::species::look::{self, Looks};
 use crate::species::photo::Photo;
-use crate::terrain::{self, HeldOut, Terrain, TerrainOptions};
+use crate::terrain::{self, HeldOut, Terrain};
 use crate::voxel::{self, VoxelOctree};
 
 /// What to read and how.
@@ -40,6 +42,7 @@ pub struct SurveyJob {
     /// From the density where `None`.
     pub voxel_m: Option<f32>,
     pub min_height_m: f32,
+    pub effort: Effort,
     pub seed: Seed,
 }
 
@@ -162,58 +165,36 @@ pub fn terrain(job: &SurveyJob, run: &mut Recorder) -> Result<(Frame, Terrain)> 
 /// spread gives 46 % and the underside of a canopy less. A single tree cut out of its scan has no
 /// ground either, but is worth a scene: where next to no cell holds ground the terrain's own
 /// warning has to do.
-#[derive(Default)]
-pub(super) struct GroundCheck {
-    near: u64,
-    all: u64,
-}
-
-impl GroundCheck {
-    pub fn add(&mut self, p: Vec3, kind: Kind, terrain: &Terrain) {
-        let above = p.z - terrain.height_at(p.truncate());
-        if kind != Kind::Excluded && (-0.3..1.0).contains(&above) {
-            self.all += 1;
-            self.near += u64::from(above < 0.3);
-        }
+pub(super) fn check_ground(
+    job: &SurveyJob,
+    (near, all): (usize, usize),
+    is_normalised: bool,
+    terrain: &Terrain,
+) -> Result<()> {
+    const LEAST_SHARE: f64 = 0.5;
+    const LEAST_POINTS: usize = 100;
+    const LEAST_OBSERVED: f64 = 0.1;
+    let observed = terrain.is_observed.iter().filter(|&&o| o).count() as f64;
+    let is_layer = near as f64 >= LEAST_SHARE * all as f64 || all < LEAST_POINTS;
+    let is_cut_out = observed < LEAST_OBSERVED * terrain.is_observed.len() as f64;
+    if is_layer || is_cut_out || is_normalised || job.ground == ground::Method::FileClasses {
+        return Ok(());
     }
-
-    /// # Errors
-    /// There is no ground.
-    pub fn refuse(&self, job: &SurveyJob, is_normalised: bool, terrain: &Terrain) -> Result<()> {
-        const LEAST_SHARE: f64 = 0.5;
-        const LEAST_POINTS: u64 = 100;
-        const LEAST_OBSERVED: f64 = 0.1;
-        let observed = terrain.is_observed.iter().filter(|&&o| o).count() as f64;
-        let is_layer = self.near as f64 >= LEAST_SHARE * self.all as f64;
-        let is_cut_out = observed < LEAST_OBSERVED * terrain.is_observed.len() as f64;
-        if is_layer
-            || self.all < LEAST_POINTS
-            || is_cut_out
-            || is_normalised
-            || job.ground == ground::Method::FileClasses
-        {
-            return Ok(());
-        }
-        let what = "no ground is found: the lowest points are no layer of their own";
-        Err(Error::new(what).in_file(&job.scans[0]).remedy(
-            "give a scan whose pulses reach the ground, or one with classes and --ground file",
-        ))
-    }
+    let what = "no ground is found: the lowest points are no layer of their own";
+    Err(Error::new(what)
+        .in_file(&job.scans[0])
+        .remedy("give a scan whose pulses reach the ground, or one with classes and --ground file"))
 }
 
 fn build_terrain(job: &SurveyJob, classified: &Classified, run: &mut Recorder) -> Result<Terrain> {
     run.stage("terrain", |warnings| {
-        let options = TerrainOptions { cell_m: job.cell_m };
+        let options = job.effort.terrain(job.cell_m);
         let terrain = terrain::build(classified, &options)?.into_value(warnings);
         let ground = classified.kind.iter().filter(|&&k| k == Kind::Ground).count();
         let cells = terrain.heights.data.len();
         let mut outcome = Outcome::items(ground, "ground points", cells, "cells")
             .note(format!("cell {} m", terrain.heights.geometry.cell_x));
-        let mut check = GroundCheck::default();
-        for (p, kind) in classified.cloud.position.iter().zip(&classified.kind) {
-            check.add(*p, *kind, &terrain);
-        }
-        check.refuse(job, classified.is_normalised, &terrain)?;
+        check_ground(job, terrain.near(classified), classified.is_normalised, &terrain)?;
         if let Some(held_out) = terrain::held_out_error(classified, &options)? {
             outcome = with_held_out(outcome, held_out);
         }
@@ -243,19 +224,13 @@ fn voxelise(
     run: &mut Recorder,
 ) -> Result<VoxelOctree> {
     run.stage("voxel", |_| {
-        let points = classified.cloud.position.iter().zip(&classified.kind);
+        let points = classified.cloud.position.par_iter().zip(&classified.kind);
         let vegetation: Vec<Vec3> =
             points.filter(|(_, k)| **k == Kind::Vegetation).map(|(p, _)| *p).collect();
         let size_m = voxel_m(job, density_per_m2);
         let octree = VoxelOctree::build(&vegetation, size_m)?;
-        let moved: f64 = vegetation
-            .iter()
-            .filter_map(|p| Some((p, octree.get(octree.index_of(*p)?)?)))
-            .map(|(p, v)| f64::from(v.centre_of_mass.distance_squared(*p)))
-            .sum();
-        let rms = (moved / vegetation.len().max(1) as f64).sqrt();
         let outcome = Outcome::items(vegetation.len(), "points", octree.len(), "voxels")
-            .error(ErrorMeasure::new("point to centre RMS", rms, "m"))
+            .error(ErrorMeasure::new("point to centre RMS", octree.spread_m(), "m"))
             .note(format!("voxel {size_m:.2} m, {} bytes", octree.memory_bytes()));
         Ok((octree, outcome))
     })
@@ -283,7 +258,7 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
     let terrain = build_terrain(job, &classified, run)?;
     let voxels = voxelise(job, &classified, density_per_m2, run)?;
     let crowns = run.stage("crown", |warnings| {
-        let options = CrownOptions { min_height_m: job.min_height_m, ..CrownOptions::default() };
+        let options = job.effort.crown(job.min_height_m);
         let crowns = crown::detect(&classified, &terrain, &voxels, &options)?.into_value(warnings);
         let vegetation = classified.kind.iter().filter(|&&k| k == Kind::Vegetation).count();
         let inside: usize = crowns.iter().map(|c| c.point_count as usize).sum();

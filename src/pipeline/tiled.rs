@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{Vec2, Vec3};
 
-use super::survey::{GroundCheck, SurveyJob, scan_outcome, voxel_m, with_held_out};
+use super::survey::{SurveyJob, check_ground, scan_outcome, voxel_m, with_held_out};
 use crate::crown::{self, Crown, CrownOptions};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
@@ -20,7 +20,7 @@ use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scan::ReadOptions;
 use crate::scan::tiles::{Tile, TiledScan, Window, tile_of};
 use crate::species::look::{self, GroundIntensity, Looks};
-use crate::terrain::{self, HeldOut, Terrain, TerrainOptions};
+use crate::terrain::{self, HeldOut, Terrain};
 use crate::voxel::VoxelOctree;
 
 /// Tiles about a block that are worked on with it.
@@ -150,20 +150,20 @@ impl Tiled {
     ) -> Result<Terrain> {
         run.stage("terrain", |_| {
             let bounds = self.scan.bounds;
-            let cell = match job.cell_m {
-                Some(cell) => f64::from(cell),
-                None => {
-                    terrain::choose_cell_m((bounds.max - bounds.min).truncate(), self.ground_points)
-                }
-            };
+            let mut options = job.effort.terrain(job.cell_m);
+            let extent_m = (bounds.max - bounds.min).truncate();
+            let cell = options.cell_m.map_or_else(
+                || terrain::choose_cell_m(extent_m, self.ground_points, options.cell_in_spacings),
+                f64::from,
+            );
             let geometry = terrain::grid_over(bounds.min, bounds.max, cell)?;
             let mut whole = Terrain {
                 heights: Grid::filled(geometry, f32::NAN),
                 is_observed: vec![false; geometry.len()],
             };
-            let options = TerrainOptions { cell_m: Some(cell as f32) };
+            options.cell_m = Some(cell as f32);
             let (mut sum_sq, mut held_out) = (0.0, HeldOut { rmse_m: 0.0, max_m: 0.0, points: 0 });
-            let mut check = GroundCheck::default();
+            let mut near = (0, 0);
             for core in self.scan.blocks(tiles_a_side) {
                 let window = self.window(&core, MARGIN)?;
                 let ground = window.kind.iter().filter(|&&k| k == Kind::Ground).count();
@@ -173,10 +173,8 @@ impl Tiled {
                 let piece = terrain::build(&window, &options)?.value;
                 let core: BTreeSet<Tile> = core.into_iter().collect();
                 self.place(&piece, &core, &mut whole);
-                let own = window.cloud.position.iter().zip(&window.kind);
-                for (p, kind) in own.filter(|(p, _)| self.is_in(&core, **p)) {
-                    check.add(*p, *kind, &piece);
-                }
+                let (low, all) = piece.near(&window);
+                near = (near.0 + low, near.1 + all);
                 if let Some(out) = terrain::held_out_error(&window, &options)? {
                     sum_sq += out.rmse_m.powi(2) * out.points as f64;
                     held_out.max_m = held_out.max_m.max(out.max_m);
@@ -185,7 +183,7 @@ impl Tiled {
             }
             let is_known: Vec<bool> = whole.heights.data.iter().map(|z| z.is_finite()).collect();
             inpaint::fill(&mut whole.heights, &is_known);
-            check.refuse(job, self.is_normalised, &whole)?;
+            check_ground(job, near, self.is_normalised, &whole)?;
             let mut outcome =
                 Outcome::items(self.ground_points, "ground points", geometry.len(), "cells")
                     .note(format!("cell {cell} m"));
@@ -222,9 +220,8 @@ impl Tiled {
     ) -> Result<(Vec<Crown>, Looks)> {
         run.stage("crown", |warnings| {
             let options = CrownOptions {
-                min_height_m: job.min_height_m,
                 cell_m: Some(crown::cell_m(self.scan.density_2_per_m2)),
-                ..CrownOptions::default()
+                ..job.effort.crown(job.min_height_m)
             };
             let size_m = voxel_m(job, self.scan.density_per_m2 as f32);
             let mut found: BTreeMap<u64, (Crown, Option<look::Look>)> = BTreeMap::new();

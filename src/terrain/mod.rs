@@ -30,10 +30,18 @@ pub struct Terrain {
 }
 
 /// How the grid is made.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct TerrainOptions {
     /// Side of a cell; from the density of ground points where `None`.
     pub cell_m: Option<f32>,
+    /// What that side is at least, in mean distances between ground points.
+    pub cell_in_spacings: f64,
+}
+
+impl Default for TerrainOptions {
+    fn default() -> Self {
+        TerrainOptions { cell_m: None, cell_in_spacings: 1.0 }
+    }
 }
 
 /// Cells that are chosen among, metres.
@@ -160,16 +168,17 @@ fn geometry(
             return Err(Error::new(format!("a terrain cell of {c} m is not possible"))
                 .remedy("give --cell a number greater than 0"));
         }
-        None => choose_cell_m((high - low).truncate(), ground.len()),
+        None => choose_cell_m((high - low).truncate(), ground.len(), options.cell_in_spacings),
     };
     grid_over(low, high, cell)
 }
 
-/// The cell for so many ground points over an extent in metres.
-pub fn choose_cell_m(extent_m: Vec2, ground_points: usize) -> f64 {
+/// The cell for so many ground points over an extent in metres, at least so many of their mean
+/// distances.
+pub fn choose_cell_m(extent_m: Vec2, ground_points: usize, in_spacings: f64) -> f64 {
     let area = f64::from(extent_m.x.max(1.0)) * f64::from(extent_m.y.max(1.0));
     let spacing = (area / ground_points.max(1) as f64).sqrt();
-    CELLS_M.into_iter().find(|&c| c >= 0.5 * spacing).unwrap_or(2.0)
+    CELLS_M.into_iter().find(|&c| c >= in_spacings * spacing).unwrap_or(2.0)
 }
 
 /// The grid of a terrain over a box, aligned to multiples of the cell.
@@ -423,7 +432,7 @@ mod tests {
         let e = build(&two, &TerrainOptions::default()).unwrap_err();
         assert_eq!(e.message(), "2 ground points make no terrain");
         let points = scattered(100, |_, _| 0.0);
-        let options = TerrainOptions { cell_m: Some(1e-4) };
+        let options = TerrainOptions { cell_m: Some(1e-4), ..TerrainOptions::default() };
         let e = build(&classified(points, |_| true), &options).unwrap_err();
         assert!(e.remedy_text().unwrap().contains("--cell"), "{e:?}");
     }
