@@ -51,7 +51,7 @@ const HOMES: [(&str, &[&str]); 16] = [
     ("flate2", &["raster"]),
     ("weezl", &["raster"]),
     ("schemars", &["species"]),
-    ("tempfile", &["export", "cli"]),
+    ("tempfile", &["export", "cli", "scan"]),
 ];
 
 /// Source without comments and without test modules (by convention the last item of a file).

@@ -156,8 +156,8 @@ pub struct ScanArgs {
     /// Terrain cell in metres; from the density where absent.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub cell: Option<f32>,
-    /// Work through the scan in tiles of this side in metres (steps of 64), which bounds the memory;
-    /// so do scans of more than 30 million points where absent.
+    /// Work through the scan in tiles of this side in metres (steps of 64, at least 128), which bounds
+    /// the memory; scans of more than 30 million points go so by themselves.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub tile: Option<f32>,
 }

@@ -14,7 +14,7 @@
 //! once; the price on the plots and on simulated stands. Outside the measures' range in those plots
 //! the nearest value inside it is taken.
 //!
-//! Known limit: trees wholly under another's crown do not show on the surface and are not found.
+//! Known limit: what does not show on this surface is left to the lower storey.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};

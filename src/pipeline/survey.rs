@@ -114,11 +114,22 @@ fn photo_raster(path: &Path) -> Result<Raster> {
 
 fn place_photo(
     job: &SurveyJob,
+    run: &mut Recorder,
     raster: Option<Raster>,
     frame: &Frame,
     (low, high): (Vec2, Vec2),
 ) -> Result<Option<Photo>> {
     let (Some(path), Some(raster)) = (&job.photo, raster) else { return Ok(None) };
+    let scan = frame.crs.as_ref().and_then(|crs| crs.epsg);
+    if let (Some(scan), Some(photo)) = (scan, raster.epsg)
+        && scan != photo
+    {
+        run.warnings.push(format!(
+            "{}: the photo is in EPSG:{photo}, the scan in EPSG:{scan}; its coordinates are taken as \
+             the scan's",
+            path.display()
+        ));
+    }
     Photo::new(&path.display().to_string(), raster, frame, low, high).map(Some)
 }
 
@@ -142,7 +153,8 @@ fn tiles_a_side(job: &SurveyJob) -> Option<i32> {
         }
         None => return None,
     };
-    Some((side_m / scan::tiles::TILE_M).ceil().clamp(1.0, 1000.0) as i32)
+    // With less, the tiles about a block show too little of what stands beside it.
+    Some((side_m / scan::tiles::TILE_M).ceil().clamp(2.0, 1000.0) as i32)
 }
 
 /// Scan to terrain.
@@ -246,7 +258,7 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
     if let Some(tiles) = tiles_a_side(job) {
         let tiled = Tiled::read(job, run)?;
         let bounds = tiled.bounds();
-        let photo = place_photo(job, raster, tiled.frame(), bounds)?;
+        let photo = place_photo(job, run, raster, tiled.frame(), bounds)?;
         let tiled = tiled.classify(job, tiles, run)?;
         let terrain = tiled.terrain(job, tiles, run)?;
         let (crowns, looks) = tiled.crowns(job, tiles, &terrain, run)?;
@@ -254,7 +266,7 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
         return name_trees(job, crowns, &looks, frame, terrain, photo, run);
     }
     let (classified, density_per_m2) = classify(job, run)?;
-    let photo = place_photo(job, raster, &classified.cloud.frame, extent(&classified.cloud))?;
+    let photo = place_photo(job, run, raster, &classified.cloud.frame, extent(&classified.cloud))?;
     let terrain = build_terrain(job, &classified, run)?;
     let voxels = voxelise(job, &classified, density_per_m2, run)?;
     let crowns = run.stage("crown", |warnings| {

@@ -81,7 +81,7 @@ impl Tiled {
             self.is_normalised = floor.is_zero();
             let options =
                 GroundOptions { method: job.ground, is_normalised: Some(self.is_normalised) };
-            let mut refused = None;
+            let (mut refused, mut bare) = (None, 0);
             let mut intensity = GroundIntensity::default();
             for core in &blocks {
                 let Window { cloud, tiles } = self.scan.load(core, MARGIN)?;
@@ -91,9 +91,11 @@ impl Tiled {
                     // A window of water or of nothing but canopy has no ground of its own.
                     Err(error) => {
                         refused = Some(error);
+                        bare += 1;
                         vec![Kind::Vegetation; intensities.len()]
                     }
                 };
+                let core: BTreeSet<&Tile> = core.iter().collect();
                 for (tile, range) in tiles.into_iter().filter(|(tile, _)| core.contains(tile)) {
                     let own = &kinds[range.clone()];
                     for (_, i) in
@@ -118,6 +120,10 @@ impl Tiled {
                     "the heights are above ground already: the terrain is taken as the plane z = 0"
                         .into(),
                 );
+            }
+            if bare > 0 {
+                let all = blocks.len();
+                warnings.push(format!("no ground was found in {bare} of {all} blocks of tiles"));
             }
             self.ground_intensity = intensity.median();
             let points = self.scan.census.kept as usize;
@@ -171,11 +177,13 @@ impl Tiled {
                     continue;
                 }
                 let piece = terrain::build(&window, &options)?.value;
+                let own = core.clone();
                 let core: BTreeSet<Tile> = core.into_iter().collect();
                 self.place(&piece, &core, &mut whole);
                 let (low, all) = piece.near(&window);
                 near = (near.0 + low, near.1 + all);
-                if let Some(out) = terrain::held_out_error(&window, &options)? {
+                let own = self.window(&own, 0)?;
+                if let Some(out) = terrain::held_out_error(&own, &options)? {
                     sum_sq += out.rmse_m.powi(2) * out.points as f64;
                     held_out.max_m = held_out.max_m.max(out.max_m);
                     held_out.points += out.points;
@@ -239,11 +247,12 @@ impl Tiled {
                 let mut crowns = crown::detect(&window, terrain, &octree, &options)?.value;
                 crowns.retain(|c| self.is_in(&core, c.apex));
                 let looks = look::measure(&crowns, &window, terrain).of_crown;
-                for (crown, look) in crowns.into_iter().zip(looks) {
-                    let other = found.get(&crown.key);
-                    if other.is_none_or(|(o, _)| o.height_m < crown.height_m) {
-                        found.insert(crown.key, (crown, look));
+                for (mut crown, look) in crowns.into_iter().zip(looks) {
+                    // As within one window: the next key that is free.
+                    while found.contains_key(&crown.key) {
+                        crown.key = crown.key.wrapping_add(1);
                     }
+                    found.insert(crown.key, (crown, look));
                 }
             }
             let (crowns, of_crown): (Vec<Crown>, Vec<_>) = found.into_values().unzip();

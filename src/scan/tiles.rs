@@ -4,7 +4,8 @@
 //!
 //! Tiles are aligned to multiples of their side in world metres, and a point's tile follows from the
 //! point alone, so that the same points make the same tiles however they are cut into files.
-//! Limit: plain text files are held whole while they are read.
+//! Limits: points of plain text files stay in memory; one point that is very far from the rest makes
+//! the scan refused, where read whole it would be dropped as isolated.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -231,10 +232,12 @@ impl TiledScan {
             class: Vec::new(),
             rgb: self.keeps_colour.then(Vec::new),
         };
+        // Numbers of the isolated points, rising.
+        let mut is_out: Vec<usize> = Vec::new();
         let mut ranges = Vec::new();
         for tile in wanted {
             let Some(stack) = self.tiles.get(&tile) else { continue };
-            let start = cloud.len();
+            let (start, before) = (cloud.len(), is_out.len());
             for (file, piece) in &stack.pieces {
                 let colour = self.colours.get(*file).copied().unwrap_or(ColourScale::None);
                 match piece {
@@ -247,13 +250,12 @@ impl TiledScan {
                     }
                 }
             }
-            if !stack.isolated.is_empty() {
-                cloud.retain(|i| {
-                    let own = i.checked_sub(start).and_then(|own| u32::try_from(own).ok());
-                    own.is_none_or(|own| stack.isolated.binary_search(&own).is_err())
-                });
-            }
-            ranges.push((tile, start..cloud.len()));
+            is_out.extend(stack.isolated.iter().map(|&i| start + i as usize));
+            let dropped = is_out.len();
+            ranges.push((tile, start - before..cloud.len() - dropped));
+        }
+        if !is_out.is_empty() {
+            cloud.retain(|i| is_out.binary_search(&i).is_err());
         }
         Ok(Window { cloud, tiles: ranges })
     }
@@ -263,9 +265,12 @@ fn unit_m(crs: Option<&Crs>) -> DVec3 {
     Frame { origin: DVec3::ZERO, crs: crs.cloned() }.unit_m()
 }
 
-/// The tile of a world place in metres; far places share the outermost.
+/// Tiles from the world's origin; farther ones are one.
+const FARTHEST: f64 = 1e9;
+
+/// The tile of a world place in metres.
 pub fn tile_of(world_m: DVec3) -> Tile {
-    [world_m.x, world_m.y].map(|v| (v / TILE_M).floor() as i32)
+    [world_m.x, world_m.y].map(|v| (v / TILE_M).floor().clamp(-FARTHEST, FARTHEST) as i32)
 }
 
 fn append(cloud: &mut PointCloud, from: &Coordinates, columns: &Columns, colour: ColourScale) {
