@@ -531,7 +531,8 @@ mod tests {
         let path = dir.path().join("a.xyz");
         let line = |i: i32| format!("{} {} {}\n", 100 + i % 40, 200 + i / 40, i % 7);
         std::fs::write(&path, (0..1600).map(line).collect::<String>()).unwrap();
-        let whole = crate::scan::read(&[path.clone()], &ReadOptions::default()).unwrap().value;
+        let whole =
+            crate::scan::read(std::slice::from_ref(&path), &ReadOptions::default()).unwrap().value;
         let tiled = TiledScan::read(&[path], &ReadOptions::default()).unwrap().value;
         let every: Vec<Tile> = tiled.tiles.keys().copied().collect();
         assert_eq!(points(&tiled.load(&every, 0).unwrap().cloud), points(&whole.cloud));
