@@ -47,7 +47,7 @@ pub struct Crown {
     /// Mean of the outline's greatest width and the width across it, as crowns are measured from
     /// the ground.
     pub spread_m: f32,
-    /// Of the crown above its base ([`measure`] tells how), > 0.
+    /// Of the crown above its base, by the reach of its returns (`measure` tells how), > 0.
     pub volume_cu_m: f32,
     /// Of the crown's mantle from base to apex, without its underside, > 0.
     pub surface_sq_m: f32,

@@ -1,6 +1,6 @@
 //! The trend of heights that are known here and there: a plane through those about each node of a
 //! coarse grid, fitted robustly; between nodes it is bilinear. A node sees no farther than
-//! [`REACH`] squares, so that the trend of a place does not depend on where the heights are cut.
+//! `REACH` squares, so that the trend of a place does not depend on where the heights are cut.
 
 use glam::{DMat3, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
