@@ -291,15 +291,7 @@ fn assemble(
 ) -> Result<(Scene, Option<f64>)> {
     let species = &job.survey.species;
     let mut stretch_sq = Vec::new();
-    let mut scene = Scene {
-        name: job.name.clone(),
-        frame: survey.frame.clone(),
-        textures: Vec::new(),
-        materials: Vec::new(),
-        terrain: None,
-        prototypes: Vec::new(),
-        instances: Vec::new(),
-    };
+    let mut scene = Scene::empty(job.name.clone(), survey.frame.clone());
     add_terrain(&mut scene, &survey.terrain, facets, survey, job.survey.seed);
     let mut looks = Vec::new();
     for (s, t) in species.iter().zip(textures) {
@@ -448,15 +440,7 @@ pub fn terrain_scene(
 ) -> Result<(ValidScene, Facets)> {
     run.stage("mesh", |_| {
         let facets = terrain.facets(error_m, usize::MAX);
-        let mut scene = Scene {
-            name: "terrain".into(),
-            frame,
-            textures: Vec::new(),
-            materials: Vec::new(),
-            terrain: None,
-            prototypes: Vec::new(),
-            instances: Vec::new(),
-        };
+        let mut scene = Scene::empty("terrain".into(), frame);
         let mut surface = facets.surface();
         let picture = tiled_floor(&mut surface, terrain, Seed::new(1));
         place_terrain(&mut scene, surface, picture);

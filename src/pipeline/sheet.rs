@@ -123,15 +123,7 @@ pub fn sheet(job: &SheetJob, run: &mut Recorder) -> Result<Sheet> {
         .collect();
     run.stage("picture", |_| {
         let name = identifier(&species.name);
-        let mut scene = Scene {
-            name: name.clone(),
-            frame: Frame::local(glam::DVec3::ZERO),
-            textures: Vec::new(),
-            materials: Vec::new(),
-            terrain: None,
-            prototypes: Vec::new(),
-            instances: Vec::new(),
-        };
+        let mut scene = Scene::empty(name.clone(), Frame::local(glam::DVec3::ZERO));
         let look = add_materials(&mut scene, species, textures);
         for mesh in meshes {
             scene.prototypes.push(prototype(name.clone(), species, mesh, look));

@@ -165,15 +165,7 @@ fn stand(
     })?;
     run.stage("scene", |_| {
         let name = identifier(&species.name);
-        let mut scene = Scene {
-            name: name.clone(),
-            frame,
-            textures: Vec::new(),
-            materials: Vec::new(),
-            terrain: None,
-            prototypes: Vec::new(),
-            instances: Vec::new(),
-        };
+        let mut scene = Scene::empty(name.clone(), frame);
         let look = add_materials(&mut scene, species, textures);
         let facts = facts(species, skeleton, stem_diameter_m);
         scene.prototypes.push(prototype(format!("{name}_01"), species, mesh, look));

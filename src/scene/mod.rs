@@ -133,3 +133,18 @@ pub struct Scene {
     pub prototypes: Vec<Prototype>,
     pub instances: Vec<Instance>,
 }
+
+impl Scene {
+    /// A scene that holds nothing yet.
+    pub fn empty(name: String, frame: Frame) -> Scene {
+        Scene {
+            name,
+            frame,
+            textures: Vec::new(),
+            materials: Vec::new(),
+            terrain: None,
+            prototypes: Vec::new(),
+            instances: Vec::new(),
+        }
+    }
+}
