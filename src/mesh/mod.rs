@@ -4,6 +4,7 @@
 mod card;
 mod check;
 mod foliage;
+mod junction;
 mod path;
 mod tube;
 mod wood;
@@ -49,8 +50,8 @@ impl Surface {
 /// A tree's mesh; tree-local metres, root collar at the origin, Z up.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TreeMesh {
-    /// One closed tube an axis; stems go on below ground. u counts whole tiles of bark around,
-    /// v is arc length over [`crate::texture::BARK_REPEAT_M`].
+    /// One closed surface, or one closed tube an axis ([`Junctions`]); stems go on below ground. u
+    /// counts whole tiles of bark around; v goes up along each axis, as fast as the tiles are wide.
     pub wood: Surface,
     /// The part of the wood with the bark of the upper stem and the branches; empty where the
     /// species has none. Closed only together with `wood`.
@@ -166,6 +167,17 @@ pub struct MeshOptions {
     pub foliage: bool,
     /// Buttresses at the ground, cards of more rows.
     pub detail: bool,
+    pub junctions: Junctions,
+}
+
+/// How a branch joins its parent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Junctions {
+    /// Out of a hole in the parent's bark: all wood is one closed surface.
+    #[default]
+    Welded,
+    /// Tubes closed each for itself pass through each other: fewer triangles.
+    Intersecting,
 }
 
 impl MeshOptions {
@@ -175,6 +187,7 @@ impl MeshOptions {
         triangle_budget: Some(5_000),
         foliage: true,
         detail: false,
+        junctions: Junctions::Welded,
     };
     /// A tree seen from near.
     pub const HERO: MeshOptions = MeshOptions {
@@ -182,6 +195,7 @@ impl MeshOptions {
         triangle_budget: Some(20_000),
         foliage: true,
         detail: true,
+        junctions: Junctions::Welded,
     };
 }
 
