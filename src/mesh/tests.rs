@@ -136,7 +136,7 @@ fn a_cone_has_the_volume_and_area_of_its_prism() {
 }
 
 #[test]
-fn seams_repeat_whole_tiles_and_v_is_arc_length() {
+fn seams_repeat_whole_tiles_and_a_taper_does_not_stretch_the_bark() {
     let c = cone(0.5, 3.0, 0.01);
     let n = path::sides(0.5, 0.01) as usize;
     assert_eq!(c.position[0], c.position[n], "the seam closes to the bit");
@@ -144,7 +144,29 @@ fn seams_repeat_whole_tiles_and_v_is_arc_length() {
     assert_eq!(u, u.round());
     assert!(u >= 1.0);
     assert_eq!(c.uv[0].y, 0.0);
-    assert!((c.uv.last().unwrap().y - 3.0).abs() < 1e-6);
+    // A stem that tapers to a fiftieth: tiles as wide as they are high, within what sides allow.
+    let knots: Vec<path::Knot> = (0..40)
+        .map(|k| path::Knot { at: Vec3::Z * k as f32 * 0.5, radius_m: 0.5 * 0.905f32.powi(k) })
+        .collect();
+    let foot = path::Foot::Inside { parent_radius_m: 0.5, parent_direction: Vec3::X };
+    let (least, mut rings) = (path::Least::within(20.0), Vec::new());
+    path::rings(&knots, foot, least, 0.001, true, &mut path::Scratch::default(), &mut rings);
+    tube::lay_bark(&mut rings, 1.0);
+    rings.pop();
+    for w in rings.windows(2) {
+        let around = |r: &path::Ring| r.repeats / (r.radius_m * std::f32::consts::TAU);
+        let along = (w[1].v - w[0].v) / (w[1].arc_m - w[0].arc_m);
+        let mean = (around(&w[0]) * around(&w[1])).sqrt();
+        let girth = w[1].radius_m * std::f32::consts::TAU;
+        if girth > 0.13 {
+            assert!((0.65..1.5).contains(&(along / mean)), "{along} {mean}");
+        }
+        if girth > 0.7 {
+            assert!((0.65..1.5).contains(&mean), "{mean} tiles a metre");
+        }
+        assert_eq!(w[1].repeats, w[1].repeats.round());
+    }
+    assert!(rings[0].repeats >= 3.0 && rings[rings.len() - 1].repeats == 1.0);
 }
 
 #[test]

@@ -202,7 +202,9 @@ fn rim(ring: &Ring, circle: &[Vec2], base: &[(Vec3, Vec3)], is_collar: bool, out
     for (k, c) in circle.iter().enumerate() {
         let (position, parent) = base[k % base.len()];
         let own = ring.normal * c.x + binormal * c.y;
-        let normal = if is_collar { parent } else { (parent * 0.5 + own).normalize_or(own) };
+        // In a crotch the branch's side faces the parent: there both count alike.
+        let weight = if is_collar { 0.5 - 0.5 * parent.dot(own) } else { 2.0 };
+        let normal = (parent + own * weight).normalize_or(own);
         out.position.push(position);
         out.normal.push(normal);
         out.uv.push(Vec2::new(around(ring, k as f32), ring.v));
