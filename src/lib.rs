@@ -15,6 +15,7 @@ pub mod export;
 pub mod frame;
 pub mod ground;
 pub mod inventory;
+pub mod lod;
 pub mod mesh;
 pub mod pipeline;
 pub mod raster;

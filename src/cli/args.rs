@@ -189,6 +189,36 @@ pub struct TreeArgs {
     pub seed: u64,
 }
 
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Impostor {
+    /// Three sheets that cross; any renderer shows them.
+    Cross,
+    /// Views from 64 directions, for shaders that blend them.
+    Octahedral,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Collision {
+    /// One capsule, `UCP_…`.
+    Capsule,
+    /// Convex bodies along the stem, `UCX_…`.
+    Convex,
+}
+
+/// Forms of the trees beside the finest.
+#[derive(Debug, Args)]
+pub struct LevelArgs {
+    /// Coarser levels of detail, 0 to 3, in files beside: NAME_LOD1, NAME_LOD2, …
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(0..=3))]
+    pub lods: u8,
+    /// Each model as pictures of itself, in a file beside: NAME_impostor.
+    #[arg(long, value_enum, value_name = "KIND")]
+    pub impostor: Option<Impostor>,
+    /// Bodies about the stems for collisions, beside each tree in the scene.
+    #[arg(long, value_enum, value_name = "KIND")]
+    pub collision: Option<Collision>,
+}
+
 /// How the scene is built and written.
 #[derive(Debug, Args)]
 pub struct SceneArgs {
@@ -204,6 +234,8 @@ pub struct SceneArgs {
     /// Side of the tree textures in pixels.
     #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
+    #[command(flatten)]
+    pub levels: LevelArgs,
     /// Files to write, comma separated.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "glb,usda")]
     pub format: Vec<Format>,
@@ -293,6 +325,8 @@ pub struct Tree {
     /// Without leaves.
     #[arg(long)]
     pub bare: bool,
+    #[command(flatten)]
+    pub levels: LevelArgs,
     /// .glb, .gltf, .usda or .png (a picture)
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,

@@ -9,10 +9,12 @@ use super::progress::Terminal;
 use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, OutputFile};
 use crate::ground::Method;
-use crate::pipeline::{self, Effort, ForestJob, Sharing, SurveyJob, TreeJob};
+use crate::lod;
+use crate::pipeline::tree::Grown;
+use crate::pipeline::{self, Effort, ForestJob, LevelsJob, Sharing, SurveyJob, TreeJob, levels};
 use crate::raster::{GridGeometry, cog};
 use crate::report::{self, Outcome, Recorder, Silent};
-use crate::scene::ValidScene;
+use crate::scene::{ColliderShape, ValidScene};
 use crate::seed::Seed;
 use crate::simulate::StandOptions;
 use crate::species::assign::SpeciesBy;
@@ -148,8 +150,23 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs) -> ForestJob {
         sharing,
         triangles: scene.triangles.map_or(FOREST_TRIANGLES, |n| n as usize),
         texture_px: scene.texture,
+        levels: levels_job(&scene.levels),
         terrain_error_m: scene.terrain_error,
         name: "forest".into(),
+    }
+}
+
+fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
+    LevelsJob {
+        meshed: usize::from(typed.lods),
+        impostor: typed.impostor.map(|kind| match kind {
+            args::Impostor::Cross => lod::Kind::Cross,
+            args::Impostor::Octahedral => lod::Kind::Octahedral,
+        }),
+        collision: typed.collision.map(|kind| match kind {
+            args::Collision::Capsule => ColliderShape::Capsule,
+            args::Collision::Convex => ColliderShape::Convex,
+        }),
     }
 }
 
@@ -159,7 +176,8 @@ fn forest(a: &args::Forest, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&dir)?;
     let forest = pipeline::forest::forest(&job, run)?;
     let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
-    let summary = summary("forest", Some(a.tree.seed), run, Some(&forest.scene));
+    let mut summary = summary("forest", Some(a.tree.seed), run, Some(&forest.scene));
+    summary["levels"] = json!(forest.rows);
     files.push(report_file(&summary));
     export::write_all(&dir, &files)?;
     Ok(Told { lines: forest_lines(&forest, run, &dir), json: summary })
@@ -177,7 +195,7 @@ fn forest_files(
         Ok((picture.to_png()?, Outcome::items(trees, "trees", 1, "picture")))
     })?;
     let survey = &forest.survey;
-    let mut files = export_scene(&forest.scene, "forest", formats, run)?;
+    let mut files = export_scene(&forest.scene, &forest.levels, "forest", formats, run)?;
     files.push(file("preview.png", preview));
     files.push(file(
         "inventory.geojson",
@@ -187,14 +205,19 @@ fn forest_files(
     Ok(files)
 }
 
+/// The scene as `STEM`, each of its coarser forms as `STEM_NAME`.
 fn export_scene(
     scene: &ValidScene,
+    levels: &[(String, ValidScene)],
     stem: &str,
     formats: &[Format],
     run: &mut Recorder,
 ) -> Result<Vec<OutputFile>> {
     run.stage("export", |_| {
-        let files = export::files(scene, stem, formats)?;
+        let mut files = export::files(scene, stem, formats)?;
+        for (name, level) in levels {
+            files.extend(export::files(level, &format!("{stem}_{name}"), formats)?);
+        }
         let bytes: usize = files.iter().map(|f| f.bytes.len()).sum();
         let trees = scene.instances().len();
         Ok((files, Outcome::items(trees, "trees", bytes, "bytes")))
@@ -286,7 +309,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
         let error_m = a.terrain_error.unwrap_or(TERRAIN_ERROR_M);
         let (scene, facets) = pipeline::forest::terrain_scene(frame, &terrain, error_m, run)?;
         if let Some(format) = format {
-            files = export_scene(&scene, &stem(&a.output), &[format], run)?;
+            files = export_scene(&scene, &[], &stem(&a.output), &[format], run)?;
         }
         lines.push(format!(
             "{} triangles keep every height within {:.3} m",
@@ -320,16 +343,17 @@ fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
         triangles: a.triangles as usize,
         texture_px: a.texture,
         is_bare: a.bare,
+        levels: levels_job(&a.levels),
         cloud: a.cloud.clone(),
     };
     let (dir, name) = place(&a.output)?;
     export::check_writable(&dir)?;
-    let (scene, fit) = pipeline::tree::tree(&job, run)?;
+    let Grown { scene, levels, rows, fit } = pipeline::tree::tree(&job, run)?;
     let stem = stem(&a.output);
     let files = match extension {
-        "glb" => export_scene(&scene, &stem, &[Format::Glb], run)?,
-        "gltf" => export_scene(&scene, &stem, &[Format::Gltf], run)?,
-        "usda" => export_scene(&scene, &stem, &[Format::Usda], run)?,
+        "glb" => export_scene(&scene, &levels, &stem, &[Format::Glb], run)?,
+        "gltf" => export_scene(&scene, &levels, &stem, &[Format::Gltf], run)?,
+        "usda" => export_scene(&scene, &levels, &stem, &[Format::Usda], run)?,
         _ => run.stage("preview", |_| {
             let picture = pipeline::tree::preview(&scene, PORTRAIT_PX);
             Ok((vec![file(&name, picture.to_png()?)], Outcome::items(1, "tree", 1, "picture")))
@@ -345,12 +369,39 @@ fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
         a.output.display()
     );
     let mut lines = vec![line];
+    lines.extend(level_lines(&rows));
     let mut summary = summary("tree", Some(a.seed), run, Some(&scene));
+    summary["levels"] = json!(rows);
     if let Some(fit) = fit {
         summary["fit"] = json!(fit);
         lines.splice(0..0, fit_lines(&fit));
     }
     Ok(Told { lines, json: summary })
+}
+
+/// Triangles and silhouette error of each level: the mean triangles and the worst error of all
+/// models.
+fn level_lines(rows: &[levels::Row]) -> Vec<String> {
+    let mut names: Vec<&str> = Vec::new();
+    for r in rows {
+        if !names.contains(&r.level.as_str()) {
+            names.push(&r.level);
+        }
+    }
+    if names.is_empty() {
+        return Vec::new();
+    }
+    let head =
+        format!("{:>10} {:>10} {:>22} {:>8}", "level", "triangles", "silhouette worst m", "RMS m");
+    let line = |name: &&str| {
+        let of = || rows.iter().filter(|r| r.level == *name);
+        let count = of().count().max(1);
+        let triangles = of().map(|r| r.triangles).sum::<usize>() / count;
+        let worst = of().map(|r| r.silhouette_worst_m).fold(0.0, f32::max);
+        let rms = of().map(|r| r.silhouette_rms_m).fold(0.0, f32::max);
+        format!("{name:>10} {triangles:>10} {worst:>22.3} {rms:>8.3}")
+    };
+    [head].into_iter().chain(names.iter().map(line)).collect()
 }
 
 fn fit_lines(fit: &crate::skeleton::cloud::Report) -> Vec<String> {
@@ -437,6 +488,7 @@ pub(super) fn print(lines: &[String]) -> Result<bool> {
 fn forest_lines(forest: &pipeline::Forest, run: &Recorder, dir: &Path) -> Vec<String> {
     let stats = crate::scene::statistics(&forest.scene);
     let mut lines: Vec<String> = report::table(&run.stages).lines().map(str::to_owned).collect();
+    lines.extend(level_lines(&forest.rows));
     lines.push(format!(
         "{} trees of {} models, {} triangles in place, {} unique; {:.1} s, {} MB at most",
         stats.trees,

@@ -27,6 +27,8 @@ pub struct Surface {
     pub normal: Vec<Vec3>,
     pub uv: Vec<Vec2>,
     pub index: Vec<u32>,
+    /// How each vertex moves in the wind, as a profile's channels; empty where nobody asked.
+    pub wind: Vec<[u8; 4]>,
 }
 
 impl Surface {
@@ -105,12 +107,19 @@ impl TreeMesh {
     /// Scales the tree about its root collar until its highest leaf or shoot is at `height_m`. A
     /// skeleton of the right height bears twigs that reach beyond it.
     pub fn fit_height(&mut self, height_m: f32) {
+        self.scale(self.factor_to(height_m));
+    }
+
+    /// The factor that brings the highest leaf or shoot to a height; 1 where there is none.
+    pub fn factor_to(&self, height_m: f32) -> f32 {
         let top = self.bounds().1.z;
-        if top > 0.0 && height_m > 0.0 {
-            let factor = height_m / top;
-            for surface in [&mut self.wood, &mut self.upper_wood, &mut self.foliage] {
-                surface.position.iter_mut().for_each(|p| *p *= factor);
-            }
+        if top > 0.0 && height_m > 0.0 { height_m / top } else { 1.0 }
+    }
+
+    /// Scales the tree about its root collar.
+    pub fn scale(&mut self, factor: f32) {
+        for surface in [&mut self.wood, &mut self.upper_wood, &mut self.foliage] {
+            surface.position.iter_mut().for_each(|p| *p *= factor);
         }
     }
 
@@ -137,6 +146,7 @@ impl TreeMesh {
                 out.position.push(foliage.position[i]);
                 out.normal.push(foliage.normal[i]);
                 out.uv.push(foliage.uv[i]);
+                out.wind.extend(foliage.wind.get(i));
             }
             out.index.push(place[i]);
         }

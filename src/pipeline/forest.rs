@@ -9,11 +9,13 @@ use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
 use super::drape::drape;
+use super::levels::{self, LevelsJob};
 use super::survey;
 use super::survey::{Survey, SurveyJob};
 use crate::diagnostic::Result;
 use crate::frame::Frame;
-use crate::mesh::{self, MeshOptions, Surface, TreeMesh};
+use crate::lod::collision::collision;
+use crate::mesh::{MeshOptions, Surface, TreeMesh};
 use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
@@ -46,6 +48,7 @@ pub struct ForestJob {
     /// Most triangles of one tree model.
     pub triangles: usize,
     pub texture_px: u32,
+    pub levels: LevelsJob,
     /// The terrain's triangles keep this near to its heights, as far as their number allows.
     pub terrain_error_m: f32,
     /// Identifier of the scene.
@@ -55,6 +58,10 @@ pub struct ForestJob {
 /// A forest, ready to write.
 pub struct Forest {
     pub scene: ValidScene,
+    /// The trees in coarser forms, with their names, from fine to coarse.
+    pub levels: Vec<(String, ValidScene)>,
+    /// What the forms of every model are.
+    pub rows: Vec<levels::Row>,
     pub survey: Survey,
 }
 
@@ -75,9 +82,30 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
     let skeletons = grow(job, &survey, &models, run)?;
     let textures = paint(job, &models, run)?;
     let meshes = build_meshes(job, &survey, &models, &skeletons, &textures, run)?;
-    let scene = run.stage("scene", |warnings| {
-        let facets = survey.terrain.facets(job.terrain_error_m, TERRAIN_TRIANGLES);
-        let (mut scene, stretch) = assemble(job, &survey, &facets, &models, meshes, textures)?;
+    let mut finest = Vec::with_capacity(meshes.len());
+    let mut coarse = Vec::with_capacity(meshes.len());
+    for mut of_model in meshes {
+        coarse.push(of_model.split_off(1));
+        finest.extend(of_model);
+    }
+    let facets = survey.terrain.facets(job.terrain_error_m, TERRAIN_TRIANGLES);
+    let Assembled { mut scene, looks, stretch } =
+        assemble(job, &survey, &facets, &models, finest, textures);
+    if let Some(kind) = job.levels.collision {
+        for (prototype, skeleton) in scene.prototypes.iter_mut().zip(&skeletons) {
+            prototype.colliders = collision(skeleton, kind);
+        }
+    }
+    let mut rows = Vec::new();
+    if !job.levels.is_empty() {
+        run.stage("levels", |_| {
+            levels::add(&mut scene, coarse, &looks, job.levels.impostor, job.texture_px)?;
+            rows = levels::rows(&scene);
+            Ok(((), levels::outcome(&rows, scene.prototypes.len())))
+        })?;
+    }
+    let (scene, levels) = run.stage("scene", |warnings| {
+        let (mut scene, levels) = levels::split(scene)?;
         let left_out = scene.prune();
         let scene = scene.validate()?;
         if survey.trees.is_empty() {
@@ -96,9 +124,9 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
         if let Some(stretch) = stretch {
             outcome = outcome.error(ErrorMeasure::new("model stretch RMS", stretch, "%"));
         }
-        Ok((scene, outcome))
+        Ok(((scene, levels), outcome))
     })?;
-    Ok(Forest { scene, survey })
+    Ok(Forest { scene, levels, rows, survey })
 }
 
 fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {
@@ -207,6 +235,17 @@ pub(super) fn mesh_options(triangles: usize) -> MeshOptions {
     MeshOptions { triangle_budget: Some(triangles), ..preset }
 }
 
+/// The same with fewer triangles.
+pub(super) fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
+    let preset = mesh_options(triangles);
+    MeshOptions {
+        triangle_budget: Some(triangles),
+        tolerance_m: options.tolerance_m.max(preset.tolerance_m),
+        detail: options.detail && preset.detail,
+        ..*options
+    }
+}
+
 /// Nodes enough to use so many triangles well: about six a node, wood and leaves.
 pub(super) fn detail(triangles: usize) -> Detail {
     Detail { max_nodes: (triangles / 6).clamp(100, 100_000) as u32, attractor_spacing_m: None }
@@ -234,10 +273,10 @@ fn build_meshes(
     skeletons: &[Skeleton],
     textures: &[Option<TreeTextures>],
     run: &mut Recorder,
-) -> Result<Vec<TreeMesh>> {
+) -> Result<Vec<Vec<TreeMesh>>> {
     run.stage("mesh", |_| {
         let options = mesh_options(job.triangles);
-        let meshes: Vec<TreeMesh> = models
+        let meshes: Vec<Vec<TreeMesh>> = models
             .par_iter()
             .zip(skeletons)
             .filter_map(|(m, s)| textures[m.species].as_ref().map(|t| (m, s, t)))
@@ -245,14 +284,12 @@ fn build_meshes(
                 let crown = &survey.trees[m.exemplar].crown;
                 let seed = job.survey.seed.derive("mesh", crown.key);
                 let species = &job.survey.species[m.species];
-                let mut mesh = mesh::build(s, species, &t.atlas, &options, seed)?;
-                mesh.fit_height(crown.height_m);
-                mesh.clear_ground();
-                Ok(mesh)
+                let height_m = Some(crown.height_m);
+                levels::meshes(s, species, &t.atlas, &options, job.levels.meshed, height_m, seed)
             })
             .collect::<Result<_>>()?;
         let nodes = skeletons.iter().map(Skeleton::len).sum();
-        let triangles = meshes.iter().map(TreeMesh::triangles).sum();
+        let triangles = meshes.iter().flatten().map(TreeMesh::triangles).sum();
         let outcome = Outcome::items(nodes, "nodes", triangles, "triangles")
             .error(ErrorMeasure::new("sagitta bound", options.tolerance_m.into(), "m"));
         Ok((meshes, outcome))
@@ -279,8 +316,16 @@ fn paint(
     })
 }
 
-/// The scene, and by how much models are widened or narrowed against their height to fit their
-/// trees, RMS in percent.
+/// A scene before it is checked.
+struct Assembled {
+    scene: Scene,
+    /// Of each prototype.
+    looks: Vec<Look>,
+    /// By how much models are widened or narrowed against their height to fit their trees, RMS in
+    /// percent.
+    stretch: Option<f64>,
+}
+
 fn assemble(
     job: &ForestJob,
     survey: &Survey,
@@ -288,18 +333,20 @@ fn assemble(
     models: &[Model],
     meshes: Vec<TreeMesh>,
     textures: Vec<Option<TreeTextures>>,
-) -> Result<(Scene, Option<f64>)> {
+) -> Assembled {
     let species = &job.survey.species;
     let mut stretch_sq = Vec::new();
     let mut scene = Scene::empty(job.name.clone(), survey.frame.clone());
     add_terrain(&mut scene, &survey.terrain, facets, survey, job.survey.seed);
-    let mut looks = Vec::new();
+    let mut by_species = Vec::new();
     for (s, t) in species.iter().zip(textures) {
-        looks.push(t.map(|t| add_materials(&mut scene, s, t)));
+        by_species.push(t.map(|t| add_materials(&mut scene, s, t)));
     }
+    let mut looks = Vec::with_capacity(models.len());
     let mut numbers = vec![0; species.len()];
     for (m, (model, mesh)) in models.iter().zip(meshes).enumerate() {
-        let Some(Some(look)) = looks.get(model.species) else { continue };
+        let Some(Some(look)) = by_species.get(model.species) else { continue };
+        looks.push(*look);
         numbers[model.species] += 1;
         let s = &species[model.species];
         let width_m = mesh.crown_diameter_m();
@@ -340,12 +387,12 @@ fn assemble(
     }
     let count = stretch_sq.len() as f64;
     let stretch = (count > 0.0).then(|| 100.0 * (stretch_sq.iter().sum::<f64>() / count).sqrt());
-    Ok((scene, stretch))
+    Assembled { scene, looks, stretch }
 }
 
 /// Indices of a species' materials.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Look {
+pub struct Look {
     bark: u32,
     upper_bark: u32,
     leaf: u32,
@@ -383,16 +430,23 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
 
 /// The parts of a tree; those without triangles are left out when the scene is pruned.
 pub(super) fn prototype(name: String, species: &Species, mesh: TreeMesh, look: Look) -> Prototype {
-    let part = |name: &str, surface, material| Part { name: name.into(), surface, material };
     Prototype {
         name,
         species: species.name.clone(),
-        parts: vec![
-            part("wood", mesh.wood, look.bark),
-            part("upper_wood", mesh.upper_wood, look.upper_bark),
-            part("foliage", mesh.foliage, look.leaf),
-        ],
+        parts: parts_of(mesh, look),
+        levels: Vec::new(),
+        colliders: Vec::new(),
+        octahedral: None,
     }
+}
+
+pub(super) fn parts_of(mesh: TreeMesh, look: Look) -> Vec<Part> {
+    let part = |name: &str, surface, material| Part { name: name.into(), surface, material };
+    vec![
+        part("wood", mesh.wood, look.bark),
+        part("upper_wood", mesh.upper_wood, look.upper_bark),
+        part("foliage", mesh.foliage, look.leaf),
+    ]
 }
 
 fn add_terrain(scene: &mut Scene, terrain: &Terrain, facets: &Facets, survey: &Survey, seed: Seed) {

@@ -6,6 +6,7 @@ mod drape;
 pub mod effort;
 mod figure;
 pub mod forest;
+pub mod levels;
 pub mod rules;
 pub mod sheet;
 pub mod survey;
@@ -14,6 +15,7 @@ pub mod tree;
 
 pub use effort::Effort;
 pub use forest::{Forest, ForestJob, Sharing};
+pub use levels::LevelsJob;
 pub use sheet::{Sheet, SheetJob};
 pub use survey::{Survey, SurveyJob};
 pub use tree::TreeJob;

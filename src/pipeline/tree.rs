@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec2, Vec3};
 
 use super::forest::{add_materials, detail, mesh_options, prototype};
+use super::levels::{self, LevelsJob};
 use crate::diagnostic::Result;
 use crate::frame::Frame;
-use crate::mesh::{self, MeshOptions};
+use crate::lod::collision::collision;
+use crate::mesh::MeshOptions;
 use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
@@ -36,26 +38,39 @@ pub struct TreeJob {
     pub triangles: usize,
     pub texture_px: u32,
     pub is_bare: bool,
+    pub levels: LevelsJob,
     /// The scan of one tree to fit to, instead of growing one.
     pub cloud: Option<PathBuf>,
 }
 
-/// Rule file, and a scan if there is one, to a validated scene of one tree at the origin; and how
-/// the tree fits the scan.
+/// A tree, ready to write.
+pub struct Grown {
+    /// The tree at the origin.
+    pub scene: ValidScene,
+    /// The tree in coarser forms, with their names, from fine to coarse.
+    pub levels: Vec<(String, ValidScene)>,
+    /// What these forms are.
+    pub rows: Vec<levels::Row>,
+    /// How the tree fits the scan, where there is one.
+    pub fit: Option<cloud::Report>,
+}
+
+/// Rule file, and a scan if there is one, to a validated scene of one tree.
 ///
 /// # Errors
 /// A rule that grows beyond its limits; a scan that can't be read or is no single tree.
-pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<(ValidScene, Option<cloud::Report>)> {
+pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<Grown> {
     match &job.cloud {
         Some(path) => {
             let (skeleton, frame, report) = fitted(job, path, run)?;
             let stem_m = report.stem_diameter_m;
-            Ok((stand(job, &skeleton, stem_m, frame, run)?, Some(report)))
+            let grown = stand(job, &skeleton, stem_m, frame, run)?;
+            Ok(Grown { fit: Some(report), ..grown })
         }
         None => {
             let skeleton = grown(job, run)?;
             let stem_m = job.species.size.stem_diameter_at(skeleton.height_m());
-            Ok((stand(job, &skeleton, stem_m, Frame::local(DVec3::ZERO), run)?, None))
+            stand(job, &skeleton, stem_m, Frame::local(DVec3::ZERO), run)
         }
     }
 }
@@ -143,45 +158,57 @@ fn stand(
     stem_diameter_m: f32,
     frame: Frame,
     run: &mut Recorder,
-) -> Result<ValidScene> {
+) -> Result<Grown> {
     let species = &job.species;
     let textures = run.stage("texture", |_| {
         let textures = texture::for_species(species, job.texture_px, job.seed);
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
-    let mesh = run.stage("mesh", |_| {
+    let mut meshes = run.stage("mesh", |_| {
         let options = MeshOptions { foliage: !job.is_bare, ..mesh_options(job.triangles) };
         let seed = job.seed.derive("mesh", 0);
-        let mut mesh = mesh::build(skeleton, species, &textures.atlas, &options, seed)?;
         // Wood fitted to a cloud stays where it is.
-        if job.cloud.is_none() {
-            mesh.fit_height(skeleton.height_m());
-        }
-        mesh.clear_ground();
-        let triangles = mesh.triangles();
+        let height_m = job.cloud.is_none().then(|| skeleton.height_m());
+        let (atlas, meshed) = (&textures.atlas, job.levels.meshed);
+        let meshes = levels::meshes(skeleton, species, atlas, &options, meshed, height_m, seed)?;
+        let triangles = meshes.iter().map(|m| m.triangles()).sum();
         let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles")
             .error(ErrorMeasure::new("sagitta bound", options.tolerance_m.into(), "m"));
-        Ok((mesh, outcome))
+        Ok((meshes, outcome))
     })?;
-    run.stage("scene", |_| {
-        let name = identifier(&species.name);
-        let mut scene = Scene::empty(name.clone(), frame);
-        let look = add_materials(&mut scene, species, textures);
-        let facts = facts(species, skeleton, stem_diameter_m);
+    let name = identifier(&species.name);
+    let mut scene = Scene::empty(name.clone(), frame);
+    let look = add_materials(&mut scene, species, textures);
+    let coarse = meshes.split_off(1);
+    for mesh in meshes {
         scene.prototypes.push(prototype(format!("{name}_01"), species, mesh, look));
-        scene.instances.push(Instance {
-            name: format!("{name}_tree"),
-            prototype: 0,
-            position: Vec3::ZERO,
-            yaw_rad: 0.0,
-            scale: Vec3::ONE,
-            facts,
-        });
+    }
+    if let (Some(kind), Some(prototype)) = (job.levels.collision, scene.prototypes.first_mut()) {
+        prototype.colliders = collision(skeleton, kind);
+    }
+    scene.instances.push(Instance {
+        name: format!("{name}_tree"),
+        prototype: 0,
+        position: Vec3::ZERO,
+        yaw_rad: 0.0,
+        scale: Vec3::ONE,
+        facts: facts(species, skeleton, stem_diameter_m),
+    });
+    let mut rows = Vec::new();
+    if !job.levels.is_empty() {
+        run.stage("levels", |_| {
+            levels::add(&mut scene, vec![coarse], &[look], job.levels.impostor, job.texture_px)?;
+            rows = levels::rows(&scene);
+            Ok(((), levels::outcome(&rows, 1)))
+        })?;
+    }
+    run.stage("scene", |_| {
+        let (mut scene, levels) = levels::split(scene)?;
         let left_out = scene.prune();
         let scene = scene.validate()?;
         let triangles = crate::scene::statistics(&scene).unique_triangles as usize;
         Ok((
-            scene,
+            Grown { scene, levels, rows, fit: None },
             Outcome::items(1, "model", triangles, "triangles")
                 .note(format!("left out: {left_out}")),
         ))

@@ -7,10 +7,12 @@ pub mod cog;
 pub mod geotiff;
 pub mod inpaint;
 mod lzw;
+mod pad;
 pub mod picture;
 pub mod trend;
 mod world_file;
 
+pub use pad::pad_transparent;
 pub use picture::Picture;
 use rayon::prelude::*;
 pub use world_file::read;

@@ -7,6 +7,7 @@
 //! own normal alone; mip levels are isotropic; nothing is reflected.
 
 mod camera;
+pub mod capture;
 mod draw;
 pub mod label;
 mod light;
@@ -24,6 +25,7 @@ use draw::{Item, Paint, Place, Sample, Scratch, Stage};
 use light::Light;
 use model::{Mesh, Order};
 use texture::Pyramid;
+pub use texture::srgb_from_linear;
 
 use crate::mesh::Surface;
 use crate::raster::Picture;
@@ -49,17 +51,21 @@ pub struct View<'a> {
     pub placements: Vec<Placement>,
 }
 
+impl Placement {
+    /// Where a model stands by itself.
+    pub const HOME: Placement =
+        Placement { model: 0, position: Vec3::ZERO, yaw_rad: 0.0, scale: Vec3::ONE };
+}
+
 impl<'a> View<'a> {
     /// One model on a disc of ground.
     pub fn of_model(parts: &'a [Part], materials: &'a [Material], textures: &'a [Texture]) -> Self {
-        let placement =
-            Placement { model: 0, position: Vec3::ZERO, yaw_rad: 0.0, scale: Vec3::ONE };
         View {
             textures,
             materials,
             terrain: None,
             models: vec![parts],
-            placements: vec![placement],
+            placements: vec![Placement::HOME],
         }
     }
 

@@ -27,6 +27,7 @@ fn square(middle: Vec3, right: Vec3, up: Vec3) -> Surface {
         normal: vec![normal; 4],
         uv: vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
         index: vec![0, 1, 2, 0, 2, 3],
+        ..Surface::default()
     }
 }
 

@@ -4,6 +4,7 @@
 //! A [`Scene`] is built freely, relieved of what it does not use by [`Scene::prune`], and turned
 //! by [`Scene::validate`] into a [`ValidScene`], the only thing that writers accept.
 
+mod level;
 mod name;
 mod prune;
 #[cfg(test)]
@@ -13,6 +14,7 @@ mod standing;
 mod statistics;
 mod valid;
 
+pub use level::{Apart, Collider, ColliderShape, Level, Octahedral};
 pub use name::{identifier, is_identifier};
 pub use prune::LeftOut;
 pub use standing::{OFF_TERRAIN_M, ROOT_TOLERANCE_M};
@@ -82,7 +84,24 @@ pub struct Prototype {
     pub name: String,
     /// Display name of the species, e.g. `Larix sibirica`.
     pub species: String,
+    /// Its finest form.
     pub parts: Vec<Part>,
+    /// Coarser forms, from fine to coarse.
+    pub levels: Vec<Level>,
+    pub colliders: Vec<Collider>,
+    /// Where the parts show views of an octahedral impostor.
+    pub octahedral: Option<Octahedral>,
+}
+
+impl Prototype {
+    /// The parts of all its forms.
+    pub fn all_parts(&self) -> impl Iterator<Item = &Part> {
+        self.parts.iter().chain(self.levels.iter().flat_map(|l| &l.parts))
+    }
+
+    fn all_parts_mut(&mut self) -> impl Iterator<Item = &mut Part> {
+        self.parts.iter_mut().chain(self.levels.iter_mut().flat_map(|l| &mut l.parts))
+    }
 }
 
 /// What is known of one tree; travels to the files as extras.

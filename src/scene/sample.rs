@@ -77,6 +77,9 @@ fn add_species(scene: &mut Scene, species: &str, number: usize, trees: usize, si
                     material: foliage,
                 },
             ],
+            levels: Vec::new(),
+            colliders: Vec::new(),
+            octahedral: None,
         });
     }
     for tree in 0..trees {

@@ -8,8 +8,8 @@ use glam::Vec2;
 use rayon::prelude::*;
 
 use super::atlas::{Atlas, BANDS, Cell};
-use super::canvas::{Canvas, Leaf, Outline, Stroke, pad};
-use crate::raster::Picture;
+use super::canvas::{Canvas, Leaf, Outline, Stroke};
+use crate::raster::{Picture, pad_transparent};
 use crate::seed::{Draws, Seed};
 use crate::species::Species;
 use crate::species::model::{Foliage, LeafShape};
@@ -56,7 +56,7 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
         }
     }
     match_colour(&mut picture, species.foliage.colour);
-    pad(&mut picture);
+    pad_transparent(&mut picture);
     let atlas = Atlas::new(described).unwrap_or_else(|| Atlas::whole(twig_m));
     (picture, atlas)
 }

@@ -15,7 +15,7 @@ use super::pictures::texture_path;
 use super::{GENERATOR, OutputFile};
 use crate::frame::Frame;
 use crate::scene::{
-    Alpha, Instance, Material, Part, SpeciesGroup, TreeFacts, ValidScene, Wrap, bounds_of,
+    Alpha, Collider, Instance, Material, Part, SpeciesGroup, TreeFacts, ValidScene, Wrap, bounds_of,
 };
 
 /// `STEM.usda`; the textures are [`super::Pictures::into_files`].
@@ -211,6 +211,12 @@ fn mesh(text: &mut Text, scene: &ValidScene, part: &Part, kind: Option<&str>) {
     text.array("normal3f[] normals", &surface.normal, Text::vec3, Some("vertex"));
     text.array("point3f[] points", &surface.position, Text::vec3, None);
     text.array("texCoord2f[] primvars:st", &surface.uv, Text::vec2, Some("vertex"));
+    if !surface.wind.is_empty() {
+        let write = |out: &mut Vec<u8>, c: &[u8; 4]| {
+            Text::floats(out, &c.map(|v| f32::from(v) / 255.0));
+        };
+        text.array("float4[] primvars:wind", &surface.wind, write, Some("vertex"));
+    }
     text.line("uniform token subdivisionScheme = \"none\"");
     text.close();
 }
@@ -260,15 +266,44 @@ fn instancer(text: &mut Text, scene: &ValidScene, group: &SpeciesGroup) {
     text.array("float3[] scales", &trees, |out, t| Text::vec3(out, &t.scale), None);
     for prototype in prototypes {
         text.blank();
-        text.open(&format!("def Xform \"{}\"", prototype.name), &["kind = \"component\""]);
+        let octahedral = prototype.octahedral.map(|o| {
+            let [x, y, z] = o.centre.to_array();
+            format!(
+                "customData = {{ dictionary octahedral = {{ float3 centre = ({x}, {y}, {z}); \
+                 int frames = {}; float radius_m = {} }} }}",
+                o.frames, o.radius_m
+            )
+        });
+        let metadata: Vec<&str> =
+            octahedral.as_deref().into_iter().chain(["kind = \"component\""]).collect();
+        text.open(&format!("def Xform \"{}\"", prototype.name), &metadata);
         for (at, part) in prototype.parts.iter().enumerate() {
             if at > 0 {
                 text.blank();
             }
             mesh(text, scene, part, None);
         }
+        for (k, collider) in prototype.colliders.iter().enumerate() {
+            text.blank();
+            collider_mesh(text, collider, &collider.name(&prototype.name, k));
+        }
         text.close();
     }
+    text.close();
+}
+
+/// A body that physics sees and renderers do not.
+fn collider_mesh(text: &mut Text, collider: &Collider, name: &str) {
+    let body = &collider.body;
+    let schemas = "prepend apiSchemas = [\"PhysicsCollisionAPI\", \"PhysicsMeshCollisionAPI\"]";
+    text.open(&format!("def Mesh \"{name}\""), &[schemas]);
+    extent(text, "extent", body.bounds());
+    text.repeated("int[] faceVertexCounts", "3", body.triangles());
+    text.array("int[] faceVertexIndices", &body.index, Text::int, None);
+    text.line("uniform token physics:approximation = \"convexHull\"");
+    text.array("point3f[] points", &body.position, Text::vec3, None);
+    text.line("uniform token purpose = \"guide\"");
+    text.line("uniform token subdivisionScheme = \"none\"");
     text.close();
 }
 
