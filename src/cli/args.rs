@@ -3,9 +3,13 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use glam::Vec2;
+use glam::{DVec3, Vec2};
 
+use crate::pipeline::view::{Clip, Eye};
 use crate::skeleton::STAGES;
+
+/// Vertical angle of view of `--camera`.
+const FOV_DEG: f32 = 40.0;
 
 /// From a laser scan of a forest to a forest scene an artist can open.
 #[derive(Debug, Parser)]
@@ -144,6 +148,31 @@ fn place(text: &str) -> Result<Vec2, String> {
     }
 }
 
+fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+    let parsed: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse::<f64>()).collect();
+    let numbers: [f64; N] = parsed.ok()?.try_into().ok()?;
+    numbers.iter().all(|n| n.is_finite()).then_some(numbers)
+}
+
+fn eye(text: &str) -> Result<Eye, String> {
+    let refusal = || "give where the eye is and what it looks at: X,Y,Z,X,Y,Z".to_owned();
+    let [x, y, z, to_x, to_y, to_z] = numbers(text).ok_or_else(refusal)?;
+    let (at, look) = (DVec3::new(x, y, z), DVec3::new(to_x, to_y, to_z));
+    if at.distance(look) < 0.01 {
+        return Err("the eye looks at itself: give two places".into());
+    }
+    Ok(Eye { at, look, fov_deg: FOV_DEG })
+}
+
+fn clip(text: &str) -> Result<Clip, String> {
+    match numbers(text) {
+        Some([west, south, east, north]) if west < east && south < north => {
+            Ok(Clip { west, south, east, north })
+        }
+        _ => Err("give WEST,SOUTH,EAST,NORTH in the scan's coordinates, growing".into()),
+    }
+}
+
 /// The scans, and how they are read as terrain.
 #[derive(Debug, Args)]
 pub struct ScanArgs {
@@ -191,7 +220,7 @@ pub struct TreeArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Impostor {
-    /// Three sheets that cross; any renderer shows them.
+    /// Two upright sheets that cross; any renderer shows them.
     Cross,
     /// Views from 64 directions, for shaders that blend them.
     Octahedral,
@@ -228,6 +257,16 @@ pub struct SceneArgs {
     /// Most triangles of one tree model.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
     pub triangles: Option<u32>,
+    /// Most triangles of all trees in their places, shared out by size.
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1000..))]
+    pub scene_triangles: Option<u64>,
+    /// Keep what lies in this box, in the scan's coordinates.
+    #[arg(long, value_name = "WEST,SOUTH,EAST,NORTH", allow_hyphen_values = true, value_parser = clip)]
+    pub clip: Option<Clip>,
+    /// Keep what is seen from X,Y,Z towards X,Y,Z in the scan's coordinates (40 degrees high): trees
+    /// out of sight are left out, far ones become coarse.
+    #[arg(long, value_name = "X,Y,Z,X,Y,Z", allow_hyphen_values = true, value_parser = eye)]
+    pub camera: Option<Eye>,
     /// How near the terrain's triangles keep to its heights, in metres.
     #[arg(long, value_name = "M", default_value = "0.05", allow_negative_numbers = true, value_parser = positive)]
     pub terrain_error: f32,

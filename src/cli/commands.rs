@@ -151,6 +151,9 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs) -> ForestJob {
         triangles: scene.triangles.map_or(FOREST_TRIANGLES, |n| n as usize),
         texture_px: scene.texture,
         levels: levels_job(&scene.levels),
+        scene_triangles: scene.scene_triangles.map(|n| n as usize),
+        clip: scene.clip,
+        eye: scene.camera,
         terrain_error_m: scene.terrain_error,
         name: "forest".into(),
     }
@@ -178,6 +181,7 @@ fn forest(a: &args::Forest, run: &mut Recorder) -> Result<Told> {
     let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
     let mut summary = summary("forest", Some(a.tree.seed), run, Some(&forest.scene));
     summary["levels"] = json!(forest.rows);
+    summary["left_out"] = json!({ "clipped": forest.clipped, "camera": forest.chosen });
     files.push(report_file(&summary));
     export::write_all(&dir, &files)?;
     Ok(Told { lines: forest_lines(&forest, run, &dir), json: summary })

@@ -1,7 +1,7 @@
 //! A tree as pictures of itself: colour, normal and alpha, baked from its mesh.
 //!
-//! *Cross*: two upright sheets that stand through the stem at right angles and a level one at the
-//! crown's widest height, each with the orthographic view square to it; any renderer shows it.
+//! *Cross*: two upright sheets that stand through the stem at right angles, each with the
+//! orthographic view square to it; any renderer shows it. From above it shows its edges.
 //! *Octahedral*: views from N × N directions over the upper half of the sky, laid out by the
 //! hemi-octahedral map (Cigolle et al. 2014), for shaders that blend the nearest three; the
 //! sheet that comes with it shows the view from the side.
@@ -77,7 +77,6 @@ struct Sheet {
     centre: Vec3,
     forward: Vec3,
     right: Vec3,
-    up: Vec3,
     /// Metres.
     size: Vec2,
 }
@@ -91,20 +90,9 @@ fn cross(sitter: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<I
         centre: right * middle.dot(right) + Vec3::Z * middle.z,
         forward,
         right,
-        up: Vec3::Z,
         size: Vec2::new(width, span.z),
     };
-    let sheets = [
-        upright(Vec3::Y, Vec3::X, span.x),
-        upright(-Vec3::X, Vec3::Y, span.y),
-        Sheet {
-            centre: middle,
-            forward: -Vec3::Z,
-            right: Vec3::X,
-            up: Vec3::Y,
-            size: span.truncate(),
-        },
-    ];
+    let sheets = [upright(Vec3::Y, Vec3::X, span.x), upright(-Vec3::X, Vec3::Y, span.y)];
     let longest = sheets.iter().map(|s| s.size.max_element()).fold(0.0, f32::max);
     let texel_m = longest / size_px as f32;
     let views: Vec<Frame> = sheets
@@ -121,9 +109,7 @@ fn cross(sitter: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<I
     let mut board = Board::new(width, height);
     let mut surface = Surface::default();
     let mut left = GUTTER / 2;
-    // The level sheet hangs where the crown is widest.
-    let level_z = widest_m(&views[0], &sheets[0]);
-    for (k, (view, sheet)) in views.iter().zip(&sheets).enumerate() {
+    for (view, sheet) in views.iter().zip(&sheets) {
         let corner = [left, GUTTER / 2];
         board.paste(view, corner);
         left += view.size[0] + GUTTER;
@@ -134,19 +120,10 @@ fn cross(sitter: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<I
             )
         };
         let half = Vec2::new(view.size[0] as f32, view.size[1] as f32) * (0.5 * texel_m);
-        let centre = if k == 2 { sheet.centre.with_z(level_z) } else { sheet.centre };
-        quad(&mut surface, centre, [sheet.right * half.x, sheet.up * half.y], -sheet.forward, uv);
+        let sides = [sheet.right * half.x, Vec3::Z * half.y];
+        quad(&mut surface, sheet.centre, sides, -sheet.forward, uv);
     }
     board.finish(surface, None)
-}
-
-/// Height at which an upright view is widest.
-fn widest_m(frame: &Frame, sheet: &Sheet) -> f32 {
-    let [w, h] = frame.size;
-    let seen =
-        |row: usize| frame.texel[row * w..(row + 1) * w].iter().map(|t| t.alpha).sum::<f32>();
-    let row = (0..h).max_by(|&a, &b| seen(a).total_cmp(&seen(b))).unwrap_or(0);
-    sheet.centre.z + sheet.size.y * (0.5 - (row as f32 + 0.5) / h as f32)
 }
 
 fn octahedral(sitter: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Result<Impostor> {

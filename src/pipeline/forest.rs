@@ -12,8 +12,10 @@ use super::drape::drape;
 use super::levels::{self, LevelsJob};
 use super::survey;
 use super::survey::{Survey, SurveyJob};
+use super::view::{self, Chosen, Clip, Eye};
 use crate::diagnostic::Result;
 use crate::frame::Frame;
+use crate::lod::Kind;
 use crate::lod::collision::collision;
 use crate::mesh::{MeshOptions, Surface, TreeMesh};
 use crate::raster::Picture;
@@ -47,12 +49,32 @@ pub struct ForestJob {
     pub sharing: Sharing,
     /// Most triangles of one tree model.
     pub triangles: usize,
+    /// Most triangles of all trees in their places; models share it by size.
+    pub scene_triangles: Option<usize>,
+    /// What is left of the survey.
+    pub clip: Option<Clip>,
+    /// Where the scene will be looked at from; from everywhere where `None`.
+    pub eye: Option<Eye>,
     pub texture_px: u32,
     pub levels: LevelsJob,
     /// The terrain's triangles keep this near to its heights, as far as their number allows.
     pub terrain_error_m: f32,
     /// Identifier of the scene.
     pub name: String,
+}
+
+impl ForestJob {
+    /// What a camera chooses among is made, whether or not it is written beside.
+    fn forms(&self) -> LevelsJob {
+        match self.eye {
+            None => self.levels,
+            Some(_) => LevelsJob {
+                meshed: levels::SHARES.len(),
+                impostor: self.levels.impostor.or(Some(Kind::Cross)),
+                ..self.levels
+            },
+        }
+    }
 }
 
 /// A forest, ready to write.
@@ -62,6 +84,10 @@ pub struct Forest {
     pub levels: Vec<(String, ValidScene)>,
     /// What the forms of every model are.
     pub rows: Vec<levels::Row>,
+    /// Trees outside the box that was asked for.
+    pub clipped: usize,
+    /// What the camera made of it.
+    pub chosen: Option<Chosen>,
     pub survey: Survey,
 }
 
@@ -69,6 +95,8 @@ pub struct Forest {
 const FLOOR_TILE_M: f32 = 4.0;
 /// Most triangles of the terrain.
 const TERRAIN_TRIANGLES: usize = 120_000;
+/// Fewest triangles that a model is given.
+const LEAST_TRIANGLES: usize = 200;
 /// A shared model is widened or narrowed against its height by no more than this factor.
 const MOST_STRETCH: f32 = 1.5;
 
@@ -77,11 +105,13 @@ const MOST_STRETCH: f32 = 1.5;
 /// # Errors
 /// Those of the survey; a species that cannot grow.
 pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
-    let survey = survey::inventory(&job.survey, run)?;
+    let mut survey = survey::inventory(&job.survey, run)?;
+    let clipped = job.clip.map_or(Ok(0), |clip| view::clip(&mut survey, &clip))?;
     let models = models(job, &survey);
-    let skeletons = grow(job, &survey, &models, run)?;
+    let budgets = budgets(job, &survey, &models);
+    let skeletons = grow(job, &survey, &models, &budgets, run)?;
     let textures = paint(job, &models, run)?;
-    let meshes = build_meshes(job, &survey, &models, &skeletons, &textures, run)?;
+    let meshes = build_meshes(job, &survey, &models, &budgets, &skeletons, &textures, run)?;
     let mut finest = Vec::with_capacity(meshes.len());
     let mut coarse = Vec::with_capacity(meshes.len());
     for mut of_model in meshes {
@@ -97,12 +127,23 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
         }
     }
     let mut rows = Vec::new();
-    if !job.levels.is_empty() {
+    let forms = job.forms();
+    if !forms.is_empty() {
         run.stage("levels", |_| {
-            levels::add(&mut scene, coarse, &looks, job.levels.impostor, job.texture_px)?;
+            levels::add(&mut scene, coarse, &looks, forms.impostor, job.texture_px)?;
             rows = levels::rows(&scene);
             Ok(((), levels::outcome(&rows, scene.prototypes.len())))
         })?;
+    }
+    let mut chosen = None;
+    if let Some(eye) = &job.eye {
+        chosen = Some(run.stage("camera", |_| {
+            let chosen = view::choose(&mut scene, eye);
+            let shown = scene.instances.len();
+            let outcome = Outcome::items(survey.trees.len(), "trees", shown, "shown")
+                .note(format!("{} outside the picture, {} hidden", chosen.outside, chosen.hidden));
+            Ok((chosen, outcome))
+        })?);
     }
     let (scene, levels) = run.stage("scene", |warnings| {
         let (mut scene, levels) = levels::split(scene)?;
@@ -126,7 +167,7 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
         }
         Ok(((scene, levels), outcome))
     })?;
-    Ok(Forest { scene, levels, rows, survey })
+    Ok(Forest { scene, levels, rows, clipped, chosen, survey })
 }
 
 fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {
@@ -150,10 +191,26 @@ fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {
     }
 }
 
+/// Most triangles of each model.
+fn budgets(job: &ForestJob, survey: &Survey, models: &[Model]) -> Vec<usize> {
+    let Some(total) = job.scene_triangles else { return vec![job.triangles; models.len()] };
+    let size = |m: &Model| {
+        let crown = &survey.trees[m.exemplar].crown;
+        (crown.height_m.max(crown.diameter_m), m.members.len())
+    };
+    let sizes: Vec<(f32, usize)> = models.iter().map(size).collect();
+    let shared = view::shared_budget(&sizes, total);
+    shared
+        .into_iter()
+        .map(|t| t.clamp(LEAST_TRIANGLES, job.triangles.max(LEAST_TRIANGLES)))
+        .collect()
+}
+
 fn grow(
     job: &ForestJob,
     survey: &Survey,
     models: &[Model],
+    budgets: &[usize],
     run: &mut Recorder,
 ) -> Result<Vec<Skeleton>> {
     run.stage("skeleton", |_| {
@@ -165,10 +222,11 @@ fn grow(
         let widest_m = survey.trees.iter().map(|t| t.crown.diameter_m).fold(0.0, f32::max);
         let skeletons: Vec<Skeleton> = models
             .par_iter()
-            .map(|m| {
+            .zip(budgets)
+            .map(|(m, &triangles)| {
                 let crown = &survey.trees[m.exemplar].crown;
                 let seed = job.survey.seed.derive("tree", crown.key);
-                let detail = detail(job.triangles);
+                let detail = detail(triangles);
                 let species = &job.survey.species[m.species];
                 let target = Target::FromCrown(crown);
                 // A model that several trees share stands in no one place.
@@ -270,28 +328,32 @@ fn build_meshes(
     job: &ForestJob,
     survey: &Survey,
     models: &[Model],
+    budgets: &[usize],
     skeletons: &[Skeleton],
     textures: &[Option<TreeTextures>],
     run: &mut Recorder,
 ) -> Result<Vec<Vec<TreeMesh>>> {
     run.stage("mesh", |_| {
-        let options = mesh_options(job.triangles);
+        let meshed = job.forms().meshed;
         let meshes: Vec<Vec<TreeMesh>> = models
             .par_iter()
+            .zip(budgets)
             .zip(skeletons)
-            .filter_map(|(m, s)| textures[m.species].as_ref().map(|t| (m, s, t)))
-            .map(|(m, s, t)| {
+            .filter_map(|((m, b), s)| textures[m.species].as_ref().map(|t| (m, *b, s, t)))
+            .map(|(m, triangles, s, t)| {
+                let options = mesh_options(triangles);
                 let crown = &survey.trees[m.exemplar].crown;
                 let seed = job.survey.seed.derive("mesh", crown.key);
                 let species = &job.survey.species[m.species];
                 let height_m = Some(crown.height_m);
-                levels::meshes(s, species, &t.atlas, &options, job.levels.meshed, height_m, seed)
+                levels::meshes(s, species, &t.atlas, &options, meshed, height_m, seed)
             })
             .collect::<Result<_>>()?;
         let nodes = skeletons.iter().map(Skeleton::len).sum();
         let triangles = meshes.iter().flatten().map(TreeMesh::triangles).sum();
+        let most = budgets.iter().copied().max().unwrap_or(job.triangles);
         let outcome = Outcome::items(nodes, "nodes", triangles, "triangles")
-            .error(ErrorMeasure::new("sagitta bound", options.tolerance_m.into(), "m"));
+            .error(ErrorMeasure::new("sagitta bound", mesh_options(most).tolerance_m.into(), "m"));
         Ok((meshes, outcome))
     })
 }

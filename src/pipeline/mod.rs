@@ -12,6 +12,7 @@ pub mod sheet;
 pub mod survey;
 mod tiled;
 pub mod tree;
+pub mod view;
 
 pub use effort::Effort;
 pub use forest::{Forest, ForestJob, Sharing};

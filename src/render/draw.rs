@@ -27,6 +27,8 @@ pub(super) struct Place {
     /// Turns normals, which scale by one over.
     pub normal: Mat3,
     pub is_mirrored: bool,
+    /// Of the view; the terrain has none.
+    pub placement: Option<u32>,
 }
 
 /// A mesh in its place.
@@ -80,6 +82,8 @@ pub(super) trait Canvas {
     const IS_SHADED: bool;
     /// Whether leaves are lit as part of a rounded crown.
     const IS_CROWN_LIT: bool = Self::IS_SHADED;
+    /// What comes next belongs to a place.
+    fn begin(&mut self, _place: u32) {}
     fn nearness(&self, i: usize) -> f32;
     fn put(&mut self, i: usize, sample: Sample);
 }
@@ -213,6 +217,7 @@ impl Stage<'_> {
         canvas: &mut C,
     ) {
         let item = &self.items[draw.item as usize];
+        canvas.begin(item.place);
         let (mesh, place) = (&self.meshes[item.mesh as usize], &self.places[item.place as usize]);
         let paint = &self.paints[mesh.material as usize];
         let texture = |id: Option<u32>| id.and_then(|i| self.textures[i as usize].as_ref());

@@ -13,6 +13,7 @@ pub mod label;
 mod light;
 mod model;
 mod raster;
+mod seen;
 mod texture;
 
 use std::collections::BTreeMap;
@@ -24,6 +25,7 @@ pub use camera::Camera;
 use draw::{Item, Paint, Place, Sample, Scratch, Stage};
 use light::Light;
 use model::{Mesh, Order};
+pub use seen::seen;
 use texture::Pyramid;
 pub use texture::srgb_from_linear;
 
@@ -319,15 +321,15 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
     for parts in &view.models {
         first_mesh.push(first_mesh[first_mesh.len() - 1] + parts.len() as u32);
     }
-    let (mut places, mut items) = (vec![Place::new(Vec3::ZERO, 0.0, Vec3::ONE)], Vec::new());
-    for p in &view.placements {
+    let (mut places, mut items) = (vec![Place::new(None, Placement::HOME)], Vec::new());
+    for (number, p) in (0u32..).zip(&view.placements) {
         let model = p.model as usize;
         let is_sound = p.position.is_finite() && p.scale.is_finite() && p.yaw_rad.is_finite();
         if model >= view.models.len() || !is_sound || p.scale.min_element() == 0.0 {
             continue;
         }
         let place = places.len() as u32;
-        places.push(Place::new(p.position, p.yaw_rad, p.scale));
+        places.push(Place::new(Some(number), *p));
         let own = first_mesh[model]..first_mesh[model + 1];
         items.extend(own.map(|mesh| Item { mesh, place }));
     }
@@ -350,11 +352,12 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
 }
 
 impl Place {
-    fn new(origin: Vec3, yaw_rad: f32, scale: Vec3) -> Place {
+    fn new(placement: Option<u32>, at: Placement) -> Place {
+        let Placement { position: origin, yaw_rad, scale, .. } = at;
         let turn = Mat3::from_rotation_z(yaw_rad);
         let linear = turn * Mat3::from_diagonal(scale);
         let normal = turn * Mat3::from_diagonal(1.0 / scale);
-        Place { linear, origin, normal, is_mirrored: scale.x * scale.y * scale.z < 0.0 }
+        Place { linear, origin, normal, is_mirrored: scale.x * scale.y * scale.z < 0.0, placement }
     }
 }
 
