@@ -13,7 +13,7 @@ use super::survey;
 use super::survey::{Survey, SurveyJob};
 use crate::diagnostic::Result;
 use crate::frame::Frame;
-use crate::mesh::{self, MeshOptions, Surface, TreeMesh};
+use crate::mesh::{self, FoliageLevel, MeshOptions, Surface, TreeMesh};
 use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
@@ -45,6 +45,7 @@ pub struct ForestJob {
     pub sharing: Sharing,
     /// Most triangles of one tree model.
     pub triangles: usize,
+    pub foliage: FoliageLevel,
     pub texture_px: u32,
     /// The terrain's triangles keep this near to its heights, as far as their number allows.
     pub terrain_error_m: f32,
@@ -140,7 +141,7 @@ fn grow(
             .map(|m| {
                 let crown = &survey.trees[m.exemplar].crown;
                 let seed = job.survey.seed.derive("tree", crown.key);
-                let detail = detail(job.triangles);
+                let detail = detail(job.triangles, job.foliage);
                 let species = &job.survey.species[m.species];
                 let target = Target::FromCrown(crown);
                 // A model that several trees share stands in no one place.
@@ -207,9 +208,14 @@ pub(super) fn mesh_options(triangles: usize) -> MeshOptions {
     MeshOptions { triangle_budget: Some(triangles), ..preset }
 }
 
-/// Nodes enough to use so many triangles well: about six a node, wood and leaves.
-pub(super) fn detail(triangles: usize) -> Detail {
-    Detail { max_nodes: (triangles / 6).clamp(100, 100_000) as u32, attractor_spacing_m: None }
+/// Nodes enough to use so many triangles well: about six a node, wood and leaves; more where every
+/// leaf is one.
+pub(super) fn detail(triangles: usize, foliage: FoliageLevel) -> Detail {
+    let max_nodes = match foliage {
+        FoliageLevel::Geometry => (triangles / 60).clamp(2_000, 40_000),
+        _ => (triangles / 6).clamp(100, 100_000),
+    };
+    Detail { max_nodes: max_nodes as u32, attractor_spacing_m: None }
 }
 
 /// Sum of the distances from a crown's points to the nearest node, and their count.
@@ -236,7 +242,7 @@ fn build_meshes(
     run: &mut Recorder,
 ) -> Result<Vec<TreeMesh>> {
     run.stage("mesh", |_| {
-        let options = mesh_options(job.triangles);
+        let options = MeshOptions { foliage: job.foliage, ..mesh_options(job.triangles) };
         let meshes: Vec<TreeMesh> = models
             .par_iter()
             .zip(skeletons)

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec2, Vec3};
 use super::forest::{add_materials, detail, mesh_options, prototype};
 use crate::diagnostic::Result;
 use crate::frame::Frame;
-use crate::mesh::{self, MeshOptions};
+use crate::mesh::{self, FoliageLevel, MeshOptions};
 use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
@@ -35,7 +35,7 @@ pub struct TreeJob {
     pub seed: Seed,
     pub triangles: usize,
     pub texture_px: u32,
-    pub is_bare: bool,
+    pub foliage: FoliageLevel,
     /// The scan of one tree to fit to, instead of growing one.
     pub cloud: Option<PathBuf>,
 }
@@ -74,7 +74,7 @@ fn fitted(
     })?;
     run.stage("skeleton", |_| {
         let points = &scan.cloud.position;
-        let fitted = cloud::fit(&job.species, points, detail(job.triangles), job.seed)
+        let fitted = cloud::fit(&job.species, points, detail(job.triangles, job.foliage), job.seed)
             .map_err(|e| e.in_file(path))?;
         let r = &fitted.report;
         let outcome = Outcome::items(points.len(), "points", fitted.skeleton.len(), "nodes")
@@ -94,7 +94,7 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
     run.stage("skeleton", |_| {
         let target = Target::FromSpecies { height_m: job.height_m };
         let around = surroundings(job);
-        let detail = detail(job.triangles);
+        let detail = detail(job.triangles, job.foliage);
         let skeleton = skeleton::grow_among(species, target, detail, &around, job.seed)?;
         let wanted = job.height_m.unwrap_or(species.size.height_m);
         let off = f64::from((skeleton.height_m() - wanted).abs());
@@ -150,7 +150,7 @@ fn stand(
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mesh = run.stage("mesh", |_| {
-        let options = MeshOptions { foliage: !job.is_bare, ..mesh_options(job.triangles) };
+        let options = MeshOptions { foliage: job.foliage, ..mesh_options(job.triangles) };
         let seed = job.seed.derive("mesh", 0);
         let mut mesh = mesh::build(skeleton, species, &textures.atlas, &options, seed)?;
         // Wood fitted to a cloud stays where it is.
