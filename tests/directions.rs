@@ -36,7 +36,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 16] = [
+const HOMES: [(&str, &[&str]); 17] = [
     ("ab_glyph", &["render"]),
     ("crs_definitions", &["scan"]),
     ("las", &["scan"]),
@@ -52,6 +52,7 @@ const HOMES: [(&str, &[&str]); 16] = [
     ("flate2", &["raster"]),
     ("weezl", &["raster"]),
     ("schemars", &["species"]),
+    ("tobj", &["species"]),
     ("tempfile", &["export", "cli", "scan"]),
 ];
 
@@ -67,9 +68,9 @@ fn code(path: &Path) -> String {
 fn is_test(path: &Path) -> bool {
     let in_folder = path.parent().is_some_and(|folder| folder.ends_with("tests"));
     in_folder
-        || path
-            .file_name()
-            .is_some_and(|n| n == "tests.rs" || n == "sample.rs" || n == "messages.rs")
+        || path.file_name().is_some_and(|n| {
+            n == "tests.rs" || n == "foliage_tests.rs" || n == "sample.rs" || n == "messages.rs"
+        })
 }
 
 fn sources(dir: &Path, out: &mut Vec<PathBuf>) {

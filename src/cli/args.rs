@@ -84,6 +84,21 @@ pub enum Effort {
     Best,
 }
 
+/// What stands for the leaves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Foliage {
+    /// Every leaf with its petiole, every needle.
+    Geometry,
+    /// A card with its picture for every twig.
+    Cards,
+    /// Few enlarged cards.
+    Sparse,
+    /// One closed hull of the crown.
+    Shell,
+    /// Bare trees.
+    None,
+}
+
 /// What tells the species of a tree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum SpeciesBy {
@@ -254,7 +269,7 @@ pub struct SceneArgs {
     /// `all` grows each tree for itself; a number shares so many models a species.
     #[arg(long, value_name = "N|all", value_parser = unique, default_value = "5")]
     pub unique: Unique,
-    /// Most triangles of one tree model.
+    /// Most triangles of one tree model; 5000 where absent, 200000 with --foliage geometry.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
     pub triangles: Option<u32>,
     /// Most triangles of all trees in their places, shared out by size.
@@ -267,6 +282,9 @@ pub struct SceneArgs {
     /// out of sight are left out, far ones become coarse.
     #[arg(long, value_name = "X,Y,Z,X,Y,Z", allow_hyphen_values = true, value_parser = eye)]
     pub camera: Option<Eye>,
+    /// What stands for the leaves.
+    #[arg(long, value_enum, value_name = "LEVEL", default_value = "cards")]
+    pub foliage: Foliage,
     /// How near the terrain's triangles keep to its heights, in metres.
     #[arg(long, value_name = "M", default_value = "0.05", allow_negative_numbers = true, value_parser = positive)]
     pub terrain_error: f32,
@@ -355,14 +373,17 @@ pub struct Tree {
     pub cloud: Option<PathBuf>,
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Most triangles.
-    #[arg(long, value_name = "N", default_value_t = 20_000, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
-    pub triangles: u32,
+    /// Most triangles; 20000 where absent, 1000000 with --foliage geometry.
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
+    pub triangles: Option<u32>,
     /// Side of the textures in pixels.
     #[arg(long, value_name = "PX", default_value_t = 1024, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
-    /// Without leaves.
-    #[arg(long)]
+    /// What stands for the leaves.
+    #[arg(long, value_enum, value_name = "LEVEL", default_value = "cards")]
+    pub foliage: Foliage,
+    /// Without leaves: --foliage none.
+    #[arg(long, conflicts_with = "foliage")]
     pub bare: bool,
     #[command(flatten)]
     pub levels: LevelArgs,

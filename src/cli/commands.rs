@@ -10,6 +10,7 @@ use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, OutputFile};
 use crate::ground::Method;
 use crate::lod;
+use crate::mesh::FoliageLevel;
 use crate::pipeline::tree::Grown;
 use crate::pipeline::{self, Effort, ForestJob, LevelsJob, Sharing, SurveyJob, TreeJob, levels};
 use crate::raster::{GridGeometry, cog};
@@ -24,8 +25,9 @@ use crate::species::{self, Species};
 const DEFAULT_MIX: [&str; 5] =
     ["larix_sibirica", "betula_pendula", "pinus_sylvestris", "picea_obovata", "salix_caprea"];
 
-/// Most triangles of a tree model in a forest.
-const FOREST_TRIANGLES: usize = 5_000;
+/// Most triangles of a tree model in a forest, and of a tree alone; with every leaf of it.
+const FOREST_TRIANGLES: [usize; 2] = [5_000, 200_000];
+const TREE_TRIANGLES: [usize; 2] = [20_000, 1_000_000];
 /// Of a terrain mesh where none is asked for, metres.
 const TERRAIN_ERROR_M: f32 = 0.05;
 const PREVIEW_PX: [u32; 2] = [1280, 720];
@@ -140,6 +142,21 @@ fn formats(typed: &[args::Format]) -> Vec<Format> {
         .collect()
 }
 
+fn level(typed: args::Foliage) -> FoliageLevel {
+    match typed {
+        args::Foliage::Geometry => FoliageLevel::Geometry,
+        args::Foliage::Cards => FoliageLevel::Cards,
+        args::Foliage::Sparse => FoliageLevel::Sparse,
+        args::Foliage::Shell => FoliageLevel::Shell,
+        args::Foliage::None => FoliageLevel::None,
+    }
+}
+
+/// `usual`: without and with every leaf.
+fn triangles(typed: Option<u32>, usual: [usize; 2], level: FoliageLevel) -> usize {
+    typed.map_or(usual[usize::from(level == FoliageLevel::Geometry)], |n| n as usize)
+}
+
 fn forest_job(survey: SurveyJob, scene: &SceneArgs) -> ForestJob {
     let sharing = match scene.unique {
         args::Unique::All => Sharing::None,
@@ -148,7 +165,8 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs) -> ForestJob {
     ForestJob {
         survey,
         sharing,
-        triangles: scene.triangles.map_or(FOREST_TRIANGLES, |n| n as usize),
+        triangles: triangles(scene.triangles, FOREST_TRIANGLES, level(scene.foliage)),
+        foliage: level(scene.foliage),
         texture_px: scene.texture,
         levels: levels_job(&scene.levels),
         scene_triangles: scene.scene_triangles.map(|n| n as usize),
@@ -337,6 +355,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
 fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
     let extension = extension(&a.output, &["glb", "gltf", "usda", "png"])?;
     let species = species::load(&a.species)?;
+    let foliage = if a.bare { FoliageLevel::None } else { level(a.foliage) };
     let job = TreeJob {
         height_m: a.height.or(a.age.map(|years| species.size.height_at(years))),
         species,
@@ -344,9 +363,9 @@ fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
         walls: a.wall.clone(),
         neighbours: a.neighbour.clone(),
         seed: seed(a.seed),
-        triangles: a.triangles as usize,
+        triangles: triangles(a.triangles, TREE_TRIANGLES, foliage),
         texture_px: a.texture,
-        is_bare: a.bare,
+        foliage,
         levels: levels_job(&a.levels),
         cloud: a.cloud.clone(),
     };

@@ -4,7 +4,12 @@
 mod card;
 mod check;
 mod foliage;
+mod leaf;
 mod path;
+mod piece;
+mod shell;
+mod spot;
+mod stamp;
 mod tube;
 mod wood;
 
@@ -16,6 +21,7 @@ use crate::skeleton::Skeleton;
 use crate::species::Species;
 use crate::texture::Atlas;
 
+pub use foliage::FoliageLevel;
 pub use path::BELOW_GROUND_M;
 
 /// An indexed triangle surface; columns of equal length, three indices a triangle,
@@ -173,7 +179,7 @@ pub struct MeshOptions {
     pub tolerance_m: f32,
     /// Triangles of the whole tree, wood and foliage; a stem alone may exceed a tiny budget.
     pub triangle_budget: Option<usize>,
-    pub foliage: bool,
+    pub foliage: FoliageLevel,
     /// Buttresses at the ground, cards of more rows.
     pub detail: bool,
 }
@@ -183,14 +189,14 @@ impl MeshOptions {
     pub const FOREST: MeshOptions = MeshOptions {
         tolerance_m: 0.004,
         triangle_budget: Some(5_000),
-        foliage: true,
+        foliage: FoliageLevel::Cards,
         detail: false,
     };
     /// A tree seen from near.
     pub const HERO: MeshOptions = MeshOptions {
         tolerance_m: 0.0015,
         triangle_budget: Some(20_000),
-        foliage: true,
+        foliage: FoliageLevel::Cards,
         detail: true,
     };
 }
@@ -202,7 +208,8 @@ const WOOD_SHARE: f32 = 0.36;
 /// arguments, same bytes.
 ///
 /// # Errors
-/// A skeleton that breaks its invariants, or of a single node: it has no wood.
+/// A skeleton that breaks its invariants, or of a single node: it has no wood. A model of the user's
+/// own that alone exceeds the budget.
 pub fn build(
     skeleton: &Skeleton,
     species: &Species,
@@ -219,9 +226,10 @@ pub fn build(
     let axes = skeleton.axes();
     let seed = seed.derive("mesh", 0);
     let has_young = species.bark.upper.is_some();
-    let wood_budget = options.triangle_budget.map(|b| match options.foliage {
-        true => (b as f32 * WOOD_SHARE) as usize,
-        false => b,
+    let level = options.foliage;
+    let wood_budget = options.triangle_budget.map(|b| match level {
+        FoliageLevel::None => b,
+        _ => (b as f32 * WOOD_SHARE) as usize,
     });
     let plan = wood::plan(skeleton, &axes, options, wood_budget, has_young);
     if plan.triangles == 0 {
@@ -229,14 +237,13 @@ pub fn build(
             .remedy("give the species a greater height"));
     }
     let [wood, upper_wood] = plan.surfaces(skeleton, has_young, seed);
-    let foliage = if options.foliage {
-        let left = options.triangle_budget.map(|b| b.saturating_sub(plan.triangles));
-        foliage::foliage(skeleton, &axes, species, atlas, left, options.detail, seed)
-    } else {
-        Surface::default()
-    };
+    let budget = options.triangle_budget.map(|b| b.saturating_sub(plan.triangles));
+    let order = foliage::Order { species, atlas, level, budget, detail: options.detail, seed };
+    let foliage = foliage::foliage(skeleton, &axes, &order)?;
     Ok(TreeMesh { wood, upper_wood, foliage })
 }
 
+#[cfg(test)]
+mod foliage_tests;
 #[cfg(test)]
 mod tests;

@@ -14,8 +14,16 @@ pub(crate) const SPECIES: [&str; 6] = [
     "salix_caprea",
 ];
 
+const LEVELS: [FoliageLevel; 5] = [
+    FoliageLevel::None,
+    FoliageLevel::Shell,
+    FoliageLevel::Sparse,
+    FoliageLevel::Cards,
+    FoliageLevel::Geometry,
+];
+
 fn bare(tolerance_m: f32) -> MeshOptions {
-    MeshOptions { tolerance_m, triangle_budget: None, foliage: false, detail: true }
+    MeshOptions { tolerance_m, triangle_budget: None, foliage: FoliageLevel::None, detail: true }
 }
 
 fn oak() -> Species {
@@ -74,7 +82,7 @@ proptest! {
         species.bark.upper = has_young.then_some([200, 120, 70]);
         prop_assume!(s.len() > 1);
         s.check().unwrap();
-        let options = MeshOptions { foliage: true, ..bare(tolerance) };
+        let options = MeshOptions { foliage: FoliageLevel::Cards, ..bare(tolerance) };
         let tree = build(&s, &species, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
         tree.wood.check().unwrap();
         tree.upper_wood.check().unwrap();
@@ -164,7 +172,7 @@ fn budgets_are_kept_down_to_a_stem() {
     let s = oak();
     let target = Target::FromSpecies { height_m: None };
     let skeleton = grow(&s, target, Detail::HERO, Seed::new(1)).unwrap();
-    for foliage in [true, false] {
+    for foliage in LEVELS {
         for budget in [0usize, 100, 500, 2_000, 50_000] {
             let options =
                 MeshOptions { triangle_budget: Some(budget), foliage, ..MeshOptions::HERO };
@@ -311,7 +319,11 @@ fn speed() {
     );
     let atlas = texture::for_species(&s, 128, Seed::new(1)).atlas;
     let start = std::time::Instant::now();
-    let cards = foliage::foliage(&skeleton, &axes, &s, &atlas, None, true, Seed::new(1));
+    let level = FoliageLevel::Cards;
+    let seed = Seed::new(1);
+    let order =
+        foliage::Order { species: &s, atlas: &atlas, level, budget: None, detail: true, seed };
+    let cards = foliage::foliage(&skeleton, &axes, &order).unwrap();
     println!(
         "foliage: {} triangles in {:?}: {:.1} M/s",
         cards.triangles(),
@@ -333,7 +345,7 @@ fn a_fitted_tree_has_the_height_asked_for_and_stays_closed() {
         &s,
         &oak(),
         &Atlas::whole(0.4),
-        &MeshOptions { foliage: true, ..bare(1e-3) },
+        &MeshOptions { foliage: FoliageLevel::Cards, ..bare(1e-3) },
         Seed::new(1),
     )
     .unwrap();

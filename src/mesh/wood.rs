@@ -2,7 +2,7 @@
 
 use super::path::{Foot, Knot, Ring, Scratch, rings};
 use super::tube::{Barks, Circles, count, tube};
-use super::{MeshOptions, Surface};
+use super::{FoliageLevel, MeshOptions, Surface};
 use crate::seed::Seed;
 use crate::skeleton::{Axis, Skeleton};
 use crate::texture::BARK_REPEAT_M;
@@ -34,7 +34,8 @@ pub fn plan(
     let mut wood = attempt(skeleton, axes, tolerance_m, 0.0, options.detail, mixed_m);
     let Some(budget) = budget else { return wood };
     // Bare twigs are the crown: there sides go before axes.
-    let thin_m = if options.foliage { 0.0015 } else { 0.0003 };
+    let is_bare = options.foliage == FoliageLevel::None;
+    let thin_m = if is_bare { 0.0003 } else { 0.0015 };
     let mut coarse = 1.0;
     for _ in 0..ATTEMPTS {
         if wood.triangles <= budget {

@@ -17,7 +17,7 @@ use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::lod::Kind;
 use crate::lod::collision::collision;
-use crate::mesh::{MeshOptions, Surface, TreeMesh};
+use crate::mesh::{FoliageLevel, MeshOptions, Surface, TreeMesh};
 use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
@@ -55,6 +55,7 @@ pub struct ForestJob {
     pub clip: Option<Clip>,
     /// Where the scene will be looked at from; from everywhere where `None`.
     pub eye: Option<Eye>,
+    pub foliage: FoliageLevel,
     pub texture_px: u32,
     pub levels: LevelsJob,
     /// The terrain's triangles keep this near to its heights, as far as their number allows.
@@ -226,7 +227,7 @@ fn grow(
             .map(|(m, &triangles)| {
                 let crown = &survey.trees[m.exemplar].crown;
                 let seed = job.survey.seed.derive("tree", crown.key);
-                let detail = detail(triangles);
+                let detail = detail(triangles, job.foliage);
                 let species = &job.survey.species[m.species];
                 let target = Target::FromCrown(crown);
                 // A model that several trees share stands in no one place.
@@ -293,10 +294,13 @@ pub(super) fn mesh_options(triangles: usize) -> MeshOptions {
     MeshOptions { triangle_budget: Some(triangles), ..preset }
 }
 
-/// The same with fewer triangles.
+/// The same with fewer triangles; with hardly any, few enlarged cards.
 pub(super) fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
+    const HARDLY_ANY: usize = 1_000;
     let preset = mesh_options(triangles);
+    let most = if triangles < HARDLY_ANY { FoliageLevel::Sparse } else { FoliageLevel::Cards };
     MeshOptions {
+        foliage: options.foliage.min(most),
         triangle_budget: Some(triangles),
         tolerance_m: options.tolerance_m.max(preset.tolerance_m),
         detail: options.detail && preset.detail,
@@ -304,9 +308,14 @@ pub(super) fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
     }
 }
 
-/// Nodes enough to use so many triangles well: about six a node, wood and leaves.
-pub(super) fn detail(triangles: usize) -> Detail {
-    Detail { max_nodes: (triangles / 6).clamp(100, 100_000) as u32, attractor_spacing_m: None }
+/// Nodes enough to use so many triangles well: about six a node, wood and leaves; more where every
+/// leaf is one.
+pub(super) fn detail(triangles: usize, foliage: FoliageLevel) -> Detail {
+    let max_nodes = match foliage {
+        FoliageLevel::Geometry => (triangles / 60).clamp(2_000, 40_000),
+        _ => (triangles / 6).clamp(100, 100_000),
+    };
+    Detail { max_nodes: max_nodes as u32, attractor_spacing_m: None }
 }
 
 /// Sum of the distances from a crown's points to the nearest node, and their count.
@@ -341,7 +350,7 @@ fn build_meshes(
             .zip(skeletons)
             .filter_map(|((m, b), s)| textures[m.species].as_ref().map(|t| (m, *b, s, t)))
             .map(|(m, triangles, s, t)| {
-                let options = mesh_options(triangles);
+                let options = MeshOptions { foliage: job.foliage, ..mesh_options(triangles) };
                 let crown = &survey.trees[m.exemplar].crown;
                 let seed = job.survey.seed.derive("mesh", crown.key);
                 let species = &job.survey.species[m.species];

@@ -11,7 +11,7 @@ use super::figure::{self, figure};
 use super::forest::{add_materials, detail, mesh_options, prototype};
 use crate::diagnostic::Result;
 use crate::frame::Frame;
-use crate::mesh::{self, MeshOptions};
+use crate::mesh::{self, FoliageLevel, MeshOptions};
 use crate::raster::Picture;
 use crate::render::label::{Align, Pen, rule};
 use crate::render::{self, Backdrop, Camera, Placement, RenderOptions, View};
@@ -85,8 +85,14 @@ pub fn sheet(job: &SheetJob, run: &mut Recorder) -> Result<Sheet> {
     let species = &job.species;
     let target = Target::FromSpecies { height_m: job.height_m };
     let skeletons = run.stage("skeleton", |_| {
-        let grow =
-            |&seed: &u64| skeleton::grow(species, target, detail(job.triangles), Seed::new(seed));
+        let grow = |&seed: &u64| {
+            skeleton::grow(
+                species,
+                target,
+                detail(job.triangles, FoliageLevel::Cards),
+                Seed::new(seed),
+            )
+        };
         let skeletons = job.seeds.par_iter().map(grow).collect::<Result<Vec<_>>>()?;
         let nodes = skeletons.iter().map(|s| s.len()).sum();
         Ok((skeletons, Outcome::items(job.seeds.len(), "seeds", nodes, "nodes")))
@@ -102,7 +108,8 @@ pub fn sheet(job: &SheetJob, run: &mut Recorder) -> Result<Sheet> {
     }
     let meshes = run.stage("mesh", |_| {
         let build = |&(seed, skeleton, is_bare): &(u64, &skeleton::Skeleton, bool)| {
-            let options = MeshOptions { foliage: !is_bare, ..mesh_options(job.triangles) };
+            let foliage = if is_bare { FoliageLevel::None } else { FoliageLevel::Cards };
+            let options = MeshOptions { foliage, ..mesh_options(job.triangles) };
             let seed = Seed::new(seed).derive("mesh", 0);
             let mut mesh = mesh::build(skeleton, species, &textures.atlas, &options, seed)?;
             mesh.fit_height(skeleton.height_m());

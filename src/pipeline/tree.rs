@@ -9,7 +9,7 @@ use super::levels::{self, LevelsJob};
 use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::lod::collision::collision;
-use crate::mesh::MeshOptions;
+use crate::mesh::{FoliageLevel, MeshOptions};
 use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
@@ -37,7 +37,7 @@ pub struct TreeJob {
     pub seed: Seed,
     pub triangles: usize,
     pub texture_px: u32,
-    pub is_bare: bool,
+    pub foliage: FoliageLevel,
     pub levels: LevelsJob,
     /// The scan of one tree to fit to, instead of growing one.
     pub cloud: Option<PathBuf>,
@@ -89,7 +89,7 @@ fn fitted(
     })?;
     run.stage("skeleton", |_| {
         let points = &scan.cloud.position;
-        let fitted = cloud::fit(&job.species, points, detail(job.triangles), job.seed)
+        let fitted = cloud::fit(&job.species, points, detail(job.triangles, job.foliage), job.seed)
             .map_err(|e| e.in_file(path))?;
         let r = &fitted.report;
         let outcome = Outcome::items(points.len(), "points", fitted.skeleton.len(), "nodes")
@@ -109,7 +109,7 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
     run.stage("skeleton", |_| {
         let target = Target::FromSpecies { height_m: job.height_m };
         let around = surroundings(job);
-        let detail = detail(job.triangles);
+        let detail = detail(job.triangles, job.foliage);
         let skeleton = skeleton::grow_among(species, target, detail, &around, job.seed)?;
         let wanted = job.height_m.unwrap_or(species.size.height_m);
         let off = f64::from((skeleton.height_m() - wanted).abs());
@@ -165,7 +165,7 @@ fn stand(
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mut meshes = run.stage("mesh", |_| {
-        let options = MeshOptions { foliage: !job.is_bare, ..mesh_options(job.triangles) };
+        let options = MeshOptions { foliage: job.foliage, ..mesh_options(job.triangles) };
         let seed = job.seed.derive("mesh", 0);
         // Wood fitted to a cloud stays where it is.
         let height_m = job.cloud.is_none().then(|| skeleton.height_m());

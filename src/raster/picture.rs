@@ -46,6 +46,19 @@ impl Picture {
         Ok(out.into_inner())
     }
 
+    /// Decodes PNG or JPEG bytes of at most `most_px` pixels a side; the size is looked at first.
+    pub fn from_bytes_within(bytes: &[u8], most_px: u32) -> Result<Self> {
+        let reader = image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
+        let size = reader.ok().and_then(|r| r.into_dimensions().ok());
+        match size {
+            Some((w, h)) if w > most_px || h > most_px => {
+                Err(Error::new(format!("a picture of {w} × {h} pixels"))
+                    .remedy(format!("give one of at most {most_px} × {most_px}")))
+            }
+            _ => Picture::from_bytes(bytes),
+        }
+    }
+
     /// Decodes PNG or JPEG bytes.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
         let image = image::load_from_memory(bytes)

@@ -17,6 +17,7 @@ mod messages;
 pub mod model;
 mod near;
 mod node;
+pub mod own;
 pub mod photo;
 pub mod rule;
 mod schema;

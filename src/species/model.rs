@@ -3,8 +3,13 @@
 //! The sections below are the tables of a rule file, one to one. Lengths are metres, angles
 //! degrees, colours sRGB 0…255. The words at each field are those of the schema and of the template.
 
+use std::sync::Arc;
+
 use schemars::JsonSchema;
 use serde::Deserialize;
+
+use super::own::Model;
+use crate::raster::Picture;
 
 /// Decides the defaults of looks and the coarse class of a photo.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -208,6 +213,8 @@ pub enum LeafShape {
     Lobed,
     /// Narrow (willow).
     Lanceolate,
+    /// Compound: leaflets in pairs along a rachis, one at its end (rowan).
+    Pinnate,
 }
 
 /// Leaves or needles and how they sit on shoots.
@@ -220,6 +227,8 @@ pub struct Foliage {
     pub leaf_length_m: f32,
     /// Width of a leaf or needle, metres.
     pub leaf_width_m: f32,
+    /// Needles of one tuft or bundle, leaflets of a compound leaf.
+    pub cluster: u32,
     /// Middle colour of a leaf in summer: red, green, blue.
     pub colour: [u8; 3],
     /// Spread of the colour from leaf to leaf.
@@ -235,6 +244,16 @@ pub struct Foliage {
     /// Leaf area over the area of the crown's hull, 0…1, below which twigs are drawn larger to make
     /// up for those a coarse model leaves out: near 1 hides the wood, a third lets the sky through.
     pub cover: f32,
+    /// Your own twig, leaf or cone as OBJ, beside this file: it grows from its origin along y, its
+    /// upper side to z, and is scaled to `twig_length_m`.
+    #[serde(default)]
+    #[schemars(extend("examples" = ["twig.obj"]))]
+    pub model: Option<String>,
+    /// Your own picture of a twig for the cards, a PNG with alpha beside this file: it grows up
+    /// from the middle of the bottom edge.
+    #[serde(default)]
+    #[schemars(extend("examples" = ["twig.png"]))]
+    pub picture: Option<String>,
 }
 
 /// Patterns of bark.
@@ -290,6 +309,9 @@ pub struct Species {
     pub growth: Growth,
     pub foliage: Foliage,
     pub bark: Bark,
+    /// What `foliage.model` and `foliage.picture` name, read.
+    pub own_model: Option<Arc<Model>>,
+    pub own_picture: Option<Arc<Picture>>,
     /// How it branches.
     pub rule: crate::species::rule::Rule,
 }

@@ -3,6 +3,8 @@
 
 use glam::Vec2;
 
+use crate::raster::Picture;
+
 /// A square canvas; coordinates 0…1, y up.
 pub struct Canvas {
     side: usize,
@@ -161,6 +163,85 @@ impl Canvas {
         }
         out
     }
+}
+
+/// Smaller versions that count: halves, quarters …
+const HALVINGS: usize = 4;
+/// Most alpha that a pixel gets which is not seen.
+const MOST_HIDDEN: f32 = 0.8;
+
+/// Gives pixels that a mask hides so much alpha, still below `cutoff`, that smaller versions made
+/// by averaging blocks show the same share of the picture as the picture itself. What is near
+/// leaves gets more, what is far from any none, so that outlines stay.
+///
+/// Cutouts made of averages thin out otherwise (Castaño 2010, who scales alpha on every level; a
+/// file holds the first level alone).
+pub fn keep_cover(picture: &mut Picture, cutoff: f32) {
+    let (w, h) = (picture.width as usize, picture.height as usize);
+    let least = cutoff * 255.0;
+    let seen = picture.data.iter().filter(|p| f32::from(p[3]) >= least).count();
+    if seen == 0 || seen == picture.data.len() {
+        return;
+    }
+    let near = density(picture, 8);
+    let raised = |alpha: u8, near: f32, gain: f32| -> f32 {
+        let alpha = f32::from(alpha);
+        let hidden = (gain * near).min(MOST_HIDDEN) * (least - 1.0);
+        if alpha >= least { alpha } else { alpha.max(hidden) }
+    };
+    // How much more the smaller versions show than the picture, with that gain.
+    let share = seen as f32 / (w * h) as f32;
+    let miss = |gain: f32| -> f32 {
+        let alphas = picture.data.iter().zip(&near);
+        let mut level: Vec<f32> = alphas.map(|(p, n)| raised(p[3], *n, gain)).collect();
+        let (mut w, mut h, mut sum) = (w, h, 0.0);
+        for _ in 0..HALVINGS {
+            let (nw, nh) = (w / 2, h / 2);
+            if nw < 4 || nh < 4 {
+                break;
+            }
+            let mean = |x: usize, y: usize| {
+                let i = 2 * y * w + 2 * x;
+                0.25 * (level[i] + level[i + 1] + level[i + w] + level[i + w + 1])
+            };
+            level = (0..nw * nh).map(|i| mean(i % nw, i / nw)).collect();
+            (w, h) = (nw, nh);
+            let passed = level.iter().filter(|a| **a >= least).count();
+            sum += passed as f32 / (w * h) as f32 - share;
+        }
+        sum
+    };
+    let (mut low, mut high) = (0.0f32, 4.0f32);
+    for _ in 0..7 {
+        let gain = 0.5 * (low + high);
+        if miss(gain) < 0.0 { low = gain } else { high = gain }
+    }
+    for (pixel, near) in picture.data.iter_mut().zip(&near) {
+        pixel[3] = raised(pixel[3], *near, low).round() as u8;
+    }
+}
+
+/// Mean alpha about each pixel, 0…1: the box of `radius` pixels to each side, twice.
+fn density(picture: &Picture, radius: usize) -> Vec<f32> {
+    let (w, h) = (picture.width as usize, picture.height as usize);
+    let mut field: Vec<f32> = picture.data.iter().map(|p| f32::from(p[3]) / 255.0).collect();
+    let mut line = Vec::new();
+    let mut smooth = |field: &mut [f32], start: usize, step: usize, count: usize| {
+        line.clear();
+        line.push(0.0f64);
+        for k in 0..count {
+            line.push(line[k] + f64::from(field[start + k * step]));
+        }
+        for k in 0..count {
+            let (a, b) = (k.saturating_sub(radius), (k + radius + 1).min(count));
+            field[start + k * step] = ((line[b] - line[a]) / (b - a) as f64) as f32;
+        }
+    };
+    for _ in 0..2 {
+        (0..h).for_each(|y| smooth(&mut field, y * w, 1, w));
+        (0..w).for_each(|x| smooth(&mut field, x, w, h));
+    }
+    field
 }
 
 #[cfg(test)]

@@ -39,16 +39,27 @@ pub const SIZE_PX: std::ops::RangeInclusive<u32> = 64..=4096;
 pub fn for_species(species: &Species, size_px: u32, seed: Seed) -> TreeTextures {
     let size_px = size_px.clamp(*SIZE_PX.start(), *SIZE_PX.end()) & !1;
     let seed = seed.derive("texture", 0);
-    let ((leaf, atlas), bark) = rayon::join(
-        || twig::draw(species, size_px, seed),
-        || bark::draw(&species.bark, size_px, seed),
-    );
+    let ((leaf, atlas), bark) =
+        rayon::join(|| leaves(species, size_px, seed), || bark::draw(&species.bark, size_px, seed));
     TreeTextures {
         bark: bark.colour,
         bark_upper: bark.upper,
         bark_normal: bark.normal,
         leaf,
         atlas,
+    }
+}
+
+/// The picture of a user's own model or twig as it is, or one drawn for the species.
+fn leaves(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
+    let twig_m = species.foliage.twig_length_m;
+    match (&species.own_model, &species.own_picture) {
+        (Some(model), _) => {
+            let fill = crate::species::own::opaque_spot(&model.picture);
+            (model.picture.clone(), Atlas::whole(twig_m).filled_at(fill))
+        }
+        (None, Some(picture)) => twig::own(picture, twig_m),
+        (None, None) => twig::draw(species, size_px, seed),
     }
 }
 

@@ -122,7 +122,8 @@ pub(crate) fn samples() -> Vec<Species> {
             None,
         ),
     ];
-    rows.into_iter()
+    let mut all: Vec<Species> = rows
+        .into_iter()
         .map(|(id, kind, shape, leaf, colour, twig, droop, style, light, dark, upper)| {
             let mut s = crate::species::load("quercus_robur").unwrap();
             s.id = id.into();
@@ -135,7 +136,9 @@ pub(crate) fn samples() -> Vec<Species> {
             s.bark = Bark { style, colour: light, dark, upper, relief_m: 0.012 };
             s
         })
-        .collect()
+        .collect();
+    all.push(crate::species::load("sorbus_aucuparia").unwrap());
+    all
 }
 
 fn mean_step(p: &Picture, pair: impl Fn(u32) -> ([u32; 2], [u32; 2])) -> f64 {
@@ -242,6 +245,56 @@ fn odd_sizes_and_odd_species_give_pictures() {
         let t = for_species(&s, size, Seed::new(1));
         assert_eq!(t.leaf.data.len(), (t.leaf.width * t.leaf.height) as usize);
         assert!(t.bark.width >= 64);
+    }
+}
+
+/// The share of the picture that a mask shows stays on smaller versions made by averaging.
+#[test]
+fn smaller_versions_keep_the_leaves() {
+    for s in samples() {
+        let p = for_species(&s, 512, Seed::new(4)).leaf;
+        let cutoff = (twig::CUTOFF * 255.0) as u32;
+        let seen = p.data.iter().filter(|q| u32::from(q[3]) >= cutoff).count();
+        let whole = seen as f64 / p.data.len() as f64;
+        for block in [2u32, 4, 8, 16] {
+            let n = p.width / block;
+            let mut passed = 0;
+            for (x, y) in (0..n).flat_map(|y| (0..n).map(move |x| (x, y))) {
+                let mut sum = 0;
+                for (dx, dy) in (0..block).flat_map(|a| (0..block).map(move |b| (a, b))) {
+                    sum += u32::from(p.at(x * block + dx, y * block + dy)[3]);
+                }
+                passed += u32::from(sum >= cutoff * block * block);
+            }
+            let share = f64::from(passed) / f64::from(n * n);
+            assert!((share / whole - 1.0).abs() < 0.2, "{} 1/{block}: {share} of {whole}", s.id);
+        }
+    }
+}
+
+/// Leaves of the geometry are opaque where their cell is cut, bark and mean colour all around.
+#[test]
+fn single_leaves_bark_and_mean_colour_are_where_the_atlas_says() {
+    for s in samples() {
+        let t = for_species(&s, 512, Seed::new(4));
+        let at = |uv: glam::Vec2| {
+            let x = (uv.x * t.leaf.width as f32) as u32;
+            let y = ((1.0 - uv.y) * t.leaf.height as f32) as u32;
+            (x, y)
+        };
+        let (x, y) = at(t.atlas.fill());
+        for (dx, dy) in [(0, 0), (12, 12), (12, 0)] {
+            assert_eq!(t.leaf.at(x + dx, y + dy)[..3], s.foliage.colour, "{}", s.id);
+            let (x, y) = at(t.atlas.wood());
+            assert_eq!(t.leaf.at(x - dx, y - dy)[3], 255, "{}", s.id);
+        }
+        assert_eq!(t.atlas.leaves().len(), 3);
+        for cell in t.atlas.leaves() {
+            let (x, y) = at(cell.uv(0.5, 0.5));
+            assert_eq!(t.leaf.at(x, y)[3], 255, "{}", s.id);
+            let least = if cell.coverage > 0.99 { 0.99 } else { 0.05 };
+            assert!(cell.coverage > least, "{}: {}", s.id, cell.coverage);
+        }
     }
 }
 
