@@ -12,6 +12,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
         ("frame", &[][..]),
         ("seed", &[]),
         ("diagnostic", &[]),
+        ("cache", &[]),
         ("raster", &[]),
         ("scan", &["voxel"]),
         ("voxel", &[]),
@@ -35,8 +36,10 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 16] = [
+const HOMES: [(&str, &[&str]); 18] = [
     ("ab_glyph", &["render"]),
+    ("blake3", &["cache"]),
+    ("directories", &["cache"]),
     ("crs_definitions", &["scan"]),
     ("las", &["scan"]),
     ("tiff", &["raster"]),
@@ -51,7 +54,7 @@ const HOMES: [(&str, &[&str]); 16] = [
     ("flate2", &["raster"]),
     ("weezl", &["raster"]),
     ("schemars", &["species"]),
-    ("tempfile", &["export", "cli", "scan"]),
+    ("tempfile", &["cache", "export", "cli", "scan"]),
 ];
 
 /// Source without comments and without test modules (by convention the last item of a file).

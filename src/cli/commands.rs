@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use super::args::{self, Cli, Command, ScanArgs, SceneArgs, TreeArgs};
 use super::progress::Terminal;
+use crate::cache::Cache;
 use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, OutputFile};
 use crate::ground::Method;
@@ -33,12 +34,13 @@ pub fn run(cli: &Cli) -> Result<()> {
     let terminal = Terminal::new();
     let observer: &dyn report::Observer = if cli.quiet { &Silent } else { &terminal };
     let mut run = Recorder::new(observer);
+    let cache = cache(cli);
     let report = match &cli.command {
-        Command::Demo(a) => demo(a, &mut run)?,
-        Command::Forest(a) => forest(a, &mut run)?,
+        Command::Demo(a) => demo(a, cache, &mut run)?,
+        Command::Forest(a) => forest(a, cache, &mut run)?,
         Command::Inventory(a) => inventory(a, &mut run)?,
         Command::Terrain(a) => terrain(a, &mut run)?,
-        Command::Tree(a) => tree(a, &mut run)?,
+        Command::Tree(a) => tree(a, cache, &mut run)?,
         Command::Species(a) => return super::species::run(&a.command, cli, &mut run),
     };
     if !cli.quiet {
@@ -59,6 +61,10 @@ pub fn run(cli: &Cli) -> Result<()> {
 struct Told {
     lines: Vec<String>,
     json: Value,
+}
+
+pub(super) fn cache(cli: &Cli) -> Cache {
+    if cli.no_cache { Cache::off() } else { Cache::of_user() }
 }
 
 fn seed(value: u64) -> Seed {
@@ -138,7 +144,7 @@ fn formats(typed: &[args::Format]) -> Vec<Format> {
         .collect()
 }
 
-fn forest_job(survey: SurveyJob, scene: &SceneArgs) -> ForestJob {
+fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
     let sharing = match scene.unique {
         args::Unique::All => Sharing::None,
         args::Unique::Shared(n) => Sharing::PerSpecies(n),
@@ -148,14 +154,15 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs) -> ForestJob {
         sharing,
         triangles: scene.triangles.map_or(FOREST_TRIANGLES, |n| n as usize),
         texture_px: scene.texture,
+        cache,
         terrain_error_m: scene.terrain_error,
         name: "forest".into(),
     }
 }
 
-fn forest(a: &args::Forest, run: &mut Recorder) -> Result<Told> {
+fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let dir = a.output.clone().unwrap_or_else(|| Path::new("output").join(stem(&a.scan.scans[0])));
-    let job = forest_job(survey_job(&a.scan, &a.tree)?, &a.scene);
+    let job = forest_job(survey_job(&a.scan, &a.tree)?, &a.scene, cache);
     export::check_writable(&dir)?;
     let forest = pipeline::forest::forest(&job, run)?;
     let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
@@ -307,7 +314,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
     Ok(Told { lines, json: summary })
 }
 
-fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
+fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let extension = extension(&a.output, &["glb", "gltf", "usda", "png"])?;
     let species = species::load(&a.species)?;
     let job = TreeJob {
@@ -319,6 +326,7 @@ fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
         seed: seed(a.seed),
         triangles: a.triangles as usize,
         texture_px: a.texture,
+        cache,
         is_bare: a.bare,
         cloud: a.cloud.clone(),
     };
@@ -380,7 +388,7 @@ fn fit_lines(fit: &crate::skeleton::cloud::Report) -> Vec<String> {
     ]
 }
 
-fn demo(a: &args::Demo, run: &mut Recorder) -> Result<Told> {
+fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&a.output)?;
     let species = load_species(&[])?;
     let options = StandOptions { trees: a.trees as usize, ..StandOptions::default() };
@@ -407,6 +415,7 @@ fn demo(a: &args::Demo, run: &mut Recorder) -> Result<Told> {
             seed: seed(a.seed),
         },
         &a.scene,
+        cache,
     );
     let forest = pipeline::forest::forest(&job, run)?;
     let truth = pipeline::demo::compare(&survey.stand, &forest.survey);

@@ -6,6 +6,7 @@ mod drape;
 pub mod effort;
 mod figure;
 pub mod forest;
+mod paint;
 pub mod rules;
 pub mod sheet;
 pub mod survey;

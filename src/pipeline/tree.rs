@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec2, Vec3};
 
 use super::forest::{add_materials, detail, mesh_options, prototype};
+use super::paint::paint;
+use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::mesh::{self, MeshOptions};
@@ -18,7 +20,6 @@ use crate::skeleton::envelope::Envelope;
 use crate::skeleton::surroundings::{Neighbour, Surroundings, Wall};
 use crate::skeleton::{self, STAGES, Skeleton, Target, cloud};
 use crate::species::Species;
-use crate::texture;
 
 /// What to grow.
 #[derive(Debug, Clone)]
@@ -35,6 +36,7 @@ pub struct TreeJob {
     pub seed: Seed,
     pub triangles: usize,
     pub texture_px: u32,
+    pub cache: Cache,
     pub is_bare: bool,
     /// The scan of one tree to fit to, instead of growing one.
     pub cloud: Option<PathBuf>,
@@ -145,8 +147,9 @@ fn stand(
     run: &mut Recorder,
 ) -> Result<ValidScene> {
     let species = &job.species;
-    let textures = run.stage("texture", |_| {
-        let textures = texture::for_species(species, job.texture_px, job.seed);
+    let textures = run.stage("texture", |warnings| {
+        warnings.extend(species.remarks.iter().cloned());
+        let textures = paint(species, job.texture_px, job.seed, &job.cache)?;
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mesh = run.stage("mesh", |_| {

@@ -4,6 +4,7 @@
 //! a value stands for the middle of its cell.
 
 pub mod cog;
+mod encoded;
 pub mod geotiff;
 pub mod inpaint;
 mod lzw;
@@ -11,6 +12,7 @@ pub mod picture;
 pub mod trend;
 mod world_file;
 
+pub use encoded::Image;
 pub use picture::Picture;
 use rayon::prelude::*;
 pub use world_file::read;

@@ -9,7 +9,7 @@ use serde::de::IgnoredAny;
 use super::model::{Bark, Branching, DecayBy, Foliage, Growth, Habit, Kind, Size, Species};
 use super::near::suggest;
 use super::node::{self, Node, Source, Sources, Value};
-use super::{builtin, check, rule};
+use super::{builtin, check, own_bark, rule};
 use crate::diagnostic::{Error, Result};
 
 /// Bytes of one rule file.
@@ -256,6 +256,8 @@ fn build_reporting(
         }
         _ => None,
     };
+    let own = own_bark::read(merged.get("bark")?, &sources, errors);
+    let (own_bark, remarks) = own.map_or((None, Vec::new()), |own| (Some(own.value), own.warnings));
     let name = name.unwrap_or_else(|| id.to_owned());
     let species = Species {
         id: id.to_owned(),
@@ -269,6 +271,8 @@ fn build_reporting(
         growth: growth?,
         foliage: foliage?,
         bark: bark?,
+        own_bark,
+        remarks,
         rule: rule?,
     };
     check::ranges(&species, &merged, &sources, errors);

@@ -17,6 +17,7 @@ mod messages;
 pub mod model;
 mod near;
 mod node;
+mod own_bark;
 pub mod photo;
 pub mod rule;
 mod schema;
