@@ -12,6 +12,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
         ("frame", &[][..]),
         ("seed", &[]),
         ("diagnostic", &[]),
+        ("cache", &[]),
         ("raster", &[]),
         ("scan", &["voxel"]),
         ("voxel", &[]),
@@ -36,8 +37,10 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 17] = [
+const HOMES: [(&str, &[&str]); 19] = [
     ("ab_glyph", &["render"]),
+    ("blake3", &["cache"]),
+    ("directories", &["cache"]),
     ("crs_definitions", &["scan"]),
     ("las", &["scan"]),
     ("tiff", &["raster"]),
@@ -53,7 +56,7 @@ const HOMES: [(&str, &[&str]); 17] = [
     ("weezl", &["raster"]),
     ("schemars", &["species"]),
     ("tobj", &["species"]),
-    ("tempfile", &["export", "cli", "scan"]),
+    ("tempfile", &["cache", "export", "cli", "scan"]),
 ];
 
 /// Source without comments and without test modules (by convention the last item of a file).

@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use super::args::{self, Cli, Command, ScanArgs, SceneArgs, TreeArgs};
 use super::progress::Terminal;
+use crate::cache::Cache;
 use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, OutputFile};
 use crate::ground::Method;
@@ -37,12 +38,13 @@ pub fn run(cli: &Cli) -> Result<()> {
     let terminal = Terminal::new();
     let observer: &dyn report::Observer = if cli.quiet { &Silent } else { &terminal };
     let mut run = Recorder::new(observer);
+    let cache = cache(cli);
     let report = match &cli.command {
-        Command::Demo(a) => demo(a, &mut run)?,
-        Command::Forest(a) => forest(a, &mut run)?,
+        Command::Demo(a) => demo(a, cache, &mut run)?,
+        Command::Forest(a) => forest(a, cache, &mut run)?,
         Command::Inventory(a) => inventory(a, &mut run)?,
         Command::Terrain(a) => terrain(a, &mut run)?,
-        Command::Tree(a) => tree(a, &mut run)?,
+        Command::Tree(a) => tree(a, cache, &mut run)?,
         Command::Species(a) => return super::species::run(&a.command, cli, &mut run),
     };
     if !cli.quiet {
@@ -63,6 +65,10 @@ pub fn run(cli: &Cli) -> Result<()> {
 struct Told {
     lines: Vec<String>,
     json: Value,
+}
+
+pub(super) fn cache(cli: &Cli) -> Cache {
+    if cli.no_cache { Cache::off() } else { Cache::of_user() }
 }
 
 fn seed(value: u64) -> Seed {
@@ -157,7 +163,7 @@ fn triangles(typed: Option<u32>, usual: [usize; 2], level: FoliageLevel) -> usiz
     typed.map_or(usual[usize::from(level == FoliageLevel::Geometry)], |n| n as usize)
 }
 
-fn forest_job(survey: SurveyJob, scene: &SceneArgs) -> ForestJob {
+fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
     let sharing = match scene.unique {
         args::Unique::All => Sharing::None,
         args::Unique::Shared(n) => Sharing::PerSpecies(n),
@@ -168,6 +174,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs) -> ForestJob {
         triangles: triangles(scene.triangles, FOREST_TRIANGLES, level(scene.foliage)),
         foliage: level(scene.foliage),
         texture_px: scene.texture,
+        cache,
         levels: levels_job(&scene.levels),
         scene_triangles: scene.scene_triangles.map(|n| n as usize),
         clip: scene.clip,
@@ -191,9 +198,9 @@ fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
     }
 }
 
-fn forest(a: &args::Forest, run: &mut Recorder) -> Result<Told> {
+fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let dir = a.output.clone().unwrap_or_else(|| Path::new("output").join(stem(&a.scan.scans[0])));
-    let job = forest_job(survey_job(&a.scan, &a.tree)?, &a.scene);
+    let job = forest_job(survey_job(&a.scan, &a.tree)?, &a.scene, cache);
     export::check_writable(&dir)?;
     let forest = pipeline::forest::forest(&job, run)?;
     let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
@@ -352,7 +359,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
     Ok(Told { lines, json: summary })
 }
 
-fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
+fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let extension = extension(&a.output, &["glb", "gltf", "usda", "png"])?;
     let species = species::load(&a.species)?;
     let foliage = if a.bare { FoliageLevel::None } else { level(a.foliage) };
@@ -367,6 +374,7 @@ fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
         texture_px: a.texture,
         foliage,
         levels: levels_job(&a.levels),
+        cache,
         cloud: a.cloud.clone(),
     };
     let (dir, name) = place(&a.output)?;
@@ -454,7 +462,7 @@ fn fit_lines(fit: &crate::skeleton::cloud::Report) -> Vec<String> {
     ]
 }
 
-fn demo(a: &args::Demo, run: &mut Recorder) -> Result<Told> {
+fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&a.output)?;
     let species = load_species(&[])?;
     let options = StandOptions { trees: a.trees as usize, ..StandOptions::default() };
@@ -481,6 +489,7 @@ fn demo(a: &args::Demo, run: &mut Recorder) -> Result<Told> {
             seed: seed(a.seed),
         },
         &a.scene,
+        cache,
     );
     let forest = pipeline::forest::forest(&job, run)?;
     let truth = pipeline::demo::compare(&survey.stand, &forest.survey);

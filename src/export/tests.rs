@@ -22,7 +22,7 @@ fn sample() -> Scene {
 fn two_trees() -> ValidScene {
     let mut scene = forest(&["Larix sibirica"], 2, 4.0);
     for texture in &mut scene.textures {
-        texture.picture = crate::raster::Picture::filled(1, 1, [90, 80, 70, 255]);
+        texture.image = crate::raster::Picture::filled(1, 1, [90, 80, 70, 255]).into();
     }
     // Round numbers, so that the goldens do not depend on a machine's sine.
     let level = Surface {

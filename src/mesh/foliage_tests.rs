@@ -137,7 +137,7 @@ fn a_user_s_model_stands_where_twigs_stand() {
         picture: crate::raster::Picture::filled(4, 4, [1, 2, 3, 255]),
     }));
     let textures = crate::texture::for_species(&species, 64, Seed::new(1));
-    assert_eq!(textures.leaf.at(2, 2), [1, 2, 3, 255]);
+    assert_eq!(textures.leaf.picture().at(2, 2), [1, 2, 3, 255]);
     let twig_m = species.foliage.twig_length_m;
     let tree = (skeleton, species, textures.atlas);
     for level in [FoliageLevel::Geometry, FoliageLevel::Cards] {

@@ -255,13 +255,14 @@ fn contact_sheet() {
     for name in SPECIES {
         let s = species::load(name).unwrap();
         let t = texture::for_species(&s, 512, Seed::new(1));
-        std::fs::write(dir.join(format!("{name}_bark.png")), t.bark.to_png().unwrap()).unwrap();
-        std::fs::write(dir.join(format!("{name}_leaf.png")), t.leaf.to_png().unwrap()).unwrap();
-        let normal = t.bark_normal.to_png().unwrap();
-        std::fs::write(dir.join(format!("{name}_normal.png")), normal).unwrap();
-        if let Some(p) = t.bark_upper {
-            std::fs::write(dir.join(format!("{name}_upper.png")), p.to_png().unwrap()).unwrap();
-        }
+        let save = |kind: &str, image: &crate::raster::Image| {
+            let path = dir.join(format!("{name}_{kind}.png"));
+            std::fs::write(path, image.png().unwrap()).unwrap();
+        };
+        save("bark", &t.bark.colour);
+        save("leaf", &t.leaf);
+        t.bark.normal.iter().for_each(|p| save("normal", p));
+        t.bark_upper.iter().for_each(|b| save("upper", &b.colour));
         for (level, detail, options) in [
             ("forest", Detail::FOREST, MeshOptions::FOREST),
             ("hero", Detail::HERO, MeshOptions::HERO),

@@ -10,15 +10,17 @@ use rstar::primitives::GeomWithData;
 
 use super::drape::drape;
 use super::levels::{self, LevelsJob};
+use super::paint::paint;
 use super::survey;
 use super::survey::{Survey, SurveyJob};
 use super::view::{self, Chosen, Clip, Eye};
+use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::lod::Kind;
 use crate::lod::collision::collision;
 use crate::mesh::{FoliageLevel, MeshOptions, Surface, TreeMesh};
-use crate::raster::Picture;
+use crate::raster::{Image, Picture};
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scene::sharing::{Build, Model, share};
@@ -31,7 +33,7 @@ use crate::skeleton::surroundings::{Neighbour, Surroundings};
 use crate::skeleton::{self, Detail, Skeleton, Target};
 use crate::species::Species;
 use crate::terrain::{Facets, Terrain};
-use crate::texture::{self, TreeTextures};
+use crate::texture::{self, BarkTextures, TreeTextures};
 
 /// How many models the trees share.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,6 +60,7 @@ pub struct ForestJob {
     pub foliage: FoliageLevel,
     pub texture_px: u32,
     pub levels: LevelsJob,
+    pub cache: Cache,
     /// The terrain's triangles keep this near to its heights, as far as their number allows.
     pub terrain_error_m: f32,
     /// Identifier of the scene.
@@ -111,7 +114,7 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
     let models = models(job, &survey);
     let budgets = budgets(job, &survey, &models);
     let skeletons = grow(job, &survey, &models, &budgets, run)?;
-    let textures = paint(job, &models, run)?;
+    let textures = paint_all(job, &models, run)?;
     let meshes = build_meshes(job, &survey, &models, &budgets, &skeletons, &textures, run)?;
     let mut finest = Vec::with_capacity(meshes.len());
     let mut coarse = Vec::with_capacity(meshes.len());
@@ -368,20 +371,23 @@ fn build_meshes(
 }
 
 /// Textures of the species that any model uses, by species index.
-fn paint(
+fn paint_all(
     job: &ForestJob,
     models: &[Model],
     run: &mut Recorder,
 ) -> Result<Vec<Option<TreeTextures>>> {
     let (species, size_px, seed) = (&job.survey.species, job.texture_px, job.survey.seed);
-    run.stage("texture", |_| {
+    run.stage("texture", |warnings| {
         let is_used: Vec<bool> =
             (0..species.len()).map(|s| models.iter().any(|m| m.species == s)).collect();
         let textures: Vec<Option<TreeTextures>> = species
             .par_iter()
             .zip(&is_used)
-            .map(|(s, &used)| used.then(|| texture::for_species(s, size_px, seed)))
-            .collect();
+            .map(|(s, &used)| used.then(|| paint(s, size_px, seed, &job.cache)).transpose())
+            .collect::<Result<_>>()?;
+        for (s, _) in species.iter().zip(&is_used).filter(|(_, used)| **used) {
+            warnings.extend(s.remarks.iter().cloned());
+        }
         let used = is_used.iter().filter(|&&u| u).count();
         Ok((textures, Outcome::items(used, "species", used * 3, "pictures")))
     })
@@ -471,32 +477,46 @@ pub struct Look {
 
 pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: TreeTextures) -> Look {
     let stem = identifier(&species.name);
-    let mut texture = |kind: &str, picture: Picture, colorspace| {
-        scene.textures.push(Texture { name: format!("{stem}_{kind}"), picture, colorspace });
-        Some(scene.textures.len() as u32 - 1)
+    let bark = add_bark(scene, &format!("{stem}_bark"), textures.bark);
+    let upper_bark =
+        textures.bark_upper.map_or(bark, |t| add_bark(scene, &format!("{stem}_bark_upper"), t));
+    let name = format!("{stem}_leaf");
+    let leaf = add_texture(scene, &name, textures.leaf, Colorspace::Srgb);
+    scene.materials.push(Material {
+        name,
+        base_color: [1.0; 3],
+        base_color_texture: Some(leaf),
+        normal_texture: None,
+        orm_texture: None,
+        roughness: 0.65,
+        alpha: Alpha::Mask { cutoff: 0.5 },
+        double_sided: true,
+    });
+    Look { bark, upper_bark, leaf: scene.materials.len() as u32 - 1 }
+}
+
+fn add_texture(scene: &mut Scene, name: &str, image: Image, colorspace: Colorspace) -> u32 {
+    scene.textures.push(Texture { name: name.to_owned(), image, colorspace });
+    scene.textures.len() as u32 - 1
+}
+
+fn add_bark(scene: &mut Scene, name: &str, bark: BarkTextures) -> u32 {
+    let colour = add_texture(scene, name, bark.colour, Colorspace::Srgb);
+    let mut relief = |image: Option<Image>, kind: &str| {
+        image.map(|i| add_texture(scene, &format!("{name}_{kind}"), i, Colorspace::Raw))
     };
-    let bark = texture("bark", textures.bark, Colorspace::Srgb);
-    let bark_normal = texture("bark_normal", textures.bark_normal, Colorspace::Raw);
-    let upper = textures.bark_upper.map(|p| texture("bark_upper", p, Colorspace::Srgb));
-    let leaf = texture("leaf", textures.leaf, Colorspace::Srgb);
-    let mut material = |kind: &str, base_color_texture, is_leaf: bool| {
-        scene.materials.push(Material {
-            name: format!("{stem}_{kind}"),
-            base_color: [1.0; 3],
-            base_color_texture,
-            normal_texture: if is_leaf { None } else { bark_normal },
-            roughness: if is_leaf { 0.65 } else { 0.9 },
-            alpha: if is_leaf { Alpha::Mask { cutoff: 0.5 } } else { Alpha::Opaque },
-            double_sided: is_leaf,
-        });
-        scene.materials.len() as u32 - 1
-    };
-    let lower_bark = material("bark", bark, false);
-    Look {
-        bark: lower_bark,
-        upper_bark: upper.map_or(lower_bark, |t| material("bark_upper", t, false)),
-        leaf: material("leaf", leaf, true),
-    }
+    let (normal_texture, orm_texture) = (relief(bark.normal, "normal"), relief(bark.orm, "orm"));
+    scene.materials.push(Material {
+        name: name.to_owned(),
+        base_color: [1.0; 3],
+        base_color_texture: Some(colour),
+        normal_texture,
+        orm_texture,
+        roughness: if orm_texture.is_some() { 1.0 } else { 0.9 },
+        alpha: Alpha::Opaque,
+        double_sided: false,
+    });
+    scene.materials.len() as u32 - 1
 }
 
 /// The parts of a tree; those without triangles are left out when the scene is pruned.
@@ -539,12 +559,17 @@ fn tiled_floor(surface: &mut Surface, terrain: &Terrain, seed: Seed) -> Picture 
 }
 
 fn place_terrain(scene: &mut Scene, surface: Surface, picture: Picture) {
-    scene.textures.push(Texture { name: "terrain".into(), picture, colorspace: Colorspace::Srgb });
+    scene.textures.push(Texture {
+        name: "terrain".into(),
+        image: picture.into(),
+        colorspace: Colorspace::Srgb,
+    });
     scene.materials.push(Material {
         name: "terrain".into(),
         base_color: [1.0; 3],
         base_color_texture: Some(scene.textures.len() as u32 - 1),
         normal_texture: None,
+        orm_texture: None,
         roughness: 1.0,
         alpha: Alpha::Opaque,
         double_sided: false,

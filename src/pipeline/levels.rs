@@ -7,6 +7,7 @@ use super::forest::{Look, coarser, parts_of};
 use crate::diagnostic::Result;
 use crate::lod::{self, Silhouettes, impostor};
 use crate::mesh::{self, MeshOptions, TreeMesh};
+use crate::raster::Picture;
 use crate::render::capture::Sitter;
 use crate::report::{ErrorMeasure, Outcome};
 use crate::scene::{
@@ -112,6 +113,7 @@ pub fn add(
             base_color: [1.0; 3],
             base_color_texture: Some(first_texture as u32),
             normal_texture: Some(first_texture as u32 + 1),
+            orm_texture: None,
             roughness: 0.75,
             alpha: Alpha::Mask { cutoff: impostor::CUTOFF },
             double_sided: true,
@@ -145,9 +147,9 @@ fn bake(
         .map(|m| {
             let prototype = &scene.prototypes[m as usize];
             let baked = impostor::bake(&sitter, m, bounds(&prototype.parts), kind, texture_px)?;
-            let texture = |suffix: &str, picture, colorspace| Texture {
+            let texture = |suffix: &str, picture: Picture, colorspace| Texture {
                 name: format!("{}_impostor{suffix}", prototype.name),
-                picture,
+                image: picture.into(),
                 colorspace,
             };
             let part = Part { name: "impostor".into(), surface: baked.surface, material: 0 };

@@ -7,6 +7,7 @@ pub mod effort;
 mod figure;
 pub mod forest;
 pub mod levels;
+mod paint;
 pub mod rules;
 pub mod sheet;
 pub mod survey;

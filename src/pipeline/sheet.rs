@@ -9,6 +9,8 @@ use rayon::prelude::*;
 
 use super::figure::{self, figure};
 use super::forest::{add_materials, detail, mesh_options, prototype};
+use super::paint::paint;
+use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::mesh::{self, FoliageLevel, MeshOptions};
@@ -20,7 +22,6 @@ use crate::scene::{Alpha, Material, Part, Scene, identifier};
 use crate::seed::Seed;
 use crate::skeleton::{self, Target};
 use crate::species::Species;
-use crate::texture;
 
 /// What to show.
 #[derive(Debug, Clone)]
@@ -33,6 +34,7 @@ pub struct SheetJob {
     /// Of each tree.
     pub triangles: usize,
     pub texture_px: u32,
+    pub cache: Cache,
     /// Longer side of the sheet.
     pub size_px: u32,
 }
@@ -46,6 +48,7 @@ impl SheetJob {
             seeds: vec![1, 2, 3],
             triangles: 20_000,
             texture_px: 512,
+            cache: Cache::off(),
             size_px: 1600,
         }
     }
@@ -97,9 +100,10 @@ pub fn sheet(job: &SheetJob, run: &mut Recorder) -> Result<Sheet> {
         let nodes = skeletons.iter().map(|s| s.len()).sum();
         Ok((skeletons, Outcome::items(job.seeds.len(), "seeds", nodes, "nodes")))
     })?;
-    let textures = run.stage("texture", |_| {
+    let textures = run.stage("texture", |warnings| {
+        warnings.extend(species.remarks.iter().cloned());
         let seed = Seed::new(job.seeds.first().copied().unwrap_or(1));
-        let textures = texture::for_species(species, job.texture_px, seed);
+        let textures = paint(species, job.texture_px, seed, &job.cache)?;
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mut wanted = Vec::new();
@@ -243,6 +247,7 @@ fn draw(job: &SheetJob, scene: &mut Scene, trees: &[Shown]) -> Result<Picture> {
         base_color: FIGURE_COLOUR,
         base_color_texture: None,
         normal_texture: None,
+        orm_texture: None,
         roughness: 1.0,
         alpha: Alpha::Opaque,
         double_sided: false,

@@ -6,6 +6,8 @@ use glam::{DVec3, Vec2, Vec3};
 
 use super::forest::{add_materials, detail, mesh_options, prototype};
 use super::levels::{self, LevelsJob};
+use super::paint::paint;
+use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::lod::collision::collision;
@@ -20,7 +22,6 @@ use crate::skeleton::envelope::Envelope;
 use crate::skeleton::surroundings::{Neighbour, Surroundings, Wall};
 use crate::skeleton::{self, STAGES, Skeleton, Target, cloud};
 use crate::species::Species;
-use crate::texture;
 
 /// What to grow.
 #[derive(Debug, Clone)]
@@ -39,6 +40,7 @@ pub struct TreeJob {
     pub texture_px: u32,
     pub foliage: FoliageLevel,
     pub levels: LevelsJob,
+    pub cache: Cache,
     /// The scan of one tree to fit to, instead of growing one.
     pub cloud: Option<PathBuf>,
 }
@@ -160,8 +162,9 @@ fn stand(
     run: &mut Recorder,
 ) -> Result<Grown> {
     let species = &job.species;
-    let textures = run.stage("texture", |_| {
-        let textures = texture::for_species(species, job.texture_px, job.seed);
+    let textures = run.stage("texture", |warnings| {
+        warnings.extend(species.remarks.iter().cloned());
+        let textures = paint(species, job.texture_px, job.seed, &job.cache)?;
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mut meshes = run.stage("mesh", |_| {

@@ -4,6 +4,7 @@
 //! a value stands for the middle of its cell.
 
 pub mod cog;
+mod encoded;
 pub mod geotiff;
 pub mod inpaint;
 mod lzw;
@@ -12,6 +13,7 @@ pub mod picture;
 pub mod trend;
 mod world_file;
 
+pub use encoded::Image;
 pub use pad::pad_transparent;
 pub use picture::Picture;
 use rayon::prelude::*;

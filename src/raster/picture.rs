@@ -59,6 +59,16 @@ impl Picture {
         }
     }
 
+    /// Width and height that PNG or JPEG bytes announce; nothing is decoded.
+    pub fn size_of(bytes: &[u8]) -> Result<(u32, u32)> {
+        let fail = |e: String| {
+            Error::new(format!("not a readable picture: {e}")).remedy("give a PNG or JPEG file")
+        };
+        let reader = image::ImageReader::new(std::io::Cursor::new(bytes));
+        let reader = reader.with_guessed_format().map_err(|e| fail(e.to_string()))?;
+        reader.into_dimensions().map_err(|e| fail(e.to_string()))
+    }
+
     /// Decodes PNG or JPEG bytes.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
         let image = image::load_from_memory(bytes)

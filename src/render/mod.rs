@@ -272,7 +272,9 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
         }
     }
     let textures: Vec<_> = (view.textures.par_iter().enumerate())
-        .map(|(i, t)| Pyramid::new(&t.picture, t.colorspace, cutoffs.get(&(i as u32)).copied()))
+        .map(|(i, t)| {
+            Pyramid::new(t.image.picture(), t.colorspace, cutoffs.get(&(i as u32)).copied())
+        })
         .collect();
     let known = |id: Option<u32>| id.filter(|&i| (i as usize) < textures.len());
     let mut paints: Vec<Paint> = (view.materials.iter())

@@ -25,7 +25,7 @@ use glam::{Vec2, Vec3};
 
 use crate::frame::Frame;
 use crate::mesh::Surface;
-use crate::raster::Picture;
+use crate::raster::Image;
 
 /// How a material's alpha is used.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,7 +49,7 @@ pub enum Colorspace {
 pub struct Texture {
     /// File stem: unique, letters, digits and `_` only.
     pub name: String,
-    pub picture: Picture,
+    pub image: Image,
     pub colorspace: Colorspace,
 }
 
@@ -63,6 +63,9 @@ pub struct Material {
     /// Index into [`Scene::textures`].
     pub base_color_texture: Option<u32>,
     pub normal_texture: Option<u32>,
+    /// Occlusion in red, roughness in green, metalness in blue.
+    pub orm_texture: Option<u32>,
+    /// Multiplies the texture.
     pub roughness: f32,
     pub alpha: Alpha,
     pub double_sided: bool,
@@ -129,6 +132,23 @@ pub struct Instance {
     pub yaw_rad: f32,
     pub scale: Vec3,
     pub facts: TreeFacts,
+}
+
+impl Material {
+    /// The textures that it shows, each with what it is for.
+    pub fn textures(&self) -> [(&'static str, Option<u32>, Colorspace); 3] {
+        [
+            ("base colour", self.base_color_texture, Colorspace::Srgb),
+            ("normal", self.normal_texture, Colorspace::Raw),
+            ("occlusion and roughness", self.orm_texture, Colorspace::Raw),
+        ]
+    }
+
+    pub(super) fn textures_mut(&mut self) -> impl Iterator<Item = &mut u32> {
+        [&mut self.base_color_texture, &mut self.normal_texture, &mut self.orm_texture]
+            .into_iter()
+            .flatten()
+    }
 }
 
 impl Instance {

@@ -95,10 +95,7 @@ impl Scene {
         let used = self.uses().textures;
         let moved = keep(&mut self.textures, &used, &mut left_out.textures);
         for material in &mut self.materials {
-            let slots = [&mut material.base_color_texture, &mut material.normal_texture];
-            for texture in slots.into_iter().flatten() {
-                moved.follow(texture);
-            }
+            material.textures_mut().for_each(|texture| moved.follow(texture));
         }
         left_out
     }
@@ -106,7 +103,7 @@ impl Scene {
     /// Whether something refers to each thing. Indices out of range are for `validate` to tell.
     pub(super) fn uses(&self) -> Uses {
         let parts = self.prototypes.iter().flat_map(Prototype::all_parts).chain(&self.terrain);
-        let slots = self.materials.iter().flat_map(|m| [m.base_color_texture, m.normal_texture]);
+        let slots = self.materials.iter().flat_map(|m| m.textures()).map(|(_, texture, _)| texture);
         Uses {
             prototypes: flags(self.prototypes.len(), self.instances.iter().map(|i| i.prototype)),
             materials: flags(self.materials.len(), parts.map(|p| p.material)),

@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use super::prune::is_degenerate;
 use super::standing::{Standing, standings};
 use super::{
-    Alpha, Collider, Colorspace, Instance, Material, OFF_TERRAIN_M, Part, Prototype,
-    ROOT_TOLERANCE_M, Scene, Texture, bounds_of, identifier, is_identifier,
+    Alpha, Collider, Instance, Material, OFF_TERRAIN_M, Part, Prototype, ROOT_TOLERANCE_M, Scene,
+    Texture, bounds_of, identifier, is_identifier,
 };
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
@@ -193,16 +193,15 @@ impl Scene {
 
     fn check_textures(&self, faults: &mut Faults) {
         for texture in &self.textures {
-            let p = &texture.picture;
-            let pixels = u64::from(p.width) * u64::from(p.height);
-            if pixels == 0 || pixels != p.data.len() as u64 {
+            let image = &texture.image;
+            if !image.is_whole() {
                 faults.add(|| {
                     format!(
                         "texture `{}`: {} × {} pixels announced, {} held",
                         texture.name,
-                        p.width,
-                        p.height,
-                        p.data.len()
+                        image.width(),
+                        image.height(),
+                        image.picture().data.len()
                     )
                 });
             }
@@ -228,11 +227,7 @@ impl Scene {
                     wrong("is masked but has no texture to take alpha from".into());
                 }
             }
-            let slots = [
-                ("base colour", material.base_color_texture, Colorspace::Srgb),
-                ("normal", material.normal_texture, Colorspace::Raw),
-            ];
-            for (slot, texture, colorspace) in slots {
+            for (slot, texture, colorspace) in material.textures() {
                 let Some(index) = texture else { continue };
                 match self.textures.get(index as usize) {
                     None => {
@@ -405,9 +400,7 @@ impl Scene {
                 continue;
             }
             let material = &self.materials[part.material as usize];
-            for texture in
-                [material.base_color_texture, material.normal_texture].into_iter().flatten()
-            {
+            for texture in material.textures().into_iter().filter_map(|(_, texture, _)| texture) {
                 wraps[texture as usize] = Wrap::Repeat;
             }
         }

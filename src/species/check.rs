@@ -84,6 +84,7 @@ pub const RANGES: &[(&str, Range)] = &[
     ("foliage.cover", Within(0.0, 1.0)),
     ("foliage.bearing_radius_m", Within(0.0, 10.0)),
     ("bark.relief_m", Within(0.0, 0.5)),
+    ("bark.lost", Within(0.0, 1.0)),
 ];
 
 impl Range {

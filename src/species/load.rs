@@ -10,7 +10,7 @@ use serde::de::IgnoredAny;
 use super::model::{Bark, Branching, DecayBy, Foliage, Growth, Habit, Kind, Size, Species};
 use super::near::suggest;
 use super::node::{self, Node, Source, Sources, Value};
-use super::{builtin, check, own, rule};
+use super::{builtin, check, own, own_bark, rule};
 use crate::diagnostic::{Error, Result};
 
 /// Bytes of one rule file.
@@ -264,6 +264,9 @@ fn build_reporting(
     let places = (&merged, &sources, folder.is_some());
     let own_model = own_file(places, "model", own::model, errors);
     let own_picture = own_file(places, "picture", own::twig_picture, errors);
+    let read = own_bark::read(merged.get("bark")?, &sources, errors);
+    let (own_bark, remarks) =
+        read.map_or((None, Vec::new()), |own| (Some(own.value), own.warnings));
     let name = name.unwrap_or_else(|| id.to_owned());
     let species = Species {
         id: id.to_owned(),
@@ -279,6 +282,8 @@ fn build_reporting(
         bark: bark?,
         own_model,
         own_picture,
+        own_bark,
+        remarks,
         rule: rule?,
     };
     check::ranges(&species, &merged, &sources, errors);

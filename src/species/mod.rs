@@ -18,6 +18,7 @@ pub mod model;
 mod near;
 mod node;
 pub mod own;
+mod own_bark;
 pub mod photo;
 pub mod rule;
 mod schema;

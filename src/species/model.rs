@@ -260,16 +260,26 @@ pub struct Foliage {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum BarkStyle {
-    /// White with dark lenticels (birch).
+    /// White with dark lenticels, split by black diamonds (the foot of a birch).
     Birch,
-    /// Large plates (pine).
+    /// White with dark lenticels (the upper stem of a birch).
+    Paper,
+    /// Large plates of many flakes (the foot of a pine).
     Plates,
-    /// Long vertical furrows (larch, oak).
+    /// Thin loose flakes (the upper stem of a pine).
+    Flakes,
+    /// Long thick plates between deep furrows (larch).
+    Ridges,
+    /// Long narrow ridges between furrows (oak, lime).
     Furrows,
-    /// Small round scales (spruce).
+    /// Small thin scales, one over the other (spruce).
     Scales,
-    /// Smooth with fine marks (willow, aspen, fir).
+    /// Smooth with fine streaks and pores (rowan, hazel).
     Smooth,
+    /// Smooth with rows of dark diamonds (aspen, goat willow).
+    Diamonds,
+    /// Smooth with blisters of resin (fir).
+    Blisters,
 }
 
 /// The look of the bark.
@@ -286,8 +296,36 @@ pub struct Bark {
     #[serde(default)]
     #[schemars(extend("examples" = [[142, 118, 96]]))]
     pub upper: Option<[u8; 3]>,
+    /// Pattern there; `style` where absent.
+    #[serde(default)]
+    #[schemars(extend("examples" = ["flakes"]))]
+    pub upper_style: Option<BarkStyle>,
     /// Depth of the relief, metres.
     pub relief_m: f32,
+    /// Share of the bark that has fallen off, so that grey wood shows.
+    pub lost: f32,
+    /// A picture of your own for the bark of the stem, PNG or JPEG, beside this file; it should
+    /// tile, and show 1 m in width and in height.
+    #[serde(default)]
+    #[schemars(extend("examples" = ["bark.png"]))]
+    pub picture: Option<String>,
+    /// The normal map that goes with `picture`, +Y up as in OpenGL.
+    #[serde(default)]
+    #[schemars(extend("examples" = ["bark_normal.png"]))]
+    pub normal: Option<String>,
+    /// The roughness that goes with `picture`: white is rough.
+    #[serde(default)]
+    #[schemars(extend("examples" = ["bark_roughness.png"]))]
+    pub roughness: Option<String>,
+}
+
+/// A user's own bark, read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OwnBark {
+    pub colour: Arc<Picture>,
+    pub normal: Option<Arc<Picture>>,
+    /// Roughness in green.
+    pub roughness: Option<Arc<Picture>>,
 }
 
 /// A species, complete and checked.
@@ -312,6 +350,10 @@ pub struct Species {
     /// What `foliage.model` and `foliage.picture` name, read.
     pub own_model: Option<Arc<Model>>,
     pub own_picture: Option<Arc<Picture>>,
+    /// Where `bark.picture` names one.
+    pub own_bark: Option<OwnBark>,
+    /// What the author may want to know, though nothing is wrong.
+    pub remarks: Vec<String>,
     /// How it branches.
     pub rule: crate::species::rule::Rule,
 }

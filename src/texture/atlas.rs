@@ -1,13 +1,14 @@
 //! Where the twigs lie in a leaf picture: what a texture tells a mesh. No pixels, no triangles.
 
 use glam::Vec2;
+use serde::{Deserialize, Serialize};
 
 /// Bands from the bottom to the top of a cell in which the reach of the leaves is known.
 pub const BANDS: usize = 16;
 
 /// One twig of the picture: a square cell. The twig starts at the middle of the bottom edge and
 /// grows up.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Cell {
     /// Corner of least u, v (v = 0 at the bottom of the picture).
     pub min: Vec2,
@@ -149,8 +150,8 @@ fn area(rows: &[Row]) -> f32 {
     rows.windows(2).map(|w| 0.5 * (w[1].t - w[0].t) * (width(&w[0]) + width(&w[1]))).sum()
 }
 
-/// The twigs and single leaves of one leaf picture, never empty.
-#[derive(Debug, Clone, PartialEq)]
+/// The twigs of one leaf picture, never empty.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Atlas {
     cells: Vec<Cell>,
     leaves: Vec<Cell>,

@@ -154,6 +154,9 @@ struct Material<'a> {
     pbr_metallic_roughness: MetallicRoughness,
     #[serde(skip_serializing_if = "Option::is_none")]
     normal_texture: Option<TextureRef>,
+    /// Red of the texture that holds the roughness, too.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    occlusion_texture: Option<TextureRef>,
     #[serde(skip_serializing_if = "Option::is_none")]
     alpha_mode: Option<&'static str>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -171,6 +174,8 @@ struct MetallicRoughness {
     base_color_texture: Option<TextureRef>,
     metallic_factor: f32,
     roughness_factor: f32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    metallic_roughness_texture: Option<TextureRef>,
 }
 
 #[derive(Serialize)]
@@ -556,8 +561,10 @@ fn material(material: &scene::Material) -> Material<'_> {
             base_color_texture: texture(material.base_color_texture),
             metallic_factor: 0.0,
             roughness_factor: material.roughness,
+            metallic_roughness_texture: texture(material.orm_texture),
         },
         normal_texture: texture(material.normal_texture),
+        occlusion_texture: texture(material.orm_texture),
         alpha_mode,
         alpha_cutoff,
         double_sided: material.double_sided,
