@@ -47,6 +47,7 @@ fn job() -> (tempfile::TempDir, ForestJob) {
             survey,
             sharing,
             triangles: 5_000,
+            foliage: larix::mesh::FoliageLevel::Cards,
             texture_px: 512,
             terrain_error_m: 0.05,
             name,

@@ -8,6 +8,7 @@
 //! Source keys used throughout: **TD17** Tkacheva & Danilin 2017, **T15** Tkacheva 2015,
 //! **P18** Pyataev 2018, **ABOP** Prusinkiewicz & Lindenmayer 1990.
 
+pub mod cache;
 pub mod cli;
 pub mod crown;
 pub mod diagnostic;
@@ -15,6 +16,7 @@ pub mod export;
 pub mod frame;
 pub mod ground;
 pub mod inventory;
+pub mod lod;
 pub mod mesh;
 pub mod pipeline;
 pub mod raster;

@@ -12,6 +12,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
         ("frame", &[][..]),
         ("seed", &[]),
         ("diagnostic", &[]),
+        ("cache", &[]),
         ("raster", &[]),
         ("scan", &["voxel"]),
         ("voxel", &[]),
@@ -25,6 +26,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
         ("scene", &["mesh"]),
         ("export", &["scene", "mesh"]),
         ("render", &["scene", "mesh"]),
+        ("lod", &["mesh", "render", "skeleton"]),
         ("inventory", &["crown"]),
         ("simulate", &["scan", "species"]),
         ("report", &[]),
@@ -35,8 +37,10 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 16] = [
+const HOMES: [(&str, &[&str]); 19] = [
     ("ab_glyph", &["render"]),
+    ("blake3", &["cache"]),
+    ("directories", &["cache"]),
     ("crs_definitions", &["scan"]),
     ("las", &["scan"]),
     ("tiff", &["raster"]),
@@ -51,7 +55,8 @@ const HOMES: [(&str, &[&str]); 16] = [
     ("flate2", &["raster"]),
     ("weezl", &["raster"]),
     ("schemars", &["species"]),
-    ("tempfile", &["export", "cli", "scan"]),
+    ("tobj", &["species"]),
+    ("tempfile", &["cache", "export", "cli", "scan"]),
 ];
 
 /// Source without comments and without test modules (by convention the last item of a file).
@@ -66,9 +71,9 @@ fn code(path: &Path) -> String {
 fn is_test(path: &Path) -> bool {
     let in_folder = path.parent().is_some_and(|folder| folder.ends_with("tests"));
     in_folder
-        || path
-            .file_name()
-            .is_some_and(|n| n == "tests.rs" || n == "sample.rs" || n == "messages.rs")
+        || path.file_name().is_some_and(|n| {
+            n == "tests.rs" || n == "foliage_tests.rs" || n == "sample.rs" || n == "messages.rs"
+        })
 }
 
 fn sources(dir: &Path, out: &mut Vec<PathBuf>) {

@@ -35,6 +35,7 @@ try:
 except ImportError as missing:
     sys.exit(f"the Python module {missing.name} is missing: pip install -r tools/requirements.txt")
 
+COLLIDERS = ("UCX_", "UCP_")
 UNIT_TOLERANCE = 2e-4
 ROOT_TOLERANCE_M = 0.5
 OFF_TERRAIN_M = 2.0
@@ -93,6 +94,9 @@ class Scene:
     meshes: list = field(default_factory=list)
     """(number of a mesh, 4×4 matrix for column vectors), one a mesh drawn."""
     drawn: list = field(default_factory=list)
+    """Colliders: what physics sees and no one draws, and where each stands."""
+    bodies: list = field(default_factory=list)
+    bodies_placed: list = field(default_factory=list)
     terrain: list = field(default_factory=list)
     """id → (root, facts)."""
     trees: dict = field(default_factory=dict)
@@ -117,6 +121,28 @@ class Scene:
                 low = np.minimum(low, points.min(1) + matrix[:3, 3])
                 high = np.maximum(high, points.max(1) + matrix[:3, 3])
         return low, high
+
+
+def body(name, points, index):
+    count = len(points)
+    return Mesh(name, points, np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 2)), index)
+
+
+def check_bodies(report, label, bodies):
+    """Colliders are closed and convex."""
+    faults = []
+    for mesh in bodies:
+        shape = trimesh.Trimesh(mesh.points, mesh.index.reshape(-1, 3), process=True)
+        if not (shape.is_watertight and shape.is_winding_consistent and shape.volume > 0):
+            faults.append(f"{mesh.name} is not closed")
+        a = mesh.points[mesh.index[0::3]].astype(float)
+        normal = np.cross(mesh.points[mesh.index[1::3]] - a, mesh.points[mesh.index[2::3]] - a)
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        outside = np.einsum("pfk,fk->pf", mesh.points[:, None, :] - a[None], normal).max()
+        if outside > BOUNDS_TOLERANCE_M:
+            faults.append(f"{mesh.name} is not convex: a corner {outside:.4f} m outside a face")
+    if bodies:
+        report.check(f"{label} colliders closed and convex", faults, f"{len(bodies)} bodies")
 
 
 def check_meshes(report, label, meshes):
@@ -289,9 +315,15 @@ def node_matrix(node):
 
 
 def gltf_scene(document, binary):
-    scene, of_mesh = Scene(), {}
+    scene, of_mesh, bodies = Scene(), {}, {}
     for number, mesh in enumerate(document.get("meshes", [])):
         of_mesh[number] = []
+        if mesh["name"].startswith(COLLIDERS):
+            get = lambda name: accessor_array(document, binary, mesh["primitives"][0]["attributes"][name])
+            index = accessor_array(document, binary, mesh["primitives"][0]["indices"])[:, 0].astype(np.int64)
+            bodies[number] = len(scene.bodies)
+            scene.bodies.append(body(mesh["name"], z_up(get("POSITION")), index))
+            continue
         for part, primitive in enumerate(mesh["primitives"]):
             get = lambda name: accessor_array(document, binary, primitive["attributes"][name])
             of_mesh[number].append(len(scene.meshes))
@@ -308,6 +340,8 @@ def gltf_scene(document, binary):
         ours = axes @ matrix @ axes.T
         for mesh in of_mesh.get(node.get("mesh"), []):
             scene.drawn.append((mesh, ours))
+        if node.get("mesh") in bodies:
+            scene.bodies_placed.append((bodies[node["mesh"]], ours))
         facts = node.get("extras", {})
         if "id" in facts:
             scene.tree_count += 1
@@ -375,7 +409,10 @@ def check_gltf(report, path):
     check_khronos(report, path)
     document, binary = read_gltf(path)
     scene = gltf_scene(document, binary)
-    check_trimesh(report, path, scene)
+    first = len(scene.meshes)
+    placed = [(first + body, matrix) for body, matrix in scene.bodies_placed]
+    check_trimesh(report, path, Scene(meshes=scene.meshes + scene.bodies, drawn=scene.drawn + placed))
+    check_bodies(report, path.name, scene.bodies)
     check_meshes(report, path.name, scene.meshes)
     check_pictures(report, path.name, gltf_pictures(path, document, binary))
     return scene
@@ -402,6 +439,7 @@ def check_usd(report, path):
     report.check(f"{path.name} up axis, unit, default prim", faults)
 
     scene = usd_scene(report, path, stage)
+    check_bodies(report, path.name, scene.bodies)
     check_meshes(report, path.name, scene.meshes)
     check_pictures(report, path.name, usd_pictures(stage))
     return scene
@@ -411,10 +449,17 @@ def usd_scene(report, path, stage):
     scene, at, extents, instancers = Scene(), {}, [], []
     cache = UsdGeom.XformCache()
     below = lambda prim, kind: [p for p in Usd.PrimRange(prim) if p.IsA(kind)]
+    drawn = lambda prims: [p for p in prims if not p.GetName().startswith(COLLIDERS)]
     arrays = lambda attribute, width: np.array(attribute.Get() or [], np.float32).reshape(-1, width)
     unbound = []
     for prim in below(stage.GetPseudoRoot(), UsdGeom.Mesh):
         mesh = UsdGeom.Mesh(prim)
+        if prim.GetName().startswith(COLLIDERS):
+            index = np.array(mesh.GetFaceVertexIndicesAttr().Get() or [], np.int64)
+            scene.bodies.append(body(prim.GetName(), arrays(mesh.GetPointsAttr(), 3), index))
+            if UsdGeom.Imageable(prim).GetPurposeAttr().Get() != "guide":
+                extents.append(f"{prim.GetName()}: a collider that renderers would draw")
+            continue
         points = arrays(mesh.GetPointsAttr(), 3)
         uv = arrays(UsdGeom.PrimvarsAPI(prim).GetPrimvar("st"), 2)
         index = np.array(mesh.GetFaceVertexIndicesAttr().Get() or [], np.int64)
@@ -432,7 +477,7 @@ def usd_scene(report, path, stage):
     for prim in below(stage.GetPseudoRoot(), UsdGeom.PointInstancer):
         instancer = UsdGeom.PointInstancer(prim)
         targets = instancer.GetPrototypesRel().GetTargets()
-        protos = [below(stage.GetPrimAtPath(target), UsdGeom.Mesh) for target in targets]
+        protos = [drawn(below(stage.GetPrimAtPath(target), UsdGeom.Mesh)) for target in targets]
         instanced |= {mesh.GetPath() for proto in protos for mesh in proto}
         faults = instancer_faults(prim, instancer, len(targets))
         instancers += faults

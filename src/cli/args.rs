@@ -3,9 +3,13 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use glam::Vec2;
+use glam::{DVec3, Vec2};
 
+use crate::pipeline::view::{Clip, Eye};
 use crate::skeleton::STAGES;
+
+/// Vertical angle of view of `--camera`.
+const FOV_DEG: f32 = 40.0;
 
 /// From a laser scan of a forest to a forest scene an artist can open.
 #[derive(Debug, Parser)]
@@ -23,6 +27,10 @@ pub struct Cli {
     /// Print errors only; of lists and tables, the bare lines.
     #[arg(long, short, global = true)]
     pub quiet: bool,
+    /// Draw textures anew, instead of keeping them in the user's cache folder. The output does not
+    /// depend on it.
+    #[arg(long, global = true)]
+    pub no_cache: bool,
     /// Print the result as JSON to standard output: a run's report, a species command's answer.
     #[arg(long, global = true)]
     pub json: bool,
@@ -78,6 +86,21 @@ pub enum Effort {
     Normal,
     /// Finer terrain, crowns from several grids.
     Best,
+}
+
+/// What stands for the leaves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Foliage {
+    /// Every leaf with its petiole, every needle.
+    Geometry,
+    /// A card with its picture for every twig.
+    Cards,
+    /// Few enlarged cards.
+    Sparse,
+    /// One closed hull of the crown.
+    Shell,
+    /// Bare trees.
+    None,
 }
 
 /// What tells the species of a tree.
@@ -144,6 +167,31 @@ fn place(text: &str) -> Result<Vec2, String> {
     }
 }
 
+fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+    let parsed: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse::<f64>()).collect();
+    let numbers: [f64; N] = parsed.ok()?.try_into().ok()?;
+    numbers.iter().all(|n| n.is_finite()).then_some(numbers)
+}
+
+fn eye(text: &str) -> Result<Eye, String> {
+    let refusal = || "give where the eye is and what it looks at: X,Y,Z,X,Y,Z".to_owned();
+    let [x, y, z, to_x, to_y, to_z] = numbers(text).ok_or_else(refusal)?;
+    let (at, look) = (DVec3::new(x, y, z), DVec3::new(to_x, to_y, to_z));
+    if at.distance(look) < 0.01 {
+        return Err("the eye looks at itself: give two places".into());
+    }
+    Ok(Eye { at, look, fov_deg: FOV_DEG })
+}
+
+fn clip(text: &str) -> Result<Clip, String> {
+    match numbers(text) {
+        Some([west, south, east, north]) if west < east && south < north => {
+            Ok(Clip { west, south, east, north })
+        }
+        _ => Err("give WEST,SOUTH,EAST,NORTH in the scan's coordinates, growing".into()),
+    }
+}
+
 /// The scans, and how they are read as terrain.
 #[derive(Debug, Args)]
 pub struct ScanArgs {
@@ -189,21 +237,66 @@ pub struct TreeArgs {
     pub seed: u64,
 }
 
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Impostor {
+    /// Two upright sheets that cross; any renderer shows them.
+    Cross,
+    /// Views from 64 directions, for shaders that blend them.
+    Octahedral,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Collision {
+    /// One capsule, `UCP_…`.
+    Capsule,
+    /// Convex bodies along the stem, `UCX_…`.
+    Convex,
+}
+
+/// Forms of the trees beside the finest.
+#[derive(Debug, Args)]
+pub struct LevelArgs {
+    /// Coarser levels of detail, 0 to 3, in files beside: NAME_LOD1, NAME_LOD2, …
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(0..=3))]
+    pub lods: u8,
+    /// Each model as pictures of itself, in a file beside: NAME_impostor.
+    #[arg(long, value_enum, value_name = "KIND")]
+    pub impostor: Option<Impostor>,
+    /// Bodies about the stems for collisions, beside each tree in the scene.
+    #[arg(long, value_enum, value_name = "KIND")]
+    pub collision: Option<Collision>,
+}
+
 /// How the scene is built and written.
 #[derive(Debug, Args)]
 pub struct SceneArgs {
     /// `all` grows each tree for itself; a number shares so many models a species.
     #[arg(long, value_name = "N|all", value_parser = unique, default_value = "5")]
     pub unique: Unique,
-    /// Most triangles of one tree model.
+    /// Most triangles of one tree model; 5000 where absent, 200000 with --foliage geometry.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
     pub triangles: Option<u32>,
+    /// Most triangles of all trees in their places, shared out by size.
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1000..))]
+    pub scene_triangles: Option<u64>,
+    /// Keep what lies in this box, in the scan's coordinates.
+    #[arg(long, value_name = "WEST,SOUTH,EAST,NORTH", allow_hyphen_values = true, value_parser = clip)]
+    pub clip: Option<Clip>,
+    /// Keep what is seen from X,Y,Z towards X,Y,Z in the scan's coordinates (40 degrees high): trees
+    /// out of sight are left out, far ones become coarse.
+    #[arg(long, value_name = "X,Y,Z,X,Y,Z", allow_hyphen_values = true, value_parser = eye)]
+    pub camera: Option<Eye>,
+    /// What stands for the leaves.
+    #[arg(long, value_enum, value_name = "LEVEL", default_value = "cards")]
+    pub foliage: Foliage,
     /// How near the terrain's triangles keep to its heights, in metres.
     #[arg(long, value_name = "M", default_value = "0.05", allow_negative_numbers = true, value_parser = positive)]
     pub terrain_error: f32,
     /// Side of the tree textures in pixels.
     #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
+    #[command(flatten)]
+    pub levels: LevelArgs,
     /// Files to write, comma separated.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "glb,usda")]
     pub format: Vec<Format>,
@@ -284,15 +377,20 @@ pub struct Tree {
     pub cloud: Option<PathBuf>,
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Most triangles.
-    #[arg(long, value_name = "N", default_value_t = 20_000, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
-    pub triangles: u32,
+    /// Most triangles; 20000 where absent, 1000000 with --foliage geometry.
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
+    pub triangles: Option<u32>,
     /// Side of the textures in pixels.
     #[arg(long, value_name = "PX", default_value_t = 1024, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
-    /// Without leaves.
-    #[arg(long)]
+    /// What stands for the leaves.
+    #[arg(long, value_enum, value_name = "LEVEL", default_value = "cards")]
+    pub foliage: Foliage,
+    /// Without leaves: --foliage none.
+    #[arg(long, conflicts_with = "foliage")]
     pub bare: bool,
+    #[command(flatten)]
+    pub levels: LevelArgs,
     /// .glb, .gltf, .usda or .png (a picture)
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,

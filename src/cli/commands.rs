@@ -6,13 +6,17 @@ use serde_json::{Value, json};
 
 use super::args::{self, Cli, Command, ScanArgs, SceneArgs, TreeArgs};
 use super::progress::Terminal;
+use crate::cache::Cache;
 use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, OutputFile};
 use crate::ground::Method;
-use crate::pipeline::{self, Effort, ForestJob, Sharing, SurveyJob, TreeJob};
+use crate::lod;
+use crate::mesh::FoliageLevel;
+use crate::pipeline::tree::Grown;
+use crate::pipeline::{self, Effort, ForestJob, LevelsJob, Sharing, SurveyJob, TreeJob, levels};
 use crate::raster::{GridGeometry, cog};
 use crate::report::{self, Outcome, Recorder, Silent};
-use crate::scene::ValidScene;
+use crate::scene::{ColliderShape, ValidScene};
 use crate::seed::Seed;
 use crate::simulate::StandOptions;
 use crate::species::assign::SpeciesBy;
@@ -22,8 +26,9 @@ use crate::species::{self, Species};
 const DEFAULT_MIX: [&str; 5] =
     ["larix_sibirica", "betula_pendula", "pinus_sylvestris", "picea_obovata", "salix_caprea"];
 
-/// Most triangles of a tree model in a forest.
-const FOREST_TRIANGLES: usize = 5_000;
+/// Most triangles of a tree model in a forest, and of a tree alone; with every leaf of it.
+const FOREST_TRIANGLES: [usize; 2] = [5_000, 200_000];
+const TREE_TRIANGLES: [usize; 2] = [20_000, 1_000_000];
 /// Of a terrain mesh where none is asked for, metres.
 const TERRAIN_ERROR_M: f32 = 0.05;
 const PREVIEW_PX: [u32; 2] = [1280, 720];
@@ -33,12 +38,13 @@ pub fn run(cli: &Cli) -> Result<()> {
     let terminal = Terminal::new();
     let observer: &dyn report::Observer = if cli.quiet { &Silent } else { &terminal };
     let mut run = Recorder::new(observer);
+    let cache = cache(cli);
     let report = match &cli.command {
-        Command::Demo(a) => demo(a, &mut run)?,
-        Command::Forest(a) => forest(a, &mut run)?,
+        Command::Demo(a) => demo(a, cache, &mut run)?,
+        Command::Forest(a) => forest(a, cache, &mut run)?,
         Command::Inventory(a) => inventory(a, &mut run)?,
         Command::Terrain(a) => terrain(a, &mut run)?,
-        Command::Tree(a) => tree(a, &mut run)?,
+        Command::Tree(a) => tree(a, cache, &mut run)?,
         Command::Species(a) => return super::species::run(&a.command, cli, &mut run),
     };
     if !cli.quiet {
@@ -59,6 +65,10 @@ pub fn run(cli: &Cli) -> Result<()> {
 struct Told {
     lines: Vec<String>,
     json: Value,
+}
+
+pub(super) fn cache(cli: &Cli) -> Cache {
+    if cli.no_cache { Cache::off() } else { Cache::of_user() }
 }
 
 fn seed(value: u64) -> Seed {
@@ -138,7 +148,22 @@ fn formats(typed: &[args::Format]) -> Vec<Format> {
         .collect()
 }
 
-fn forest_job(survey: SurveyJob, scene: &SceneArgs) -> ForestJob {
+fn level(typed: args::Foliage) -> FoliageLevel {
+    match typed {
+        args::Foliage::Geometry => FoliageLevel::Geometry,
+        args::Foliage::Cards => FoliageLevel::Cards,
+        args::Foliage::Sparse => FoliageLevel::Sparse,
+        args::Foliage::Shell => FoliageLevel::Shell,
+        args::Foliage::None => FoliageLevel::None,
+    }
+}
+
+/// `usual`: without and with every leaf.
+fn triangles(typed: Option<u32>, usual: [usize; 2], level: FoliageLevel) -> usize {
+    typed.map_or(usual[usize::from(level == FoliageLevel::Geometry)], |n| n as usize)
+}
+
+fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
     let sharing = match scene.unique {
         args::Unique::All => Sharing::None,
         args::Unique::Shared(n) => Sharing::PerSpecies(n),
@@ -146,20 +171,42 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs) -> ForestJob {
     ForestJob {
         survey,
         sharing,
-        triangles: scene.triangles.map_or(FOREST_TRIANGLES, |n| n as usize),
+        triangles: triangles(scene.triangles, FOREST_TRIANGLES, level(scene.foliage)),
+        foliage: level(scene.foliage),
         texture_px: scene.texture,
+        cache,
+        levels: levels_job(&scene.levels),
+        scene_triangles: scene.scene_triangles.map(|n| n as usize),
+        clip: scene.clip,
+        eye: scene.camera,
         terrain_error_m: scene.terrain_error,
         name: "forest".into(),
     }
 }
 
-fn forest(a: &args::Forest, run: &mut Recorder) -> Result<Told> {
+fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
+    LevelsJob {
+        meshed: usize::from(typed.lods),
+        impostor: typed.impostor.map(|kind| match kind {
+            args::Impostor::Cross => lod::Kind::Cross,
+            args::Impostor::Octahedral => lod::Kind::Octahedral,
+        }),
+        collision: typed.collision.map(|kind| match kind {
+            args::Collision::Capsule => ColliderShape::Capsule,
+            args::Collision::Convex => ColliderShape::Convex,
+        }),
+    }
+}
+
+fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let dir = a.output.clone().unwrap_or_else(|| Path::new("output").join(stem(&a.scan.scans[0])));
-    let job = forest_job(survey_job(&a.scan, &a.tree)?, &a.scene);
+    let job = forest_job(survey_job(&a.scan, &a.tree)?, &a.scene, cache);
     export::check_writable(&dir)?;
     let forest = pipeline::forest::forest(&job, run)?;
     let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
-    let summary = summary("forest", Some(a.tree.seed), run, Some(&forest.scene));
+    let mut summary = summary("forest", Some(a.tree.seed), run, Some(&forest.scene));
+    summary["levels"] = json!(forest.rows);
+    summary["left_out"] = json!({ "clipped": forest.clipped, "camera": forest.chosen });
     files.push(report_file(&summary));
     export::write_all(&dir, &files)?;
     Ok(Told { lines: forest_lines(&forest, run, &dir), json: summary })
@@ -177,7 +224,7 @@ fn forest_files(
         Ok((picture.to_png()?, Outcome::items(trees, "trees", 1, "picture")))
     })?;
     let survey = &forest.survey;
-    let mut files = export_scene(&forest.scene, "forest", formats, run)?;
+    let mut files = export_scene(&forest.scene, &forest.levels, "forest", formats, run)?;
     files.push(file("preview.png", preview));
     files.push(file(
         "inventory.geojson",
@@ -187,14 +234,19 @@ fn forest_files(
     Ok(files)
 }
 
+/// The scene as `STEM`, each of its coarser forms as `STEM_NAME`.
 fn export_scene(
     scene: &ValidScene,
+    levels: &[(String, ValidScene)],
     stem: &str,
     formats: &[Format],
     run: &mut Recorder,
 ) -> Result<Vec<OutputFile>> {
     run.stage("export", |_| {
-        let files = export::files(scene, stem, formats)?;
+        let mut files = export::files(scene, stem, formats)?;
+        for (name, level) in levels {
+            files.extend(export::files(level, &format!("{stem}_{name}"), formats)?);
+        }
         let bytes: usize = files.iter().map(|f| f.bytes.len()).sum();
         let trees = scene.instances().len();
         Ok((files, Outcome::items(trees, "trees", bytes, "bytes")))
@@ -286,7 +338,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
         let error_m = a.terrain_error.unwrap_or(TERRAIN_ERROR_M);
         let (scene, facets) = pipeline::forest::terrain_scene(frame, &terrain, error_m, run)?;
         if let Some(format) = format {
-            files = export_scene(&scene, &stem(&a.output), &[format], run)?;
+            files = export_scene(&scene, &[], &stem(&a.output), &[format], run)?;
         }
         lines.push(format!(
             "{} triangles keep every height within {:.3} m",
@@ -307,9 +359,10 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
     Ok(Told { lines, json: summary })
 }
 
-fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
+fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let extension = extension(&a.output, &["glb", "gltf", "usda", "png"])?;
     let species = species::load(&a.species)?;
+    let foliage = if a.bare { FoliageLevel::None } else { level(a.foliage) };
     let job = TreeJob {
         height_m: a.height.or(a.age.map(|years| species.size.height_at(years))),
         species,
@@ -317,19 +370,21 @@ fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
         walls: a.wall.clone(),
         neighbours: a.neighbour.clone(),
         seed: seed(a.seed),
-        triangles: a.triangles as usize,
+        triangles: triangles(a.triangles, TREE_TRIANGLES, foliage),
         texture_px: a.texture,
-        is_bare: a.bare,
+        foliage,
+        levels: levels_job(&a.levels),
+        cache,
         cloud: a.cloud.clone(),
     };
     let (dir, name) = place(&a.output)?;
     export::check_writable(&dir)?;
-    let (scene, fit) = pipeline::tree::tree(&job, run)?;
+    let Grown { scene, levels, rows, fit } = pipeline::tree::tree(&job, run)?;
     let stem = stem(&a.output);
     let files = match extension {
-        "glb" => export_scene(&scene, &stem, &[Format::Glb], run)?,
-        "gltf" => export_scene(&scene, &stem, &[Format::Gltf], run)?,
-        "usda" => export_scene(&scene, &stem, &[Format::Usda], run)?,
+        "glb" => export_scene(&scene, &levels, &stem, &[Format::Glb], run)?,
+        "gltf" => export_scene(&scene, &levels, &stem, &[Format::Gltf], run)?,
+        "usda" => export_scene(&scene, &levels, &stem, &[Format::Usda], run)?,
         _ => run.stage("preview", |_| {
             let picture = pipeline::tree::preview(&scene, PORTRAIT_PX);
             Ok((vec![file(&name, picture.to_png()?)], Outcome::items(1, "tree", 1, "picture")))
@@ -345,12 +400,39 @@ fn tree(a: &args::Tree, run: &mut Recorder) -> Result<Told> {
         a.output.display()
     );
     let mut lines = vec![line];
+    lines.extend(level_lines(&rows));
     let mut summary = summary("tree", Some(a.seed), run, Some(&scene));
+    summary["levels"] = json!(rows);
     if let Some(fit) = fit {
         summary["fit"] = json!(fit);
         lines.splice(0..0, fit_lines(&fit));
     }
     Ok(Told { lines, json: summary })
+}
+
+/// Triangles and silhouette error of each level: the mean triangles and the worst error of all
+/// models.
+fn level_lines(rows: &[levels::Row]) -> Vec<String> {
+    let mut names: Vec<&str> = Vec::new();
+    for r in rows {
+        if !names.contains(&r.level.as_str()) {
+            names.push(&r.level);
+        }
+    }
+    if names.is_empty() {
+        return Vec::new();
+    }
+    let head =
+        format!("{:>10} {:>10} {:>22} {:>8}", "level", "triangles", "silhouette worst m", "RMS m");
+    let line = |name: &&str| {
+        let of = || rows.iter().filter(|r| r.level == *name);
+        let count = of().count().max(1);
+        let triangles = of().map(|r| r.triangles).sum::<usize>() / count;
+        let worst = of().map(|r| r.silhouette_worst_m).fold(0.0, f32::max);
+        let rms = of().map(|r| r.silhouette_rms_m).fold(0.0, f32::max);
+        format!("{name:>10} {triangles:>10} {worst:>22.3} {rms:>8.3}")
+    };
+    [head].into_iter().chain(names.iter().map(line)).collect()
 }
 
 fn fit_lines(fit: &crate::skeleton::cloud::Report) -> Vec<String> {
@@ -380,7 +462,7 @@ fn fit_lines(fit: &crate::skeleton::cloud::Report) -> Vec<String> {
     ]
 }
 
-fn demo(a: &args::Demo, run: &mut Recorder) -> Result<Told> {
+fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&a.output)?;
     let species = load_species(&[])?;
     let options = StandOptions { trees: a.trees as usize, ..StandOptions::default() };
@@ -407,6 +489,7 @@ fn demo(a: &args::Demo, run: &mut Recorder) -> Result<Told> {
             seed: seed(a.seed),
         },
         &a.scene,
+        cache,
     );
     let forest = pipeline::forest::forest(&job, run)?;
     let truth = pipeline::demo::compare(&survey.stand, &forest.survey);
@@ -437,6 +520,7 @@ pub(super) fn print(lines: &[String]) -> Result<bool> {
 fn forest_lines(forest: &pipeline::Forest, run: &Recorder, dir: &Path) -> Vec<String> {
     let stats = crate::scene::statistics(&forest.scene);
     let mut lines: Vec<String> = report::table(&run.stages).lines().map(str::to_owned).collect();
+    lines.extend(level_lines(&forest.rows));
     lines.push(format!(
         "{} trees of {} models, {} triangles in place, {} unique; {:.1} s, {} MB at most",
         stats.trees,

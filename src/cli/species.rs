@@ -236,6 +236,7 @@ fn show(a: &args::Show, cli: &Cli, run: &mut Recorder) -> Result<()> {
         height_m: a.height,
         seeds: (0..3).map(|i| a.seed.wrapping_add(i)).collect(),
         size_px: a.size,
+        cache: super::commands::cache(cli),
         ..SheetJob::new(species::load(&a.species)?)
     };
     export::check_writable(&dir)?;

@@ -152,7 +152,7 @@ fn examine(watched: &mut Watched, seed: u64, cli: &Cli) -> Result<bool> {
     let path = watched.path.clone();
     watched.follow_bases();
     let checked = rules::check(&path, Seed::new(seed)).and_then(|sound| {
-        draw(&sound, seed, &watched.picture)?;
+        draw(&sound, seed, &watched.picture, cli)?;
         Ok(sound)
     });
     let seconds = start.elapsed().as_secs_f64();
@@ -182,9 +182,13 @@ fn examine(watched: &mut Watched, seed: u64, cli: &Cli) -> Result<bool> {
 }
 
 /// The tree in leaf and bare.
-fn draw(sound: &Sound, seed: u64, picture: &Path) -> Result<()> {
-    let job =
-        SheetJob { seeds: vec![seed], size_px: PICTURE_PX, ..SheetJob::new(sound.species.clone()) };
+fn draw(sound: &Sound, seed: u64, picture: &Path, cli: &Cli) -> Result<()> {
+    let job = SheetJob {
+        seeds: vec![seed],
+        size_px: PICTURE_PX,
+        cache: super::commands::cache(cli),
+        ..SheetJob::new(sound.species.clone())
+    };
     let sheet = sheet::sheet(&job, &mut Recorder::new(&Silent))?;
     let (dir, name) = place(picture)?;
     export::write_all(&dir, &[file(&name, sheet.picture.to_png()?)])

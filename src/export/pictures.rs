@@ -1,5 +1,7 @@
 //! The textures of a scene as PNG, encoded once for all formats.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
 use super::OutputFile;
@@ -8,16 +10,16 @@ use crate::scene::ValidScene;
 
 /// One PNG for each of [`ValidScene::textures`].
 pub struct Pictures {
-    png: Vec<Vec<u8>>,
+    png: Vec<Arc<[u8]>>,
 }
 
 impl Pictures {
     pub fn encode(scene: &ValidScene) -> Result<Self> {
-        let png = scene.textures().par_iter().map(|t| t.picture.to_png()).collect::<Result<_>>()?;
+        let png = scene.textures().par_iter().map(|t| t.image.png()).collect::<Result<_>>()?;
         Ok(Pictures { png })
     }
 
-    pub fn png(&self) -> &[Vec<u8>] {
+    pub fn png(&self) -> &[Arc<[u8]>] {
         &self.png
     }
 
@@ -25,7 +27,10 @@ impl Pictures {
     pub fn into_files(self, scene: &ValidScene, stem: &str) -> Vec<OutputFile> {
         let named = scene.textures().iter().zip(self.png);
         named
-            .map(|(t, bytes)| OutputFile { path: texture_path(stem, &t.name).into(), bytes })
+            .map(|(t, png)| OutputFile {
+                path: texture_path(stem, &t.name).into(),
+                bytes: png.to_vec(),
+            })
             .collect()
     }
 }

@@ -22,7 +22,7 @@ fn sample() -> Scene {
 fn two_trees() -> ValidScene {
     let mut scene = forest(&["Larix sibirica"], 2, 4.0);
     for texture in &mut scene.textures {
-        texture.picture = crate::raster::Picture::filled(1, 1, [90, 80, 70, 255]);
+        texture.image = crate::raster::Picture::filled(1, 1, [90, 80, 70, 255]).into();
     }
     // Round numbers, so that the goldens do not depend on a machine's sine.
     let level = Surface {
@@ -30,12 +30,14 @@ fn two_trees() -> ValidScene {
         normal: vec![Vec3::Z; 4],
         uv: vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
         index: vec![0, 1, 2, 0, 2, 3],
+        ..Surface::default()
     };
     let upright = Surface {
         position: vec![Vec3::ZERO, Vec3::X * 0.5, Vec3::Z * 12.5],
         normal: vec![Vec3::NEG_Y; 3],
         uv: vec![Vec2::ZERO, Vec2::X, Vec2::Y * 12.5],
         index: vec![0, 1, 2],
+        ..Surface::default()
     };
     for part in scene.prototypes.iter_mut().flat_map(|p| &mut p.parts).chain(&mut scene.terrain) {
         part.surface = match part.name.as_str() {

@@ -1,9 +1,11 @@
 //! One twig card: a few rows across a cell of the atlas, cut to what is seen in it, folded along
-//! the midrib or crossed with a second card, sagging towards its tip.
+//! the midrib or crossed with a second card, sagging towards its tip. A single leaf is the same,
+//! small, from a cell that shows one leaf.
 
 use glam::Vec3;
 
-use super::Surface;
+use super::piece::{Piece, Room};
+use super::spot::Pose;
 use crate::texture::Cell;
 use crate::texture::atlas::Row;
 
@@ -23,60 +25,41 @@ impl Shape {
         }
     }
 
-    pub fn triangles(self) -> usize {
-        4 * (self.rows() - 1)
+    pub fn room(self) -> Room {
+        let rows = self.rows();
+        let vertices = match self {
+            Shape::Folded { .. } => 3 * rows,
+            Shape::Crossed { .. } => 4 * rows,
+        };
+        Room { vertices, triangles: 4 * (rows - 1) }
     }
-
-    pub fn vertices(self) -> usize {
-        match self {
-            Shape::Folded { .. } => 3 * self.rows(),
-            Shape::Crossed { .. } => 4 * self.rows(),
-        }
-    }
-}
-
-/// Where a card stands.
-#[derive(Debug, Clone, Copy)]
-pub struct Card {
-    pub base: Vec3,
-    /// Unit, from base to tip.
-    pub heading: Vec3,
-    /// Unit, at right angles to `heading`; the upper side.
-    pub facing: Vec3,
-    /// Side of the cell.
-    pub size_m: f32,
-    /// How far each half folds down.
-    pub fold_rad: f32,
-    /// Fall of the tip, share of the size.
-    pub sag: f32,
-    pub mirrored: bool,
-    /// Unit, out of the crown.
-    pub outward: Vec3,
-    pub crown: Vec3,
 }
 
 /// Share of the crown's outside in a normal, against the card's own.
 const BENT: f32 = 0.6;
 
-pub fn emit(card: &Card, shape: Shape, cell: &Cell, outline: &[Row], out: &mut Surface) {
-    let across = card.heading.cross(card.facing);
+/// Adds a card; `fold_rad`: how far each half folds down.
+pub fn emit(
+    pose: &Pose,
+    shape: Shape,
+    fold_rad: f32,
+    cell: &Cell,
+    outline: &[Row],
+    out: &mut Piece,
+) {
+    let (facing, across) = (pose.facing, pose.heading.cross(pose.facing));
     match shape {
         Shape::Folded { .. } => {
-            let (sin, cos) = card.fold_rad.sin_cos();
-            // Across the midrib: left, middle, right, each with its direction and own normal.
-            let left = (across * -cos) - card.facing * sin;
-            let right = (across * cos) - card.facing * sin;
-            let leans = [
-                (card.facing * cos - across * sin),
-                card.facing,
-                (card.facing * cos + across * sin),
-            ];
-            sheet(card, cell, outline, &[(left, leans[0]), (right, leans[2])], Some(leans[1]), out);
+            let (sin, cos) = fold_rad.sin_cos();
+            // Each half with its direction away from the midrib and its own normal.
+            let left = (across * -cos - facing * sin, facing * cos - across * sin);
+            let right = (across * cos - facing * sin, facing * cos + across * sin);
+            sheet(pose, cell, outline, &[left, right], Some(facing), out);
         }
         Shape::Crossed { .. } => {
-            sheet(card, cell, outline, &[(-across, card.facing), (across, card.facing)], None, out);
-            let turned = Card { mirrored: !card.mirrored, ..*card };
-            let flat = [(-card.facing, -across), (card.facing, -across)];
+            sheet(pose, cell, outline, &[(-across, facing), (across, facing)], None, out);
+            let turned = Pose { mirrored: !pose.mirrored, ..*pose };
+            let flat = [(-facing, -across), (facing, -across)];
             sheet(&turned, cell, outline, &flat, None, out);
         }
     }
@@ -85,50 +68,49 @@ pub fn emit(card: &Card, shape: Shape, cell: &Cell, outline: &[Row], out: &mut S
 /// One sheet: a left and a right edge (direction away from the midrib, normal) and, where
 /// `middle` is given, the midrib between them.
 fn sheet(
-    card: &Card,
+    pose: &Pose,
     cell: &Cell,
     outline: &[Row],
     sides: &[(Vec3, Vec3); 2],
     middle: Option<Vec3>,
-    out: &mut Surface,
+    out: &mut Piece,
 ) {
-    let start = out.position.len() as u32;
     // Seen from outside the crown, the front shows: a viewer's light agrees with the normals.
     let own = middle.unwrap_or(sides[0].1);
-    let is_front = own.dot(card.outward) >= 0.0;
+    let is_front = own.dot(pose.outward) >= 0.0;
     let sign = if is_front { 1.0 } else { -1.0 };
-    let mut push = |s: f32, t: f32, edge: Vec3, reach: f32, lean: Vec3| {
-        let fall = Vec3::new(0.0, 0.0, -card.sag * t * t);
-        let p = card.base + (card.heading * t + edge * reach + fall) * card.size_m;
-        let away = (p - card.crown).normalize_or(card.outward);
-        let bent = card.outward * 0.6 + away * 0.4;
-        let normal = lean * (sign * (1.0 - BENT)) + bent * BENT;
-        out.position.push(p);
-        out.normal.push(normal.normalize_or(card.outward));
-        out.uv.push(cell.uv(s, t));
-    };
+    let mut first = None;
     for row in outline {
         let (l, r) = (0.5 - row.left, row.right - 0.5);
         // A mirrored card swaps the two sides of the picture.
-        let (l, r) = if card.mirrored { (r, l) } else { (l, r) };
-        let s = |away: f32| if card.mirrored { 0.5 - away } else { 0.5 + away };
-        push(s(-l), row.t, sides[0].0, l, sides[0].1);
+        let (l, r) = if pose.mirrored { (r, l) } else { (l, r) };
+        let s = |away: f32| if pose.mirrored { 0.5 - away } else { 0.5 + away };
+        let mut put = |s: f32, edge: Vec3, reach: f32, lean: Vec3| {
+            let t = row.t;
+            let fall = Vec3::new(0.0, 0.0, -pose.sag * t * t);
+            let p = pose.base + (pose.heading * t + edge * reach + fall) * pose.size_m;
+            out.vertex(p, pose.bent(lean * sign, p, BENT), cell.uv(s, t))
+        };
+        let left = put(s(-l), sides[0].0, l, sides[0].1);
+        first.get_or_insert(left);
         if let Some(lean) = middle {
-            push(0.5, row.t, Vec3::ZERO, 0.0, lean);
+            put(0.5, Vec3::ZERO, 0.0, lean);
         }
-        push(s(r), row.t, sides[1].0, r, sides[1].1);
+        put(s(r), sides[1].0, r, sides[1].1);
     }
     let columns = if middle.is_some() { 3 } else { 2 };
-    for k in 0..outline.len() as u32 - 1 {
+    for k in 0..outline.len().saturating_sub(1) as u32 {
         for c in 0..columns - 1 {
-            let a = start + k * columns + c;
+            let a = first.unwrap_or(0) + k * columns + c;
             let (b, d) = (a + 1, a + columns);
             let e = d + 1;
             // Left to right by base to tip turns about the facing side: a, b, e is its front.
             if is_front {
-                out.index.extend([a, b, e, a, e, d]);
+                out.triangle([a, b, e]);
+                out.triangle([a, e, d]);
             } else {
-                out.index.extend([a, e, b, a, d, e]);
+                out.triangle([a, e, b]);
+                out.triangle([a, d, e]);
             }
         }
     }

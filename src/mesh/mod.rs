@@ -5,7 +5,12 @@ mod card;
 mod check;
 mod foliage;
 mod junction;
+mod leaf;
 mod path;
+mod piece;
+mod shell;
+mod spot;
+mod stamp;
 mod tube;
 mod wood;
 
@@ -17,6 +22,7 @@ use crate::skeleton::Skeleton;
 use crate::species::Species;
 use crate::texture::Atlas;
 
+pub use foliage::FoliageLevel;
 pub use path::BELOW_GROUND_M;
 
 /// An indexed triangle surface; columns of equal length, three indices a triangle,
@@ -28,6 +34,8 @@ pub struct Surface {
     pub normal: Vec<Vec3>,
     pub uv: Vec<Vec2>,
     pub index: Vec<u32>,
+    /// How each vertex moves in the wind, as a profile's channels; empty where nobody asked.
+    pub wind: Vec<[u8; 4]>,
 }
 
 impl Surface {
@@ -106,12 +114,19 @@ impl TreeMesh {
     /// Scales the tree about its root collar until its highest leaf or shoot is at `height_m`. A
     /// skeleton of the right height bears twigs that reach beyond it.
     pub fn fit_height(&mut self, height_m: f32) {
+        self.scale(self.factor_to(height_m));
+    }
+
+    /// The factor that brings the highest leaf or shoot to a height; 1 where there is none.
+    pub fn factor_to(&self, height_m: f32) -> f32 {
         let top = self.bounds().1.z;
-        if top > 0.0 && height_m > 0.0 {
-            let factor = height_m / top;
-            for surface in [&mut self.wood, &mut self.upper_wood, &mut self.foliage] {
-                surface.position.iter_mut().for_each(|p| *p *= factor);
-            }
+        if top > 0.0 && height_m > 0.0 { height_m / top } else { 1.0 }
+    }
+
+    /// Scales the tree about its root collar.
+    pub fn scale(&mut self, factor: f32) {
+        for surface in [&mut self.wood, &mut self.upper_wood, &mut self.foliage] {
+            surface.position.iter_mut().for_each(|p| *p *= factor);
         }
     }
 
@@ -138,6 +153,7 @@ impl TreeMesh {
                 out.position.push(foliage.position[i]);
                 out.normal.push(foliage.normal[i]);
                 out.uv.push(foliage.uv[i]);
+                out.wind.extend(foliage.wind.get(i));
             }
             out.index.push(place[i]);
         }
@@ -164,7 +180,7 @@ pub struct MeshOptions {
     pub tolerance_m: f32,
     /// Triangles of the whole tree, wood and foliage; a stem alone may exceed a tiny budget.
     pub triangle_budget: Option<usize>,
-    pub foliage: bool,
+    pub foliage: FoliageLevel,
     /// Buttresses at the ground, cards of more rows.
     pub detail: bool,
     pub junctions: Junctions,
@@ -185,7 +201,7 @@ impl MeshOptions {
     pub const FOREST: MeshOptions = MeshOptions {
         tolerance_m: 0.004,
         triangle_budget: Some(5_000),
-        foliage: true,
+        foliage: FoliageLevel::Cards,
         detail: false,
         junctions: Junctions::Welded,
     };
@@ -193,7 +209,7 @@ impl MeshOptions {
     pub const HERO: MeshOptions = MeshOptions {
         tolerance_m: 0.0015,
         triangle_budget: Some(20_000),
-        foliage: true,
+        foliage: FoliageLevel::Cards,
         detail: true,
         junctions: Junctions::Welded,
     };
@@ -206,7 +222,8 @@ const WOOD_SHARE: f32 = 0.36;
 /// arguments, same bytes.
 ///
 /// # Errors
-/// A skeleton that breaks its invariants, or of a single node: it has no wood.
+/// A skeleton that breaks its invariants, or of a single node: it has no wood. A model of the user's
+/// own that alone exceeds the budget.
 pub fn build(
     skeleton: &Skeleton,
     species: &Species,
@@ -223,9 +240,10 @@ pub fn build(
     let axes = skeleton.axes();
     let seed = seed.derive("mesh", 0);
     let has_young = species.bark.upper.is_some();
-    let wood_budget = options.triangle_budget.map(|b| match options.foliage {
-        true => (b as f32 * WOOD_SHARE) as usize,
-        false => b,
+    let level = options.foliage;
+    let wood_budget = options.triangle_budget.map(|b| match level {
+        FoliageLevel::None => b,
+        _ => (b as f32 * WOOD_SHARE) as usize,
     });
     let plan = wood::plan(skeleton, &axes, options, wood_budget, has_young);
     if plan.triangles == 0 {
@@ -233,14 +251,13 @@ pub fn build(
             .remedy("give the species a greater height"));
     }
     let [wood, upper_wood] = plan.surfaces(skeleton, has_young, seed);
-    let foliage = if options.foliage {
-        let left = options.triangle_budget.map(|b| b.saturating_sub(plan.triangles));
-        foliage::foliage(skeleton, &axes, species, atlas, left, options.detail, seed)
-    } else {
-        Surface::default()
-    };
+    let budget = options.triangle_budget.map(|b| b.saturating_sub(plan.triangles));
+    let order = foliage::Order { species, atlas, level, budget, detail: options.detail, seed };
+    let foliage = foliage::foliage(skeleton, &axes, &order)?;
     Ok(TreeMesh { wood, upper_wood, foliage })
 }
 
+#[cfg(test)]
+mod foliage_tests;
 #[cfg(test)]
 mod tests;

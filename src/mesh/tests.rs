@@ -14,8 +14,16 @@ pub(crate) const SPECIES: [&str; 6] = [
     "salix_caprea",
 ];
 
+const LEVELS: [FoliageLevel; 5] = [
+    FoliageLevel::None,
+    FoliageLevel::Shell,
+    FoliageLevel::Sparse,
+    FoliageLevel::Cards,
+    FoliageLevel::Geometry,
+];
+
 fn bare(tolerance_m: f32) -> MeshOptions {
-    MeshOptions { tolerance_m, triangle_budget: None, foliage: false, ..MeshOptions::HERO }
+    MeshOptions { tolerance_m, triangle_budget: None, foliage: FoliageLevel::None, ..MeshOptions::HERO }
 }
 
 fn oak() -> Species {
@@ -75,7 +83,7 @@ proptest! {
         species.bark.upper = has_young.then_some([200, 120, 70]);
         prop_assume!(s.len() > 1);
         s.check().unwrap();
-        let options = MeshOptions { foliage: true, junctions, ..bare(tolerance) };
+        let options = MeshOptions { foliage: FoliageLevel::Cards, junctions, ..bare(tolerance) };
         let tree = build(&s, &species, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
         tree.wood.check().unwrap();
         tree.upper_wood.check().unwrap();
@@ -215,7 +223,7 @@ fn the_wood_of_every_species_is_one_solid() {
                 let skeleton = grow(&s, target, detail, Seed::new(seed)).unwrap();
                 for budget in [None, options.triangle_budget, Some(1000)] {
                     let options =
-                        MeshOptions { triangle_budget: budget, foliage: false, ..options };
+                        MeshOptions { triangle_budget: budget, foliage: FoliageLevel::None, ..options };
                     let atlas = Atlas::whole(0.4);
                     let tree = build(&skeleton, &s, &atlas, &options, Seed::new(seed)).unwrap();
                     assert_one_solid(&tree, &format!("{name} {seed} {budget:?}"));
@@ -230,7 +238,7 @@ fn budgets_are_kept_down_to_a_stem() {
     let s = oak();
     let target = Target::FromSpecies { height_m: None };
     let skeleton = grow(&s, target, Detail::HERO, Seed::new(1)).unwrap();
-    for foliage in [true, false] {
+    for foliage in LEVELS {
         for budget in [0usize, 100, 500, 2_000, 50_000] {
             let options =
                 MeshOptions { triangle_budget: Some(budget), foliage, ..MeshOptions::HERO };
@@ -313,13 +321,14 @@ fn contact_sheet() {
     for name in SPECIES {
         let s = species::load(name).unwrap();
         let t = texture::for_species(&s, 512, Seed::new(1));
-        std::fs::write(dir.join(format!("{name}_bark.png")), t.bark.to_png().unwrap()).unwrap();
-        std::fs::write(dir.join(format!("{name}_leaf.png")), t.leaf.to_png().unwrap()).unwrap();
-        let normal = t.bark_normal.to_png().unwrap();
-        std::fs::write(dir.join(format!("{name}_normal.png")), normal).unwrap();
-        if let Some(p) = t.bark_upper {
-            std::fs::write(dir.join(format!("{name}_upper.png")), p.to_png().unwrap()).unwrap();
-        }
+        let save = |kind: &str, image: &crate::raster::Image| {
+            let path = dir.join(format!("{name}_{kind}.png"));
+            std::fs::write(path, image.png().unwrap()).unwrap();
+        };
+        save("bark", &t.bark.colour);
+        save("leaf", &t.leaf);
+        t.bark.normal.iter().for_each(|p| save("normal", p));
+        t.bark_upper.iter().for_each(|b| save("upper", &b.colour));
         for (level, detail, options) in [
             ("forest", Detail::FOREST, MeshOptions::FOREST),
             ("hero", Detail::HERO, MeshOptions::HERO),
@@ -377,7 +386,11 @@ fn speed() {
     );
     let atlas = texture::for_species(&s, 128, Seed::new(1)).atlas;
     let start = std::time::Instant::now();
-    let cards = foliage::foliage(&skeleton, &axes, &s, &atlas, None, true, Seed::new(1));
+    let level = FoliageLevel::Cards;
+    let seed = Seed::new(1);
+    let order =
+        foliage::Order { species: &s, atlas: &atlas, level, budget: None, detail: true, seed };
+    let cards = foliage::foliage(&skeleton, &axes, &order).unwrap();
     println!(
         "foliage: {} triangles in {:?}: {:.1} M/s",
         cards.triangles(),
@@ -399,7 +412,7 @@ fn a_fitted_tree_has_the_height_asked_for_and_stays_closed() {
         &s,
         &oak(),
         &Atlas::whole(0.4),
-        &MeshOptions { foliage: true, ..bare(1e-3) },
+        &MeshOptions { foliage: FoliageLevel::Cards, ..bare(1e-3) },
         Seed::new(1),
     )
     .unwrap();

@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::junction::{self, Hole};
 use super::path::{self, Foot, Knot, Least, Ring, Scratch, rings, simplify};
 use super::tube::{Barks, Circles, Joints, count, lay_bark, tube};
-use super::{Junctions, MeshOptions, Surface};
+use super::{FoliageLevel, Junctions, MeshOptions, Surface};
 use crate::seed::Seed;
 use crate::skeleton::{Axis, Skeleton};
 use crate::texture::BARK_REPEAT_M;
@@ -124,7 +124,8 @@ pub fn plan(
     };
     let tolerance_m = options.tolerance_m.clamp(1e-5, 1.0);
     // Bare twigs are the crown: there sides go before axes.
-    let thin_m = if options.foliage { 0.0015 } else { 0.0003 };
+    let is_bare = options.foliage == FoliageLevel::None;
+    let thin_m = if is_bare { 0.0003 } else { 0.0015 };
     let attempt = |coarse: f32| {
         let detail = options.detail && coarse < 3.0;
         planner.attempt(tolerance_m * coarse.powf(0.6), thin_m * (coarse - 1.0), detail)

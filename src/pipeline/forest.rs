@@ -9,12 +9,18 @@ use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
 use super::drape::drape;
+use super::levels::{self, LevelsJob};
+use super::paint::paint;
 use super::survey;
 use super::survey::{Survey, SurveyJob};
+use super::view::{self, Chosen, Clip, Eye};
+use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
-use crate::mesh::{self, MeshOptions, Surface, TreeMesh};
-use crate::raster::Picture;
+use crate::lod::Kind;
+use crate::lod::collision::collision;
+use crate::mesh::{FoliageLevel, MeshOptions, Surface, TreeMesh};
+use crate::raster::{Image, Picture};
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scene::sharing::{Build, Model, share};
@@ -27,7 +33,7 @@ use crate::skeleton::surroundings::{Neighbour, Surroundings};
 use crate::skeleton::{self, Detail, Skeleton, Target};
 use crate::species::Species;
 use crate::terrain::{Facets, Terrain};
-use crate::texture::{self, TreeTextures};
+use crate::texture::{self, BarkTextures, TreeTextures};
 
 /// How many models the trees share.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,16 +51,47 @@ pub struct ForestJob {
     pub sharing: Sharing,
     /// Most triangles of one tree model.
     pub triangles: usize,
+    /// Most triangles of all trees in their places; models share it by size.
+    pub scene_triangles: Option<usize>,
+    /// What is left of the survey.
+    pub clip: Option<Clip>,
+    /// Where the scene will be looked at from; from everywhere where `None`.
+    pub eye: Option<Eye>,
+    pub foliage: FoliageLevel,
     pub texture_px: u32,
+    pub levels: LevelsJob,
+    pub cache: Cache,
     /// The terrain's triangles keep this near to its heights, as far as their number allows.
     pub terrain_error_m: f32,
     /// Identifier of the scene.
     pub name: String,
 }
 
+impl ForestJob {
+    /// What a camera chooses among is made, whether or not it is written beside.
+    fn forms(&self) -> LevelsJob {
+        match self.eye {
+            None => self.levels,
+            Some(_) => LevelsJob {
+                meshed: levels::SHARES.len(),
+                impostor: self.levels.impostor.or(Some(Kind::Cross)),
+                ..self.levels
+            },
+        }
+    }
+}
+
 /// A forest, ready to write.
 pub struct Forest {
     pub scene: ValidScene,
+    /// The trees in coarser forms, with their names, from fine to coarse.
+    pub levels: Vec<(String, ValidScene)>,
+    /// What the forms of every model are.
+    pub rows: Vec<levels::Row>,
+    /// Trees outside the box that was asked for.
+    pub clipped: usize,
+    /// What the camera made of it.
+    pub chosen: Option<Chosen>,
     pub survey: Survey,
 }
 
@@ -62,6 +99,8 @@ pub struct Forest {
 const FLOOR_TILE_M: f32 = 4.0;
 /// Most triangles of the terrain.
 const TERRAIN_TRIANGLES: usize = 120_000;
+/// Fewest triangles that a model is given.
+const LEAST_TRIANGLES: usize = 200;
 /// A shared model is widened or narrowed against its height by no more than this factor.
 const MOST_STRETCH: f32 = 1.5;
 
@@ -70,14 +109,48 @@ const MOST_STRETCH: f32 = 1.5;
 /// # Errors
 /// Those of the survey; a species that cannot grow.
 pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
-    let survey = survey::inventory(&job.survey, run)?;
+    let mut survey = survey::inventory(&job.survey, run)?;
+    let clipped = job.clip.map_or(Ok(0), |clip| view::clip(&mut survey, &clip))?;
     let models = models(job, &survey);
-    let skeletons = grow(job, &survey, &models, run)?;
-    let textures = paint(job, &models, run)?;
-    let meshes = build_meshes(job, &survey, &models, &skeletons, &textures, run)?;
-    let scene = run.stage("scene", |warnings| {
-        let facets = survey.terrain.facets(job.terrain_error_m, TERRAIN_TRIANGLES);
-        let (mut scene, stretch) = assemble(job, &survey, &facets, &models, meshes, textures)?;
+    let budgets = budgets(job, &survey, &models);
+    let skeletons = grow(job, &survey, &models, &budgets, run)?;
+    let textures = paint_all(job, &models, run)?;
+    let meshes = build_meshes(job, &survey, &models, &budgets, &skeletons, &textures, run)?;
+    let mut finest = Vec::with_capacity(meshes.len());
+    let mut coarse = Vec::with_capacity(meshes.len());
+    for mut of_model in meshes {
+        coarse.push(of_model.split_off(1));
+        finest.extend(of_model);
+    }
+    let facets = survey.terrain.facets(job.terrain_error_m, TERRAIN_TRIANGLES);
+    let Assembled { mut scene, looks, stretch } =
+        assemble(job, &survey, &facets, &models, finest, textures);
+    if let Some(kind) = job.levels.collision {
+        for (prototype, skeleton) in scene.prototypes.iter_mut().zip(&skeletons) {
+            prototype.colliders = collision(skeleton, kind);
+        }
+    }
+    let mut rows = Vec::new();
+    let forms = job.forms();
+    if !forms.is_empty() {
+        run.stage("levels", |_| {
+            levels::add(&mut scene, coarse, &looks, forms.impostor, job.texture_px)?;
+            rows = levels::rows(&scene);
+            Ok(((), levels::outcome(&rows, scene.prototypes.len())))
+        })?;
+    }
+    let mut chosen = None;
+    if let Some(eye) = &job.eye {
+        chosen = Some(run.stage("camera", |_| {
+            let chosen = view::choose(&mut scene, eye);
+            let shown = scene.instances.len();
+            let outcome = Outcome::items(survey.trees.len(), "trees", shown, "shown")
+                .note(format!("{} outside the picture, {} hidden", chosen.outside, chosen.hidden));
+            Ok((chosen, outcome))
+        })?);
+    }
+    let (scene, levels) = run.stage("scene", |warnings| {
+        let (mut scene, levels) = levels::split(scene)?;
         let left_out = scene.prune();
         let scene = scene.validate()?;
         if survey.trees.is_empty() {
@@ -96,9 +169,9 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
         if let Some(stretch) = stretch {
             outcome = outcome.error(ErrorMeasure::new("model stretch RMS", stretch, "%"));
         }
-        Ok((scene, outcome))
+        Ok(((scene, levels), outcome))
     })?;
-    Ok(Forest { scene, survey })
+    Ok(Forest { scene, levels, rows, clipped, chosen, survey })
 }
 
 fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {
@@ -122,10 +195,26 @@ fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {
     }
 }
 
+/// Most triangles of each model.
+fn budgets(job: &ForestJob, survey: &Survey, models: &[Model]) -> Vec<usize> {
+    let Some(total) = job.scene_triangles else { return vec![job.triangles; models.len()] };
+    let size = |m: &Model| {
+        let crown = &survey.trees[m.exemplar].crown;
+        (crown.height_m.max(crown.diameter_m), m.members.len())
+    };
+    let sizes: Vec<(f32, usize)> = models.iter().map(size).collect();
+    let shared = view::shared_budget(&sizes, total);
+    shared
+        .into_iter()
+        .map(|t| t.clamp(LEAST_TRIANGLES, job.triangles.max(LEAST_TRIANGLES)))
+        .collect()
+}
+
 fn grow(
     job: &ForestJob,
     survey: &Survey,
     models: &[Model],
+    budgets: &[usize],
     run: &mut Recorder,
 ) -> Result<Vec<Skeleton>> {
     run.stage("skeleton", |_| {
@@ -137,10 +226,11 @@ fn grow(
         let widest_m = survey.trees.iter().map(|t| t.crown.diameter_m).fold(0.0, f32::max);
         let skeletons: Vec<Skeleton> = models
             .par_iter()
-            .map(|m| {
+            .zip(budgets)
+            .map(|(m, &triangles)| {
                 let crown = &survey.trees[m.exemplar].crown;
                 let seed = job.survey.seed.derive("tree", crown.key);
-                let detail = detail(job.triangles);
+                let detail = detail(triangles, job.foliage);
                 let species = &job.survey.species[m.species];
                 let target = Target::FromCrown(crown);
                 // A model that several trees share stands in no one place.
@@ -207,9 +297,28 @@ pub(super) fn mesh_options(triangles: usize) -> MeshOptions {
     MeshOptions { triangle_budget: Some(triangles), ..preset }
 }
 
-/// Nodes enough to use so many triangles well: about six a node, wood and leaves.
-pub(super) fn detail(triangles: usize) -> Detail {
-    Detail { max_nodes: (triangles / 6).clamp(100, 100_000) as u32, attractor_spacing_m: None }
+/// The same with fewer triangles; with hardly any, few enlarged cards.
+pub(super) fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
+    const HARDLY_ANY: usize = 1_000;
+    let preset = mesh_options(triangles);
+    let most = if triangles < HARDLY_ANY { FoliageLevel::Sparse } else { FoliageLevel::Cards };
+    MeshOptions {
+        foliage: options.foliage.min(most),
+        triangle_budget: Some(triangles),
+        tolerance_m: options.tolerance_m.max(preset.tolerance_m),
+        detail: options.detail && preset.detail,
+        ..*options
+    }
+}
+
+/// Nodes enough to use so many triangles well: about six a node, wood and leaves; more where every
+/// leaf is one.
+pub(super) fn detail(triangles: usize, foliage: FoliageLevel) -> Detail {
+    let max_nodes = match foliage {
+        FoliageLevel::Geometry => (triangles / 60).clamp(2_000, 40_000),
+        _ => (triangles / 6).clamp(100, 100_000),
+    };
+    Detail { max_nodes: max_nodes as u32, attractor_spacing_m: None }
 }
 
 /// Sum of the distances from a crown's points to the nearest node, and their count.
@@ -231,56 +340,69 @@ fn build_meshes(
     job: &ForestJob,
     survey: &Survey,
     models: &[Model],
+    budgets: &[usize],
     skeletons: &[Skeleton],
     textures: &[Option<TreeTextures>],
     run: &mut Recorder,
-) -> Result<Vec<TreeMesh>> {
+) -> Result<Vec<Vec<TreeMesh>>> {
     run.stage("mesh", |_| {
-        let options = mesh_options(job.triangles);
-        let meshes: Vec<TreeMesh> = models
+        let meshed = job.forms().meshed;
+        let meshes: Vec<Vec<TreeMesh>> = models
             .par_iter()
+            .zip(budgets)
             .zip(skeletons)
-            .filter_map(|(m, s)| textures[m.species].as_ref().map(|t| (m, s, t)))
-            .map(|(m, s, t)| {
+            .filter_map(|((m, b), s)| textures[m.species].as_ref().map(|t| (m, *b, s, t)))
+            .map(|(m, triangles, s, t)| {
+                let options = MeshOptions { foliage: job.foliage, ..mesh_options(triangles) };
                 let crown = &survey.trees[m.exemplar].crown;
                 let seed = job.survey.seed.derive("mesh", crown.key);
                 let species = &job.survey.species[m.species];
-                let mut mesh = mesh::build(s, species, &t.atlas, &options, seed)?;
-                mesh.fit_height(crown.height_m);
-                mesh.clear_ground();
-                Ok(mesh)
+                let height_m = Some(crown.height_m);
+                levels::meshes(s, species, &t.atlas, &options, meshed, height_m, seed)
             })
             .collect::<Result<_>>()?;
         let nodes = skeletons.iter().map(Skeleton::len).sum();
-        let triangles = meshes.iter().map(TreeMesh::triangles).sum();
+        let triangles = meshes.iter().flatten().map(TreeMesh::triangles).sum();
+        let most = budgets.iter().copied().max().unwrap_or(job.triangles);
         let outcome = Outcome::items(nodes, "nodes", triangles, "triangles")
-            .error(ErrorMeasure::new("sagitta bound", options.tolerance_m.into(), "m"));
+            .error(ErrorMeasure::new("sagitta bound", mesh_options(most).tolerance_m.into(), "m"));
         Ok((meshes, outcome))
     })
 }
 
 /// Textures of the species that any model uses, by species index.
-fn paint(
+fn paint_all(
     job: &ForestJob,
     models: &[Model],
     run: &mut Recorder,
 ) -> Result<Vec<Option<TreeTextures>>> {
     let (species, size_px, seed) = (&job.survey.species, job.texture_px, job.survey.seed);
-    run.stage("texture", |_| {
+    run.stage("texture", |warnings| {
         let is_used: Vec<bool> =
             (0..species.len()).map(|s| models.iter().any(|m| m.species == s)).collect();
         let textures: Vec<Option<TreeTextures>> = species
             .par_iter()
             .zip(&is_used)
-            .map(|(s, &used)| used.then(|| texture::for_species(s, size_px, seed)))
-            .collect();
+            .map(|(s, &used)| used.then(|| paint(s, size_px, seed, &job.cache)).transpose())
+            .collect::<Result<_>>()?;
+        for (s, _) in species.iter().zip(&is_used).filter(|(_, used)| **used) {
+            warnings.extend(s.remarks.iter().cloned());
+        }
         let used = is_used.iter().filter(|&&u| u).count();
         Ok((textures, Outcome::items(used, "species", used * 3, "pictures")))
     })
 }
 
-/// The scene, and by how much models are widened or narrowed against their height to fit their
-/// trees, RMS in percent.
+/// A scene before it is checked.
+struct Assembled {
+    scene: Scene,
+    /// Of each prototype.
+    looks: Vec<Look>,
+    /// By how much models are widened or narrowed against their height to fit their trees, RMS in
+    /// percent.
+    stretch: Option<f64>,
+}
+
 fn assemble(
     job: &ForestJob,
     survey: &Survey,
@@ -288,18 +410,20 @@ fn assemble(
     models: &[Model],
     meshes: Vec<TreeMesh>,
     textures: Vec<Option<TreeTextures>>,
-) -> Result<(Scene, Option<f64>)> {
+) -> Assembled {
     let species = &job.survey.species;
     let mut stretch_sq = Vec::new();
     let mut scene = Scene::empty(job.name.clone(), survey.frame.clone());
     add_terrain(&mut scene, &survey.terrain, facets, survey, job.survey.seed);
-    let mut looks = Vec::new();
+    let mut by_species = Vec::new();
     for (s, t) in species.iter().zip(textures) {
-        looks.push(t.map(|t| add_materials(&mut scene, s, t)));
+        by_species.push(t.map(|t| add_materials(&mut scene, s, t)));
     }
+    let mut looks = Vec::with_capacity(models.len());
     let mut numbers = vec![0; species.len()];
     for (m, (model, mesh)) in models.iter().zip(meshes).enumerate() {
-        let Some(Some(look)) = looks.get(model.species) else { continue };
+        let Some(Some(look)) = by_species.get(model.species) else { continue };
+        looks.push(*look);
         numbers[model.species] += 1;
         let s = &species[model.species];
         let width_m = mesh.crown_diameter_m();
@@ -340,12 +464,12 @@ fn assemble(
     }
     let count = stretch_sq.len() as f64;
     let stretch = (count > 0.0).then(|| 100.0 * (stretch_sq.iter().sum::<f64>() / count).sqrt());
-    Ok((scene, stretch))
+    Assembled { scene, looks, stretch }
 }
 
 /// Indices of a species' materials.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Look {
+pub struct Look {
     bark: u32,
     upper_bark: u32,
     leaf: u32,
@@ -353,46 +477,67 @@ pub(super) struct Look {
 
 pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: TreeTextures) -> Look {
     let stem = identifier(&species.name);
-    let mut texture = |kind: &str, picture: Picture, colorspace| {
-        scene.textures.push(Texture { name: format!("{stem}_{kind}"), picture, colorspace });
-        Some(scene.textures.len() as u32 - 1)
+    let bark = add_bark(scene, &format!("{stem}_bark"), textures.bark);
+    let upper_bark =
+        textures.bark_upper.map_or(bark, |t| add_bark(scene, &format!("{stem}_bark_upper"), t));
+    let name = format!("{stem}_leaf");
+    let leaf = add_texture(scene, &name, textures.leaf, Colorspace::Srgb);
+    scene.materials.push(Material {
+        name,
+        base_color: [1.0; 3],
+        base_color_texture: Some(leaf),
+        normal_texture: None,
+        orm_texture: None,
+        roughness: 0.65,
+        alpha: Alpha::Mask { cutoff: 0.5 },
+        double_sided: true,
+    });
+    Look { bark, upper_bark, leaf: scene.materials.len() as u32 - 1 }
+}
+
+fn add_texture(scene: &mut Scene, name: &str, image: Image, colorspace: Colorspace) -> u32 {
+    scene.textures.push(Texture { name: name.to_owned(), image, colorspace });
+    scene.textures.len() as u32 - 1
+}
+
+fn add_bark(scene: &mut Scene, name: &str, bark: BarkTextures) -> u32 {
+    let colour = add_texture(scene, name, bark.colour, Colorspace::Srgb);
+    let mut relief = |image: Option<Image>, kind: &str| {
+        image.map(|i| add_texture(scene, &format!("{name}_{kind}"), i, Colorspace::Raw))
     };
-    let bark = texture("bark", textures.bark, Colorspace::Srgb);
-    let bark_normal = texture("bark_normal", textures.bark_normal, Colorspace::Raw);
-    let upper = textures.bark_upper.map(|p| texture("bark_upper", p, Colorspace::Srgb));
-    let leaf = texture("leaf", textures.leaf, Colorspace::Srgb);
-    let mut material = |kind: &str, base_color_texture, is_leaf: bool| {
-        scene.materials.push(Material {
-            name: format!("{stem}_{kind}"),
-            base_color: [1.0; 3],
-            base_color_texture,
-            normal_texture: if is_leaf { None } else { bark_normal },
-            roughness: if is_leaf { 0.65 } else { 0.9 },
-            alpha: if is_leaf { Alpha::Mask { cutoff: 0.5 } } else { Alpha::Opaque },
-            double_sided: is_leaf,
-        });
-        scene.materials.len() as u32 - 1
-    };
-    let lower_bark = material("bark", bark, false);
-    Look {
-        bark: lower_bark,
-        upper_bark: upper.map_or(lower_bark, |t| material("bark_upper", t, false)),
-        leaf: material("leaf", leaf, true),
-    }
+    let (normal_texture, orm_texture) = (relief(bark.normal, "normal"), relief(bark.orm, "orm"));
+    scene.materials.push(Material {
+        name: name.to_owned(),
+        base_color: [1.0; 3],
+        base_color_texture: Some(colour),
+        normal_texture,
+        orm_texture,
+        roughness: if orm_texture.is_some() { 1.0 } else { 0.9 },
+        alpha: Alpha::Opaque,
+        double_sided: false,
+    });
+    scene.materials.len() as u32 - 1
 }
 
 /// The parts of a tree; those without triangles are left out when the scene is pruned.
 pub(super) fn prototype(name: String, species: &Species, mesh: TreeMesh, look: Look) -> Prototype {
-    let part = |name: &str, surface, material| Part { name: name.into(), surface, material };
     Prototype {
         name,
         species: species.name.clone(),
-        parts: vec![
-            part("wood", mesh.wood, look.bark),
-            part("upper_wood", mesh.upper_wood, look.upper_bark),
-            part("foliage", mesh.foliage, look.leaf),
-        ],
+        parts: parts_of(mesh, look),
+        levels: Vec::new(),
+        colliders: Vec::new(),
+        octahedral: None,
     }
+}
+
+pub(super) fn parts_of(mesh: TreeMesh, look: Look) -> Vec<Part> {
+    let part = |name: &str, surface, material| Part { name: name.into(), surface, material };
+    vec![
+        part("wood", mesh.wood, look.bark),
+        part("upper_wood", mesh.upper_wood, look.upper_bark),
+        part("foliage", mesh.foliage, look.leaf),
+    ]
 }
 
 fn add_terrain(scene: &mut Scene, terrain: &Terrain, facets: &Facets, survey: &Survey, seed: Seed) {
@@ -414,12 +559,17 @@ fn tiled_floor(surface: &mut Surface, terrain: &Terrain, seed: Seed) -> Picture 
 }
 
 fn place_terrain(scene: &mut Scene, surface: Surface, picture: Picture) {
-    scene.textures.push(Texture { name: "terrain".into(), picture, colorspace: Colorspace::Srgb });
+    scene.textures.push(Texture {
+        name: "terrain".into(),
+        image: picture.into(),
+        colorspace: Colorspace::Srgb,
+    });
     scene.materials.push(Material {
         name: "terrain".into(),
         base_color: [1.0; 3],
         base_color_texture: Some(scene.textures.len() as u32 - 1),
         normal_texture: None,
+        orm_texture: None,
         roughness: 1.0,
         alpha: Alpha::Opaque,
         double_sided: false,

@@ -6,14 +6,18 @@ mod drape;
 pub mod effort;
 mod figure;
 pub mod forest;
+pub mod levels;
+mod paint;
 pub mod rules;
 pub mod sheet;
 pub mod survey;
 mod tiled;
 pub mod tree;
+pub mod view;
 
 pub use effort::Effort;
 pub use forest::{Forest, ForestJob, Sharing};
+pub use levels::LevelsJob;
 pub use sheet::{Sheet, SheetJob};
 pub use survey::{Survey, SurveyJob};
 pub use tree::TreeJob;

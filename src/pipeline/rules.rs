@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::forest::detail;
 use crate::diagnostic::Result;
+use crate::mesh::FoliageLevel;
 use crate::seed::Seed;
 use crate::skeleton::derive::{self, Inputs, ModuleString, Stats};
 use crate::skeleton::{self, Target};
@@ -74,9 +75,10 @@ pub fn check(path: &Path, seed: Seed) -> Result<Sound> {
     let limits = Inputs { module_limit: CHECK_MODULES, ..Inputs::new(seed) };
     let (_, stats) = derive_within(&species, limits).map_err(|e| e.in_file(path))?;
     let target = Target::FromSpecies { height_m: None };
-    let skeleton = skeleton::grow(&species, target, detail(CHECK_TRIANGLES), seed)
-        .and_then(|s| s.check().map(|()| s))
-        .map_err(|e| e.in_file(path))?;
+    let skeleton =
+        skeleton::grow(&species, target, detail(CHECK_TRIANGLES, FoliageLevel::Cards), seed)
+            .and_then(|s| s.check().map(|()| s))
+            .map_err(|e| e.in_file(path))?;
     let (nodes, height_m) = (skeleton.len(), skeleton.height_m());
     Ok(Sound { species, stats, nodes, height_m })
 }

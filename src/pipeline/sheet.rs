@@ -9,9 +9,11 @@ use rayon::prelude::*;
 
 use super::figure::{self, figure};
 use super::forest::{add_materials, detail, mesh_options, prototype};
+use super::paint::paint;
+use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
-use crate::mesh::{self, MeshOptions};
+use crate::mesh::{self, FoliageLevel, MeshOptions};
 use crate::raster::Picture;
 use crate::render::label::{Align, Pen, rule};
 use crate::render::{self, Backdrop, Camera, Placement, RenderOptions, View};
@@ -20,7 +22,6 @@ use crate::scene::{Alpha, Material, Part, Scene, identifier};
 use crate::seed::Seed;
 use crate::skeleton::{self, Target};
 use crate::species::Species;
-use crate::texture;
 
 /// What to show.
 #[derive(Debug, Clone)]
@@ -33,6 +34,7 @@ pub struct SheetJob {
     /// Of each tree.
     pub triangles: usize,
     pub texture_px: u32,
+    pub cache: Cache,
     /// Longer side of the sheet.
     pub size_px: u32,
 }
@@ -46,6 +48,7 @@ impl SheetJob {
             seeds: vec![1, 2, 3],
             triangles: 20_000,
             texture_px: 512,
+            cache: Cache::off(),
             size_px: 1600,
         }
     }
@@ -85,15 +88,22 @@ pub fn sheet(job: &SheetJob, run: &mut Recorder) -> Result<Sheet> {
     let species = &job.species;
     let target = Target::FromSpecies { height_m: job.height_m };
     let skeletons = run.stage("skeleton", |_| {
-        let grow =
-            |&seed: &u64| skeleton::grow(species, target, detail(job.triangles), Seed::new(seed));
+        let grow = |&seed: &u64| {
+            skeleton::grow(
+                species,
+                target,
+                detail(job.triangles, FoliageLevel::Cards),
+                Seed::new(seed),
+            )
+        };
         let skeletons = job.seeds.par_iter().map(grow).collect::<Result<Vec<_>>>()?;
         let nodes = skeletons.iter().map(|s| s.len()).sum();
         Ok((skeletons, Outcome::items(job.seeds.len(), "seeds", nodes, "nodes")))
     })?;
-    let textures = run.stage("texture", |_| {
+    let textures = run.stage("texture", |warnings| {
+        warnings.extend(species.remarks.iter().cloned());
         let seed = Seed::new(job.seeds.first().copied().unwrap_or(1));
-        let textures = texture::for_species(species, job.texture_px, seed);
+        let textures = paint(species, job.texture_px, seed, &job.cache)?;
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mut wanted = Vec::new();
@@ -102,7 +112,8 @@ pub fn sheet(job: &SheetJob, run: &mut Recorder) -> Result<Sheet> {
     }
     let meshes = run.stage("mesh", |_| {
         let build = |&(seed, skeleton, is_bare): &(u64, &skeleton::Skeleton, bool)| {
-            let options = MeshOptions { foliage: !is_bare, ..mesh_options(job.triangles) };
+            let foliage = if is_bare { FoliageLevel::None } else { FoliageLevel::Cards };
+            let options = MeshOptions { foliage, ..mesh_options(job.triangles) };
             let seed = Seed::new(seed).derive("mesh", 0);
             let mut mesh = mesh::build(skeleton, species, &textures.atlas, &options, seed)?;
             mesh.fit_height(skeleton.height_m());
@@ -236,6 +247,7 @@ fn draw(job: &SheetJob, scene: &mut Scene, trees: &[Shown]) -> Result<Picture> {
         base_color: FIGURE_COLOUR,
         base_color_texture: None,
         normal_texture: None,
+        orm_texture: None,
         roughness: 1.0,
         alpha: Alpha::Opaque,
         double_sided: false,

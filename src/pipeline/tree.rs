@@ -5,9 +5,13 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec2, Vec3};
 
 use super::forest::{add_materials, detail, mesh_options, prototype};
+use super::levels::{self, LevelsJob};
+use super::paint::paint;
+use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
-use crate::mesh::{self, MeshOptions};
+use crate::lod::collision::collision;
+use crate::mesh::{FoliageLevel, MeshOptions};
 use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
@@ -18,7 +22,6 @@ use crate::skeleton::envelope::Envelope;
 use crate::skeleton::surroundings::{Neighbour, Surroundings, Wall};
 use crate::skeleton::{self, STAGES, Skeleton, Target, cloud};
 use crate::species::Species;
-use crate::texture;
 
 /// What to grow.
 #[derive(Debug, Clone)]
@@ -35,27 +38,41 @@ pub struct TreeJob {
     pub seed: Seed,
     pub triangles: usize,
     pub texture_px: u32,
-    pub is_bare: bool,
+    pub foliage: FoliageLevel,
+    pub levels: LevelsJob,
+    pub cache: Cache,
     /// The scan of one tree to fit to, instead of growing one.
     pub cloud: Option<PathBuf>,
 }
 
-/// Rule file, and a scan if there is one, to a validated scene of one tree at the origin; and how
-/// the tree fits the scan.
+/// A tree, ready to write.
+pub struct Grown {
+    /// The tree at the origin.
+    pub scene: ValidScene,
+    /// The tree in coarser forms, with their names, from fine to coarse.
+    pub levels: Vec<(String, ValidScene)>,
+    /// What these forms are.
+    pub rows: Vec<levels::Row>,
+    /// How the tree fits the scan, where there is one.
+    pub fit: Option<cloud::Report>,
+}
+
+/// Rule file, and a scan if there is one, to a validated scene of one tree.
 ///
 /// # Errors
 /// A rule that grows beyond its limits; a scan that can't be read or is no single tree.
-pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<(ValidScene, Option<cloud::Report>)> {
+pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<Grown> {
     match &job.cloud {
         Some(path) => {
             let (skeleton, frame, report) = fitted(job, path, run)?;
             let stem_m = report.stem_diameter_m;
-            Ok((stand(job, &skeleton, stem_m, frame, run)?, Some(report)))
+            let grown = stand(job, &skeleton, stem_m, frame, run)?;
+            Ok(Grown { fit: Some(report), ..grown })
         }
         None => {
             let skeleton = grown(job, run)?;
             let stem_m = job.species.size.stem_diameter_at(skeleton.height_m());
-            Ok((stand(job, &skeleton, stem_m, Frame::local(DVec3::ZERO), run)?, None))
+            stand(job, &skeleton, stem_m, Frame::local(DVec3::ZERO), run)
         }
     }
 }
@@ -74,7 +91,7 @@ fn fitted(
     })?;
     run.stage("skeleton", |_| {
         let points = &scan.cloud.position;
-        let fitted = cloud::fit(&job.species, points, detail(job.triangles), job.seed)
+        let fitted = cloud::fit(&job.species, points, detail(job.triangles, job.foliage), job.seed)
             .map_err(|e| e.in_file(path))?;
         let r = &fitted.report;
         let outcome = Outcome::items(points.len(), "points", fitted.skeleton.len(), "nodes")
@@ -94,7 +111,7 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
     run.stage("skeleton", |_| {
         let target = Target::FromSpecies { height_m: job.height_m };
         let around = surroundings(job);
-        let detail = detail(job.triangles);
+        let detail = detail(job.triangles, job.foliage);
         let skeleton = skeleton::grow_among(species, target, detail, &around, job.seed)?;
         let wanted = job.height_m.unwrap_or(species.size.height_m);
         let off = f64::from((skeleton.height_m() - wanted).abs());
@@ -143,45 +160,58 @@ fn stand(
     stem_diameter_m: f32,
     frame: Frame,
     run: &mut Recorder,
-) -> Result<ValidScene> {
+) -> Result<Grown> {
     let species = &job.species;
-    let textures = run.stage("texture", |_| {
-        let textures = texture::for_species(species, job.texture_px, job.seed);
+    let textures = run.stage("texture", |warnings| {
+        warnings.extend(species.remarks.iter().cloned());
+        let textures = paint(species, job.texture_px, job.seed, &job.cache)?;
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
-    let mesh = run.stage("mesh", |_| {
-        let options = MeshOptions { foliage: !job.is_bare, ..mesh_options(job.triangles) };
+    let mut meshes = run.stage("mesh", |_| {
+        let options = MeshOptions { foliage: job.foliage, ..mesh_options(job.triangles) };
         let seed = job.seed.derive("mesh", 0);
-        let mut mesh = mesh::build(skeleton, species, &textures.atlas, &options, seed)?;
         // Wood fitted to a cloud stays where it is.
-        if job.cloud.is_none() {
-            mesh.fit_height(skeleton.height_m());
-        }
-        mesh.clear_ground();
-        let triangles = mesh.triangles();
+        let height_m = job.cloud.is_none().then(|| skeleton.height_m());
+        let (atlas, meshed) = (&textures.atlas, job.levels.meshed);
+        let meshes = levels::meshes(skeleton, species, atlas, &options, meshed, height_m, seed)?;
+        let triangles = meshes.iter().map(|m| m.triangles()).sum();
         let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles")
             .error(ErrorMeasure::new("sagitta bound", options.tolerance_m.into(), "m"));
-        Ok((mesh, outcome))
+        Ok((meshes, outcome))
     })?;
-    run.stage("scene", |_| {
-        let name = identifier(&species.name);
-        let mut scene = Scene::empty(name.clone(), frame);
-        let look = add_materials(&mut scene, species, textures);
-        let facts = facts(species, skeleton, stem_diameter_m);
+    let name = identifier(&species.name);
+    let mut scene = Scene::empty(name.clone(), frame);
+    let look = add_materials(&mut scene, species, textures);
+    let coarse = meshes.split_off(1);
+    for mesh in meshes {
         scene.prototypes.push(prototype(format!("{name}_01"), species, mesh, look));
-        scene.instances.push(Instance {
-            name: format!("{name}_tree"),
-            prototype: 0,
-            position: Vec3::ZERO,
-            yaw_rad: 0.0,
-            scale: Vec3::ONE,
-            facts,
-        });
+    }
+    if let (Some(kind), Some(prototype)) = (job.levels.collision, scene.prototypes.first_mut()) {
+        prototype.colliders = collision(skeleton, kind);
+    }
+    scene.instances.push(Instance {
+        name: format!("{name}_tree"),
+        prototype: 0,
+        position: Vec3::ZERO,
+        yaw_rad: 0.0,
+        scale: Vec3::ONE,
+        facts: facts(species, skeleton, stem_diameter_m),
+    });
+    let mut rows = Vec::new();
+    if !job.levels.is_empty() {
+        run.stage("levels", |_| {
+            levels::add(&mut scene, vec![coarse], &[look], job.levels.impostor, job.texture_px)?;
+            rows = levels::rows(&scene);
+            Ok(((), levels::outcome(&rows, 1)))
+        })?;
+    }
+    run.stage("scene", |_| {
+        let (mut scene, levels) = levels::split(scene)?;
         let left_out = scene.prune();
         let scene = scene.validate()?;
         let triangles = crate::scene::statistics(&scene).unique_triangles as usize;
         Ok((
-            scene,
+            Grown { scene, levels, rows, fit: None },
             Outcome::items(1, "model", triangles, "triangles")
                 .note(format!("left out: {left_out}")),
         ))

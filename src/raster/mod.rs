@@ -4,13 +4,17 @@
 //! a value stands for the middle of its cell.
 
 pub mod cog;
+mod encoded;
 pub mod geotiff;
 pub mod inpaint;
 mod lzw;
+mod pad;
 pub mod picture;
 pub mod trend;
 mod world_file;
 
+pub use encoded::Image;
+pub use pad::pad_transparent;
 pub use picture::Picture;
 use rayon::prelude::*;
 pub use world_file::read;

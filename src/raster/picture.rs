@@ -46,6 +46,29 @@ impl Picture {
         Ok(out.into_inner())
     }
 
+    /// Decodes PNG or JPEG bytes of at most `most_px` pixels a side; the size is looked at first.
+    pub fn from_bytes_within(bytes: &[u8], most_px: u32) -> Result<Self> {
+        let reader = image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
+        let size = reader.ok().and_then(|r| r.into_dimensions().ok());
+        match size {
+            Some((w, h)) if w > most_px || h > most_px => {
+                Err(Error::new(format!("a picture of {w} × {h} pixels"))
+                    .remedy(format!("give one of at most {most_px} × {most_px}")))
+            }
+            _ => Picture::from_bytes(bytes),
+        }
+    }
+
+    /// Width and height that PNG or JPEG bytes announce; nothing is decoded.
+    pub fn size_of(bytes: &[u8]) -> Result<(u32, u32)> {
+        let fail = |e: String| {
+            Error::new(format!("not a readable picture: {e}")).remedy("give a PNG or JPEG file")
+        };
+        let reader = image::ImageReader::new(std::io::Cursor::new(bytes));
+        let reader = reader.with_guessed_format().map_err(|e| fail(e.to_string()))?;
+        reader.into_dimensions().map_err(|e| fail(e.to_string()))
+    }
+
     /// Decodes PNG or JPEG bytes.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
         let image = image::load_from_memory(bytes)

@@ -77,6 +77,12 @@ pub(super) fn corner(lo: Vec3, hi: Vec3, i: usize) -> Vec3 {
     )
 }
 
+/// Right and up of a view along `forward`.
+pub(super) fn sides(forward: Vec3) -> [Vec3; 2] {
+    let axes = basis(forward);
+    [axes.x_axis, axes.y_axis]
+}
+
 /// Right, up and forward of a view along `forward`; Z is up where it can be.
 fn basis(forward: Vec3) -> Mat3 {
     let f = forward.try_normalize().unwrap_or(Vec3::NEG_Z);
@@ -161,6 +167,20 @@ impl View {
             centre: samples * 0.5,
             width: samples.x as usize,
             height: samples.y as usize,
+        }
+    }
+
+    /// An orthographic view along `forward` whose middle shows `centre`.
+    pub fn window(centre: Vec3, forward: Vec3, sample_m: f32, size: [usize; 2]) -> View {
+        let [width, height] = size;
+        View {
+            eye: centre,
+            axes: basis(forward),
+            lens: Lens::Orthographic,
+            focal: 1.0 / sample_m,
+            centre: Vec2::new(width as f32, height as f32) * 0.5,
+            width,
+            height,
         }
     }
 

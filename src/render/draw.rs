@@ -27,6 +27,8 @@ pub(super) struct Place {
     /// Turns normals, which scale by one over.
     pub normal: Mat3,
     pub is_mirrored: bool,
+    /// Of the view; the terrain has none.
+    pub placement: Option<u32>,
 }
 
 /// A mesh in its place.
@@ -78,6 +80,10 @@ impl Sample {
 pub(super) trait Canvas {
     /// Whether colours and normals are wanted.
     const IS_SHADED: bool;
+    /// Whether leaves are lit as part of a rounded crown.
+    const IS_CROWN_LIT: bool = Self::IS_SHADED;
+    /// What comes next belongs to a place.
+    fn begin(&mut self, _place: u32) {}
     fn nearness(&self, i: usize) -> f32;
     fn put(&mut self, i: usize, sample: Sample);
 }
@@ -125,13 +131,13 @@ impl Stage<'_> {
     pub fn list(&self, view: &View, rows_per_band: usize, triangle_budget: usize) -> DrawList {
         const FINEST_CARD_SAMPLES: f32 = 3.0;
         let mut card_samples = FINEST_CARD_SAMPLES;
-        let mut draws = self.draws(view, card_samples);
+        let mut draws = self.draws(view, Some(card_samples));
         for _ in 0..16 {
             if draws.iter().map(|d| d.triangles).sum::<usize>() <= triangle_budget {
                 break;
             }
             card_samples *= 1.2;
-            draws = self.draws(view, card_samples);
+            draws = self.draws(view, Some(card_samples));
         }
         draws.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.item.cmp(&b.item)));
         let mut bands = vec![Vec::new(); view.height.div_ceil(rows_per_band)];
@@ -144,7 +150,16 @@ impl Stage<'_> {
         DrawList { draws, bands, rows_per_band }
     }
 
-    fn draws(&self, view: &View, card_samples: f32) -> Vec<Draw> {
+    /// Lists what is in one place, every triangle of it, as one band.
+    pub fn list_whole(&self, view: &View, place: u32) -> DrawList {
+        let mut draws = self.draws(view, None);
+        draws.retain(|d| self.items[d.item as usize].place == place);
+        let bands = vec![(0..draws.len() as u32).collect()];
+        DrawList { draws, bands, rows_per_band: view.height }
+    }
+
+    /// `card_samples`: how small cards may become before some are left out; `None`: nothing is.
+    fn draws(&self, view: &View, card_samples: Option<f32>) -> Vec<Draw> {
         let mut out = Vec::new();
         for (i, item) in self.items.iter().enumerate() {
             let (mesh, place) =
@@ -153,7 +168,10 @@ impl Stage<'_> {
             let middle = view.view_from_scene((lo + hi) * 0.5);
             let scale = place.linear.determinant().abs().cbrt().max(1e-6);
             let sample_m = 1.0 / (view.samples_per_m(middle.z) * scale);
-            let (triangles, grow) = mesh.detail(sample_m, card_samples);
+            let (triangles, grow) = match card_samples {
+                Some(card_samples) => mesh.detail(sample_m, card_samples),
+                None => (mesh.triangle.len(), 1.0),
+            };
             if let Order::Cards { side_m, .. } = mesh.order {
                 let margin = Vec3::splat((grow - 1.0) * side_m * scale * 2.0);
                 lo -= margin;
@@ -199,6 +217,7 @@ impl Stage<'_> {
         canvas: &mut C,
     ) {
         let item = &self.items[draw.item as usize];
+        canvas.begin(item.place);
         let (mesh, place) = (&self.meshes[item.mesh as usize], &self.places[item.place as usize]);
         let paint = &self.paints[mesh.material as usize];
         let texture = |id: Option<u32>| id.and_then(|i| self.textures[i as usize].as_ref());
@@ -219,7 +238,7 @@ impl Stage<'_> {
             let (mut p, mut bulge) = (v.position, Vec3::ZERO);
             if let Order::Cards { middle, crown, .. } = &mesh.order {
                 p = middle[i] + (p - middle[i]) * draw.grow;
-                if C::IS_SHADED {
+                if C::IS_CROWN_LIT {
                     bulge = place.normal * ((p - crown.0) * crown.1);
                 }
             }
@@ -343,7 +362,7 @@ impl Brush<'_> {
                 normal = (along * b[0] + across * b[1] + normal * b[2]).normalize_or(normal);
             }
             let mut leaf = 0.0;
-            if self.is_leaf {
+            if self.is_leaf && C::IS_CROWN_LIT {
                 // A crown is lit as a whole: single leaves only ripple its rounded surface.
                 let bulge =
                     corner[0].bulge * k[0] + corner[1].bulge * k[1] + corner[2].bulge * k[2];

@@ -7,11 +7,13 @@
 //! own normal alone; mip levels are isotropic; nothing is reflected.
 
 mod camera;
+pub mod capture;
 mod draw;
 pub mod label;
 mod light;
 mod model;
 mod raster;
+mod seen;
 mod texture;
 
 use std::collections::BTreeMap;
@@ -23,7 +25,9 @@ pub use camera::Camera;
 use draw::{Item, Paint, Place, Sample, Scratch, Stage};
 use light::Light;
 use model::{Mesh, Order};
+pub use seen::seen;
 use texture::Pyramid;
+pub use texture::srgb_from_linear;
 
 use crate::mesh::Surface;
 use crate::raster::Picture;
@@ -49,17 +53,21 @@ pub struct View<'a> {
     pub placements: Vec<Placement>,
 }
 
+impl Placement {
+    /// Where a model stands by itself.
+    pub const HOME: Placement =
+        Placement { model: 0, position: Vec3::ZERO, yaw_rad: 0.0, scale: Vec3::ONE };
+}
+
 impl<'a> View<'a> {
     /// One model on a disc of ground.
     pub fn of_model(parts: &'a [Part], materials: &'a [Material], textures: &'a [Texture]) -> Self {
-        let placement =
-            Placement { model: 0, position: Vec3::ZERO, yaw_rad: 0.0, scale: Vec3::ONE };
         View {
             textures,
             materials,
             terrain: None,
             models: vec![parts],
-            placements: vec![placement],
+            placements: vec![Placement::HOME],
         }
     }
 
@@ -264,7 +272,9 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
         }
     }
     let textures: Vec<_> = (view.textures.par_iter().enumerate())
-        .map(|(i, t)| Pyramid::new(&t.picture, t.colorspace, cutoffs.get(&(i as u32)).copied()))
+        .map(|(i, t)| {
+            Pyramid::new(t.image.picture(), t.colorspace, cutoffs.get(&(i as u32)).copied())
+        })
         .collect();
     let known = |id: Option<u32>| id.filter(|&i| (i as usize) < textures.len());
     let mut paints: Vec<Paint> = (view.materials.iter())
@@ -313,15 +323,15 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
     for parts in &view.models {
         first_mesh.push(first_mesh[first_mesh.len() - 1] + parts.len() as u32);
     }
-    let (mut places, mut items) = (vec![Place::new(Vec3::ZERO, 0.0, Vec3::ONE)], Vec::new());
-    for p in &view.placements {
+    let (mut places, mut items) = (vec![Place::new(None, Placement::HOME)], Vec::new());
+    for (number, p) in (0u32..).zip(&view.placements) {
         let model = p.model as usize;
         let is_sound = p.position.is_finite() && p.scale.is_finite() && p.yaw_rad.is_finite();
         if model >= view.models.len() || !is_sound || p.scale.min_element() == 0.0 {
             continue;
         }
         let place = places.len() as u32;
-        places.push(Place::new(p.position, p.yaw_rad, p.scale));
+        places.push(Place::new(Some(number), *p));
         let own = first_mesh[model]..first_mesh[model + 1];
         items.extend(own.map(|mesh| Item { mesh, place }));
     }
@@ -344,11 +354,12 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
 }
 
 impl Place {
-    fn new(origin: Vec3, yaw_rad: f32, scale: Vec3) -> Place {
+    fn new(placement: Option<u32>, at: Placement) -> Place {
+        let Placement { position: origin, yaw_rad, scale, .. } = at;
         let turn = Mat3::from_rotation_z(yaw_rad);
         let linear = turn * Mat3::from_diagonal(scale);
         let normal = turn * Mat3::from_diagonal(1.0 / scale);
-        Place { linear, origin, normal, is_mirrored: scale.x * scale.y * scale.z < 0.0 }
+        Place { linear, origin, normal, is_mirrored: scale.x * scale.y * scale.z < 0.0, placement }
     }
 }
 

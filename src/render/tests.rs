@@ -9,6 +9,7 @@ fn material(name: &str, base_color: [f32; 3], texture: Option<u32>, alpha: Alpha
         base_color,
         base_color_texture: texture,
         normal_texture: None,
+        orm_texture: None,
         roughness: 1.0,
         alpha,
         double_sided: alpha != Alpha::Opaque,
@@ -27,6 +28,7 @@ fn square(middle: Vec3, right: Vec3, up: Vec3) -> Surface {
         normal: vec![normal; 4],
         uv: vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
         index: vec![0, 1, 2, 0, 2, 3],
+        ..Surface::default()
     }
 }
 
@@ -109,7 +111,8 @@ fn masked_texels_are_holes_and_backs_of_closed_surfaces_are_not_drawn() {
             leaf.set(x, y, [255, 255, 255, 0]);
         }
     }
-    let textures = [Texture { name: "leaf".into(), picture: leaf, colorspace: Colorspace::Srgb }];
+    let textures =
+        [Texture { name: "leaf".into(), image: leaf.into(), colorspace: Colorspace::Srgb }];
     let mask = Alpha::Mask { cutoff: 0.5 };
     let materials =
         [material("leaf", GREEN, Some(0), mask), material("red", RED, None, Alpha::Opaque)];
@@ -182,7 +185,7 @@ impl Wood {
             }
         }
         let textures =
-            vec![Texture { name: "leaf".into(), picture: leaf, colorspace: Colorspace::Srgb }];
+            vec![Texture { name: "leaf".into(), image: leaf.into(), colorspace: Colorspace::Srgb }];
         let materials = vec![
             material("ground", [0.12, 0.14, 0.06], None, Alpha::Opaque),
             material("bark", [0.16, 0.11, 0.08], None, Alpha::Opaque),

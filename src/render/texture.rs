@@ -21,7 +21,7 @@ static LINEAR_FROM_SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
 });
 
 /// 8-bit sRGB of linear light 0…1.
-pub(super) fn srgb_from_linear(c: f32) -> f32 {
+pub fn srgb_from_linear(c: f32) -> f32 {
     let c = c.clamp(0.0, 1.0);
     255.0 * if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
 }

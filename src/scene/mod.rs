@@ -4,6 +4,7 @@
 //! A [`Scene`] is built freely, relieved of what it does not use by [`Scene::prune`], and turned
 //! by [`Scene::validate`] into a [`ValidScene`], the only thing that writers accept.
 
+mod level;
 mod name;
 mod prune;
 #[cfg(test)]
@@ -13,6 +14,7 @@ mod standing;
 mod statistics;
 mod valid;
 
+pub use level::{Apart, Collider, ColliderShape, Level, Octahedral};
 pub use name::{identifier, is_identifier};
 pub use prune::LeftOut;
 pub use standing::{OFF_TERRAIN_M, ROOT_TOLERANCE_M};
@@ -23,7 +25,7 @@ use glam::{Vec2, Vec3};
 
 use crate::frame::Frame;
 use crate::mesh::Surface;
-use crate::raster::Picture;
+use crate::raster::Image;
 
 /// How a material's alpha is used.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,7 +49,7 @@ pub enum Colorspace {
 pub struct Texture {
     /// File stem: unique, letters, digits and `_` only.
     pub name: String,
-    pub picture: Picture,
+    pub image: Image,
     pub colorspace: Colorspace,
 }
 
@@ -61,6 +63,9 @@ pub struct Material {
     /// Index into [`Scene::textures`].
     pub base_color_texture: Option<u32>,
     pub normal_texture: Option<u32>,
+    /// Occlusion in red, roughness in green, metalness in blue.
+    pub orm_texture: Option<u32>,
+    /// Multiplies the texture.
     pub roughness: f32,
     pub alpha: Alpha,
     pub double_sided: bool,
@@ -82,7 +87,24 @@ pub struct Prototype {
     pub name: String,
     /// Display name of the species, e.g. `Larix sibirica`.
     pub species: String,
+    /// Its finest form.
     pub parts: Vec<Part>,
+    /// Coarser forms, from fine to coarse.
+    pub levels: Vec<Level>,
+    pub colliders: Vec<Collider>,
+    /// Where the parts show views of an octahedral impostor.
+    pub octahedral: Option<Octahedral>,
+}
+
+impl Prototype {
+    /// The parts of all its forms.
+    pub fn all_parts(&self) -> impl Iterator<Item = &Part> {
+        self.parts.iter().chain(self.levels.iter().flat_map(|l| &l.parts))
+    }
+
+    fn all_parts_mut(&mut self) -> impl Iterator<Item = &mut Part> {
+        self.parts.iter_mut().chain(self.levels.iter_mut().flat_map(|l| &mut l.parts))
+    }
 }
 
 /// What is known of one tree; travels to the files as extras.
@@ -110,6 +132,23 @@ pub struct Instance {
     pub yaw_rad: f32,
     pub scale: Vec3,
     pub facts: TreeFacts,
+}
+
+impl Material {
+    /// The textures that it shows, each with what it is for.
+    pub fn textures(&self) -> [(&'static str, Option<u32>, Colorspace); 3] {
+        [
+            ("base colour", self.base_color_texture, Colorspace::Srgb),
+            ("normal", self.normal_texture, Colorspace::Raw),
+            ("occlusion and roughness", self.orm_texture, Colorspace::Raw),
+        ]
+    }
+
+    pub(super) fn textures_mut(&mut self) -> impl Iterator<Item = &mut u32> {
+        [&mut self.base_color_texture, &mut self.normal_texture, &mut self.orm_texture]
+            .into_iter()
+            .flatten()
+    }
 }
 
 impl Instance {

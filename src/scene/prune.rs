@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{Part, Scene};
+use super::{Part, Prototype, Scene};
 use crate::mesh::Surface;
 
 /// How many things [`Scene::prune`] left out.
@@ -62,15 +62,18 @@ impl Scene {
     pub fn prune(&mut self) -> LeftOut {
         let mut left_out = LeftOut::default();
 
-        let all_parts = self.prototypes.iter_mut().flat_map(|p| &mut p.parts);
+        let all_parts = self.prototypes.iter_mut().flat_map(Prototype::all_parts_mut);
         for part in all_parts.chain(&mut self.terrain) {
             left_out.triangles += drop_degenerate(&mut part.surface);
         }
         let has_triangles = |part: &Part| !part.surface.is_empty();
         for prototype in &mut self.prototypes {
-            let before = prototype.parts.len();
-            prototype.parts.retain(has_triangles);
-            left_out.parts += before - prototype.parts.len();
+            let forms = prototype.levels.iter_mut().map(|l| &mut l.parts);
+            for parts in forms.chain([&mut prototype.parts]) {
+                let before = parts.len();
+                parts.retain(has_triangles);
+                left_out.parts += before - parts.len();
+            }
         }
         if self.terrain.as_ref().is_some_and(|t| !has_triangles(t)) {
             self.terrain = None;
@@ -84,25 +87,23 @@ impl Scene {
         }
         let used = self.uses().materials;
         let moved = keep(&mut self.materials, &used, &mut left_out.materials);
-        let parts = self.prototypes.iter_mut().flat_map(|p| &mut p.parts).chain(&mut self.terrain);
+        let parts = self.prototypes.iter_mut().flat_map(Prototype::all_parts_mut);
+        let parts = parts.chain(&mut self.terrain);
         for part in parts {
             moved.follow(&mut part.material);
         }
         let used = self.uses().textures;
         let moved = keep(&mut self.textures, &used, &mut left_out.textures);
         for material in &mut self.materials {
-            let slots = [&mut material.base_color_texture, &mut material.normal_texture];
-            for texture in slots.into_iter().flatten() {
-                moved.follow(texture);
-            }
+            material.textures_mut().for_each(|texture| moved.follow(texture));
         }
         left_out
     }
 
     /// Whether something refers to each thing. Indices out of range are for `validate` to tell.
     pub(super) fn uses(&self) -> Uses {
-        let parts = self.prototypes.iter().flat_map(|p| &p.parts).chain(&self.terrain);
-        let slots = self.materials.iter().flat_map(|m| [m.base_color_texture, m.normal_texture]);
+        let parts = self.prototypes.iter().flat_map(Prototype::all_parts).chain(&self.terrain);
+        let slots = self.materials.iter().flat_map(|m| m.textures()).map(|(_, texture, _)| texture);
         Uses {
             prototypes: flags(self.prototypes.len(), self.instances.iter().map(|i| i.prototype)),
             materials: flags(self.materials.len(), parts.map(|p| p.material)),

@@ -54,7 +54,15 @@ fn add_species(scene: &mut Scene, species: &str, number: usize, trees: usize, si
         let inside = (x as i32 - 16).pow(2) + (y as i32 - 16).pow(2) < 200;
         [30 + hue, 140 - hue / 2, 40, if inside { 255 } else { 0 }]
     });
-    let wood = Material { normal_texture: Some(bumps), ..plain(&format!("{name}_bark"), bark) };
+    let rough = texture(scene, &format!("{name}_bark_orm"), Colorspace::Raw, |x, y| {
+        [255 - (x % 4) as u8 * 20, 200 + (y % 4) as u8 * 10, 0, 255]
+    });
+    let wood = Material {
+        normal_texture: Some(bumps),
+        orm_texture: Some(rough),
+        roughness: 1.0,
+        ..plain(&format!("{name}_bark"), bark)
+    };
     let wood = push(&mut scene.materials, wood);
     let foliage = Material {
         alpha: Alpha::Mask { cutoff: 0.5 },
@@ -77,6 +85,9 @@ fn add_species(scene: &mut Scene, species: &str, number: usize, trees: usize, si
                     material: foliage,
                 },
             ],
+            levels: Vec::new(),
+            colliders: Vec::new(),
+            octahedral: None,
         });
     }
     for tree in 0..trees {
@@ -119,7 +130,7 @@ fn texture(
             picture.set(x, y, colour(x, y));
         }
     }
-    push(&mut scene.textures, Texture { name: name.into(), picture, colorspace })
+    push(&mut scene.textures, Texture { name: name.into(), image: picture.into(), colorspace })
 }
 
 fn plain(name: &str, texture: u32) -> Material {
@@ -128,6 +139,7 @@ fn plain(name: &str, texture: u32) -> Material {
         base_color: [1.0; 3],
         base_color_texture: Some(texture),
         normal_texture: None,
+        orm_texture: None,
         roughness: 0.9,
         alpha: Alpha::Opaque,
         double_sided: false,

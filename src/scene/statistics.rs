@@ -40,7 +40,11 @@ pub fn statistics(scene: &ValidScene) -> Statistics {
         geometry_bytes: surfaces
             .map(|s| s.position.len() as u64 * 32 + s.index.len() as u64 * 4)
             .sum(),
-        texture_bytes: scene.textures().iter().map(|t| t.picture.data.len() as u64 * 4).sum(),
+        texture_bytes: scene
+            .textures()
+            .iter()
+            .map(|t| u64::from(t.image.width()) * u64::from(t.image.height()) * 4)
+            .sum(),
     }
 }
 

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::prune::is_degenerate;
 use super::standing::{Standing, standings};
 use super::{
-    Alpha, Colorspace, Instance, Material, OFF_TERRAIN_M, Part, Prototype, ROOT_TOLERANCE_M, Scene,
+    Alpha, Collider, Instance, Material, OFF_TERRAIN_M, Part, Prototype, ROOT_TOLERANCE_M, Scene,
     Texture, bounds_of, identifier, is_identifier,
 };
 use crate::diagnostic::{Error, Result};
@@ -21,6 +21,8 @@ const UNIT_TOLERANCE: f32 = 1e-4;
 const INSIDE_TOLERANCE: f32 = 1e-3;
 /// No vertex may have the index `u32::MAX`, which formats reserve.
 const MOST_VERTICES: usize = u32::MAX as usize;
+/// Engines take convex bodies of few corners.
+const MOST_COLLIDER_VERTICES: usize = 255;
 /// Formats count nodes and instances in signed 32 bits; a few are needed for groups.
 const MOST_INSTANCES: usize = (i32::MAX / 2) as usize;
 /// So many faults are told one by one.
@@ -107,6 +109,11 @@ impl ValidScene {
         parts(&self.scene)
     }
 
+    /// The colliders of every prototype, in their order.
+    pub fn colliders(&self) -> impl Iterator<Item = &Collider> {
+        self.scene.prototypes.iter().flat_map(|p| &p.colliders)
+    }
+
     pub fn as_scene(&self) -> &Scene {
         &self.scene
     }
@@ -186,16 +193,15 @@ impl Scene {
 
     fn check_textures(&self, faults: &mut Faults) {
         for texture in &self.textures {
-            let p = &texture.picture;
-            let pixels = u64::from(p.width) * u64::from(p.height);
-            if pixels == 0 || pixels != p.data.len() as u64 {
+            let image = &texture.image;
+            if !image.is_whole() {
                 faults.add(|| {
                     format!(
                         "texture `{}`: {} × {} pixels announced, {} held",
                         texture.name,
-                        p.width,
-                        p.height,
-                        p.data.len()
+                        image.width(),
+                        image.height(),
+                        image.picture().data.len()
                     )
                 });
             }
@@ -221,11 +227,7 @@ impl Scene {
                     wrong("is masked but has no texture to take alpha from".into());
                 }
             }
-            let slots = [
-                ("base colour", material.base_color_texture, Colorspace::Srgb),
-                ("normal", material.normal_texture, Colorspace::Raw),
-            ];
-            for (slot, texture, colorspace) in slots {
+            for (slot, texture, colorspace) in material.textures() {
                 let Some(index) = texture else { continue };
                 match self.textures.get(index as usize) {
                     None => {
@@ -244,7 +246,7 @@ impl Scene {
 
     fn check_parts(&self, faults: &mut Faults) {
         let of_prototypes = self.prototypes.iter().flat_map(|prototype| {
-            prototype.parts.iter().map(move |part| (Some(&prototype.name), part))
+            prototype.all_parts().map(move |part| (Some(&prototype.name), part))
         });
         let all: Vec<_> = self.terrain.iter().map(|t| (None, t)).chain(of_prototypes).collect();
         let complaints: Vec<Vec<String>> =
@@ -287,6 +289,11 @@ impl Scene {
             }
             if prototype.parts.is_empty() {
                 faults.add(|| format!("prototype `{}` has no parts", prototype.name));
+            }
+            for collider in &prototype.colliders {
+                if let Some(complaint) = check_body(&collider.body) {
+                    faults.add(|| format!("prototype `{}`, collider: {complaint}", prototype.name));
+                }
             }
         }
         for (at, instance) in (0u32..).zip(&self.instances) {
@@ -393,9 +400,7 @@ impl Scene {
                 continue;
             }
             let material = &self.materials[part.material as usize];
-            for texture in
-                [material.base_color_texture, material.normal_texture].into_iter().flatten()
-            {
+            for texture in material.textures().into_iter().filter_map(|(_, texture, _)| texture) {
                 wraps[texture as usize] = Wrap::Repeat;
             }
         }
@@ -407,11 +412,28 @@ fn parts(scene: &Scene) -> impl Iterator<Item = &Part> {
     scene.terrain.iter().chain(scene.prototypes.iter().flat_map(|p| &p.parts))
 }
 
+/// What is wrong with a body of positions and triangles alone.
+fn check_body(body: &Surface) -> Option<String> {
+    let vertices = body.position.len();
+    let is_whole = body.index.len().is_multiple_of(3) && !body.index.is_empty();
+    if !is_whole || body.index.iter().any(|&i| i as usize >= vertices) {
+        return Some(format!("{} indices into {vertices} vertices", body.index.len()));
+    }
+    if vertices > MOST_COLLIDER_VERTICES {
+        return Some(format!("{vertices} vertices are more than {MOST_COLLIDER_VERTICES}"));
+    }
+    let is_sound = body.position.iter().all(|p| p.is_finite()) && body.volume_m3() > 0.0;
+    (!is_sound).then(|| "it encloses no volume".into())
+}
+
 /// What is wrong with a surface: the first case of each kind of fault.
 fn check_surface(surface: &Surface) -> Vec<String> {
-    let Surface { position, normal, uv, index } = surface;
+    let Surface { position, normal, uv, index, wind } = surface;
     let mut wrong = Vec::new();
     let vertices = position.len();
+    if !(wind.is_empty() || wind.len() == vertices) {
+        wrong.push(format!("{vertices} positions and {} wind colours", wind.len()));
+    }
     if normal.len() != vertices || uv.len() != vertices {
         wrong.push(format!(
             "{vertices} positions, {} normals and {} texture coordinates",

@@ -76,6 +76,7 @@ pub const RANGES: &[(&str, Range)] = &[
     ("growth.order.keep", Within(0.0, 1.0)),
     ("foliage.leaf_length_m", AboveZero(5.0)),
     ("foliage.leaf_width_m", AboveZero(5.0)),
+    ("foliage.cluster", Within(1.0, 200.0)),
     ("foliage.variation", Within(0.0, 1.0)),
     ("foliage.twig_length_m", AboveZero(10.0)),
     ("foliage.twigs_per_m", Within(0.0, 1000.0)),
@@ -83,6 +84,7 @@ pub const RANGES: &[(&str, Range)] = &[
     ("foliage.cover", Within(0.0, 1.0)),
     ("foliage.bearing_radius_m", Within(0.0, 10.0)),
     ("bark.relief_m", Within(0.0, 0.5)),
+    ("bark.lost", Within(0.0, 1.0)),
 ];
 
 impl Range {
@@ -182,6 +184,13 @@ pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut 
         if let Some((message, remedy)) = fault_of_factors(key, pairs, end.unwrap_or(1.0)) {
             fail(&way, message, &remedy);
         }
+    }
+    if species.own_model.is_some() && species.own_picture.is_some() {
+        fail(
+            "foliage.picture",
+            "`model` and `picture` are both given".into(),
+            "keep one; `model = ''` takes away that of a file this one extends",
+        );
     }
     if species.growth.order.is_empty() {
         fail(

@@ -1,6 +1,7 @@
 //! A rule file, with what it extends, to a checked [`Species`].
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -9,7 +10,7 @@ use serde::de::IgnoredAny;
 use super::model::{Bark, Branching, DecayBy, Foliage, Growth, Habit, Kind, Size, Species};
 use super::near::suggest;
 use super::node::{self, Node, Source, Sources, Value};
-use super::{builtin, check, rule};
+use super::{builtin, check, own, own_bark, rule};
 use crate::diagnostic::{Error, Result};
 
 /// Bytes of one rule file.
@@ -136,17 +137,21 @@ pub fn load_text(name: &str, text: &str) -> Result<Species> {
     build(name, &format!("{name}.toml"), text, None)
 }
 
-/// A rule file and the files it extends, as far as they can be read: those whose change changes
-/// the species. Built-in files are not among them.
+/// A rule file, the files it extends and the model and picture they name, as far as they can be
+/// read: those whose change changes the species. Built-in files are not among them.
 pub fn files(path: &Path) -> Vec<PathBuf> {
     let mut files = vec![path.to_path_buf()];
     if let Ok(text) = std::fs::read_to_string(path) {
         let shown = path.to_string_lossy().into_owned();
         let mut sources = Sources(vec![Source { name: shown, text: text.into() }]);
-        read_chain("", Some(path.parent().unwrap_or(Path::new(""))), &mut sources, &mut Vec::new());
+        let folder = Some(path.parent().unwrap_or(Path::new("")));
+        let chain = read_chain("", folder, &mut sources, &mut Vec::new());
         let bases = sources.0.iter().skip(1).map(|s| s.name.as_str());
         let written = bases.filter(|name| builtin::text(name.trim_end_matches(".toml")).is_none());
         files.extend(written.map(PathBuf::from));
+        let tables = chain.iter().flatten().filter_map(|node| node.get("foliage"));
+        let own = tables.flat_map(|t| ["model", "picture"].map(|key| t.get(key)));
+        files.extend(own.flatten().filter_map(|node| own_path(node, &sources)));
     }
     files
 }
@@ -256,6 +261,12 @@ fn build_reporting(
         }
         _ => None,
     };
+    let places = (&merged, &sources, folder.is_some());
+    let own_model = own_file(places, "model", own::model, errors);
+    let own_picture = own_file(places, "picture", own::twig_picture, errors);
+    let read = own_bark::read(merged.get("bark")?, &sources, errors);
+    let (own_bark, remarks) =
+        read.map_or((None, Vec::new()), |own| (Some(own.value), own.warnings));
     let name = name.unwrap_or_else(|| id.to_owned());
     let species = Species {
         id: id.to_owned(),
@@ -269,10 +280,44 @@ fn build_reporting(
         growth: growth?,
         foliage: foliage?,
         bark: bark?,
+        own_model,
+        own_picture,
+        own_bark,
+        remarks,
         rule: rule?,
     };
     check::ranges(&species, &merged, &sources, errors);
     Some(species)
+}
+
+/// The path that a key of `[foliage]` names, from the folder of the file that says so.
+fn own_path(node: &Node, sources: &Sources) -> Option<PathBuf> {
+    let name = node.as_text().filter(|name| !name.is_empty())?;
+    let file = sources.0.get(node.place.source)?;
+    Some(Path::new(&file.name).parent().unwrap_or(Path::new("")).join(name))
+}
+
+/// Reads the file that a key of `[foliage]` names, if it names one. `has_folder`: the rule is a
+/// file, not a text alone.
+fn own_file<T>(
+    (merged, sources, has_folder): (&Node, &Sources, bool),
+    key: &str,
+    read: fn(&Path) -> Result<T>,
+    errors: &mut Vec<Error>,
+) -> Option<Arc<T>> {
+    let node = merged.get("foliage")?.get(key)?;
+    let path = own_path(node, sources)?;
+    let mut fail = |what: String, remedy: &str| {
+        errors.push(sources.error(&node.place, what, "named here").remedy(remedy));
+        None
+    };
+    if !has_folder {
+        return fail(format!("`{key}` names a file"), "save the rule as a file beside it");
+    }
+    match read(&path) {
+        Ok(own) => Some(Arc::new(own)),
+        Err(e) => fail(format!("`{key}`: {e}"), e.remedy_text().unwrap_or("give another file")),
+    }
 }
 
 struct Sections<'a> {

@@ -17,6 +17,8 @@ mod messages;
 pub mod model;
 mod near;
 mod node;
+pub mod own;
+mod own_bark;
 pub mod photo;
 pub mod rule;
 mod schema;

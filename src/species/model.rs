@@ -3,8 +3,13 @@
 //! The sections below are the tables of a rule file, one to one. Lengths are metres, angles
 //! degrees, colours sRGB 0…255. The words at each field are those of the schema and of the template.
 
+use std::sync::Arc;
+
 use schemars::JsonSchema;
 use serde::Deserialize;
+
+use super::own::Model;
+use crate::raster::Picture;
 
 /// Decides the defaults of looks and the coarse class of a photo.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -208,6 +213,8 @@ pub enum LeafShape {
     Lobed,
     /// Narrow (willow).
     Lanceolate,
+    /// Compound: leaflets in pairs along a rachis, one at its end (rowan).
+    Pinnate,
 }
 
 /// Leaves or needles and how they sit on shoots.
@@ -220,6 +227,8 @@ pub struct Foliage {
     pub leaf_length_m: f32,
     /// Width of a leaf or needle, metres.
     pub leaf_width_m: f32,
+    /// Needles of one tuft or bundle, leaflets of a compound leaf.
+    pub cluster: u32,
     /// Middle colour of a leaf in summer: red, green, blue.
     pub colour: [u8; 3],
     /// Spread of the colour from leaf to leaf.
@@ -235,22 +244,42 @@ pub struct Foliage {
     /// Leaf area over the area of the crown's hull, 0…1, below which twigs are drawn larger to make
     /// up for those a coarse model leaves out: near 1 hides the wood, a third lets the sky through.
     pub cover: f32,
+    /// Your own twig, leaf or cone as OBJ, beside this file: it grows from its origin along y, its
+    /// upper side to z, and is scaled to `twig_length_m`.
+    #[serde(default)]
+    #[schemars(extend("examples" = ["twig.obj"]))]
+    pub model: Option<String>,
+    /// Your own picture of a twig for the cards, a PNG with alpha beside this file: it grows up
+    /// from the middle of the bottom edge.
+    #[serde(default)]
+    #[schemars(extend("examples" = ["twig.png"]))]
+    pub picture: Option<String>,
 }
 
 /// Patterns of bark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum BarkStyle {
-    /// White with dark lenticels (birch).
+    /// White with dark lenticels, split by black diamonds (the foot of a birch).
     Birch,
-    /// Large plates (pine).
+    /// White with dark lenticels (the upper stem of a birch).
+    Paper,
+    /// Large plates of many flakes (the foot of a pine).
     Plates,
-    /// Long vertical furrows (larch, oak).
+    /// Thin loose flakes (the upper stem of a pine).
+    Flakes,
+    /// Long thick plates between deep furrows (larch).
+    Ridges,
+    /// Long narrow ridges between furrows (oak, lime).
     Furrows,
-    /// Small round scales (spruce).
+    /// Small thin scales, one over the other (spruce).
     Scales,
-    /// Smooth with fine marks (willow, aspen, fir).
+    /// Smooth with fine streaks and pores (rowan, hazel).
     Smooth,
+    /// Smooth with rows of dark diamonds (aspen, goat willow).
+    Diamonds,
+    /// Smooth with blisters of resin (fir).
+    Blisters,
 }
 
 /// The look of the bark.
@@ -267,8 +296,36 @@ pub struct Bark {
     #[serde(default)]
     #[schemars(extend("examples" = [[142, 118, 96]]))]
     pub upper: Option<[u8; 3]>,
+    /// Pattern there; `style` where absent.
+    #[serde(default)]
+    #[schemars(extend("examples" = ["flakes"]))]
+    pub upper_style: Option<BarkStyle>,
     /// Depth of the relief, metres.
     pub relief_m: f32,
+    /// Share of the bark that has fallen off, so that grey wood shows.
+    pub lost: f32,
+    /// A picture of your own for the bark of the stem, PNG or JPEG, beside this file; it should
+    /// tile, and show 1 m in width and in height.
+    #[serde(default)]
+    #[schemars(extend("examples" = ["bark.png"]))]
+    pub picture: Option<String>,
+    /// The normal map that goes with `picture`, +Y up as in OpenGL.
+    #[serde(default)]
+    #[schemars(extend("examples" = ["bark_normal.png"]))]
+    pub normal: Option<String>,
+    /// The roughness that goes with `picture`: white is rough.
+    #[serde(default)]
+    #[schemars(extend("examples" = ["bark_roughness.png"]))]
+    pub roughness: Option<String>,
+}
+
+/// A user's own bark, read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OwnBark {
+    pub colour: Arc<Picture>,
+    pub normal: Option<Arc<Picture>>,
+    /// Roughness in green.
+    pub roughness: Option<Arc<Picture>>,
 }
 
 /// A species, complete and checked.
@@ -290,6 +347,13 @@ pub struct Species {
     pub growth: Growth,
     pub foliage: Foliage,
     pub bark: Bark,
+    /// What `foliage.model` and `foliage.picture` name, read.
+    pub own_model: Option<Arc<Model>>,
+    pub own_picture: Option<Arc<Picture>>,
+    /// Where `bark.picture` names one.
+    pub own_bark: Option<OwnBark>,
+    /// What the author may want to know, though nothing is wrong.
+    pub remarks: Vec<String>,
     /// How it branches.
     pub rule: crate::species::rule::Rule,
 }

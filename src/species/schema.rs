@@ -181,6 +181,8 @@ mod tests {
             "[growth]\nwhorl = 1.5",
             "[[growth.order]]\nkeep = 1",
             "[foliage]\nshape = 'star'",
+            "[foliage]\ncluster = 0",
+            "[foliage]\nmodel = 3",
             "[foliage]\ncolour = [1, 2, 256]",
             "[bark]\ncolour = [1, 2]",
         ] {

@@ -284,6 +284,35 @@ impl Terrain {
         self.heights.bilinear(f64::from(p.x), f64::from(p.y))
     }
 
+    /// The cells whose centres lie in the box; `None` where there are none.
+    pub fn cropped(&self, low: Vec2, high: Vec2) -> Option<Terrain> {
+        let g = self.heights.geometry;
+        let span = |low: f64, high: f64, count: usize| {
+            let first = (low - 0.5).ceil().clamp(0.0, count as f64) as usize;
+            let end = (high - 0.5).ceil().clamp(0.0, count as f64) as usize;
+            (first, end)
+        };
+        let column = |x: f32| (f64::from(x) - g.west) / g.cell_x;
+        let row = |y: f32| (g.north - f64::from(y)) / g.cell_y;
+        let (c0, c1) = span(column(low.x), column(high.x), g.cols);
+        let (r0, r1) = span(row(high.y), row(low.y), g.rows);
+        if c0 >= c1 || r0 >= r1 {
+            return None;
+        }
+        let geometry = GridGeometry {
+            west: g.west + c0 as f64 * g.cell_x,
+            north: g.north - r0 as f64 * g.cell_y,
+            cols: c1 - c0,
+            rows: r1 - r0,
+            ..g
+        };
+        let cells = || (r0..r1).flat_map(|r| (c0..c1).map(move |c| g.index(c, r)));
+        Some(Terrain {
+            heights: Grid { geometry, data: cells().map(|i| self.heights.data[i]).collect() },
+            is_observed: cells().map(|i| self.is_observed[i]).collect(),
+        })
+    }
+
     /// How many of the points that may show the ground lie between 0.3 m below and 0.3 m above it,
     /// and how many between 0.3 m below and 1 m above.
     pub fn near(&self, classified: &Classified) -> (usize, usize) {

@@ -1,13 +1,14 @@
 //! Where the twigs lie in a leaf picture: what a texture tells a mesh. No pixels, no triangles.
 
 use glam::Vec2;
+use serde::{Deserialize, Serialize};
 
 /// Bands from the bottom to the top of a cell in which the reach of the leaves is known.
 pub const BANDS: usize = 16;
 
 /// One twig of the picture: a square cell. The twig starts at the middle of the bottom edge and
 /// grows up.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Cell {
     /// Corner of least u, v (v = 0 at the bottom of the picture).
     pub min: Vec2,
@@ -46,58 +47,155 @@ impl Cell {
                 .map(|k| Row { t: k as f32 / (count - 1) as f32, left: 0.0, right: 1.0 })
                 .collect();
         };
-        let (t0, t1) = (low as f32 / BANDS as f32, (high + 1) as f32 / BANDS as f32);
-        let knot = |k: usize| t0 + (t1 - t0) * k as f32 / (count - 1) as f32;
-        // `side` is the reach away from the middle; a chord is lifted until it clears its bands.
-        let lift = |side: &dyn Fn(usize) -> f32| -> Vec<f32> {
-            let at = |t: f32| side(((t * BANDS as f32) as usize).clamp(low, high));
-            let mut value: Vec<f32> = (0..count).map(|k| at(knot(k)).max(0.06)).collect();
-            for k in 0..count - 1 {
-                let (a, b) = (knot(k), knot(k + 1));
-                let mut short = 0.0f32;
-                for band in low..=high {
-                    for t in [band as f32, (band + 1) as f32].map(|e| e / BANDS as f32) {
-                        if t >= a && t <= b {
-                            let f = (t - a) / (b - a);
-                            let chord = value[k] * (1.0 - f) + value[k + 1] * f;
-                            short = short.max(side(band) - chord);
-                        }
+        // Of all sets of knots between first and last band, the one that encloses least.
+        let knots = |inner: &[usize]| -> Vec<usize> { [&[low], inner, &[high + 1]].concat() };
+        let inner = (count - 2).min(high - low);
+        let mut chosen: Vec<usize> =
+            (1..=inner).map(|k| low + k * (high + 1 - low) / (inner + 1)).collect();
+        let mut best = self.cut(&knots(&chosen));
+        // One knot after the other: few bands, few knots.
+        for _ in 0..3 {
+            for k in 0..inner {
+                let from = if k == 0 { low } else { chosen[k - 1] } + 1;
+                let to = chosen.get(k + 1).copied().unwrap_or(high + 1);
+                for band in from..to {
+                    let before = std::mem::replace(&mut chosen[k], band);
+                    let cut = self.cut(&knots(&chosen));
+                    if area(&cut) < area(&best) - 1e-6 {
+                        best = cut;
+                    } else {
+                        chosen[k] = before;
                     }
                 }
-                value[k] = (value[k] + short).min(0.5);
-                value[k + 1] = (value[k + 1] + short).min(0.5);
             }
-            value
-        };
-        let left = lift(&|b| 0.5 - self.reach[b][0]);
-        let right = lift(&|b| self.reach[b][1] - 0.5);
-        (0..count).map(|k| Row { t: knot(k), left: 0.5 - left[k], right: 0.5 + right[k] }).collect()
+        }
+        // Fewer bands than rows asked for: the last row is split.
+        while best.len() < count {
+            let Some(&[a, b]) = best.last_chunk::<2>() else { break };
+            let half = |x: f32, y: f32| 0.5 * (x + y);
+            let row = Row {
+                t: half(a.t, b.t),
+                left: half(a.left, b.left),
+                right: half(a.right, b.right),
+            };
+            best.insert(best.len() - 1, row);
+        }
+        best
     }
+
+    /// The least outline found with rows at these band edges.
+    fn cut(&self, knots: &[usize]) -> Vec<Row> {
+        let left = reaches(knots, &|b| 0.5 - self.reach[b][0]);
+        let right = reaches(knots, &|b| self.reach[b][1] - 0.5);
+        let row = |k: usize| Row {
+            t: knots[k] as f32 / BANDS as f32,
+            left: 0.5 - left[k],
+            right: 0.5 + right[k],
+        };
+        (0..knots.len()).map(row).collect()
+    }
+}
+
+/// Least reach of a row from the middle of a cell.
+const LEAST_REACH: f32 = 0.02;
+
+/// Reach at each knot, so that the lines between them clear `reach` of every band: the smallest
+/// area of several tries, each from another reach at the first knot.
+fn reaches(knots: &[usize], reach: &dyn Fn(usize) -> f32) -> Vec<f32> {
+    const TRIES: usize = 24;
+    // What one end of a stretch needs where the other is known.
+    let need = |k: usize, other: f32, is_last: bool| -> f32 {
+        let (from, to) = (knots[k], knots[k + 1]);
+        let mut least = LEAST_REACH;
+        for band in from..to {
+            for edge in [band, band + 1] {
+                let f = (edge - from) as f32 / (to - from) as f32;
+                let own = if is_last { f } else { 1.0 - f };
+                let short = reach(band) - (1.0 - own) * other;
+                if short > 0.0 {
+                    least = least.max(if own > 0.0 { short / own } else { f32::INFINITY });
+                }
+            }
+        }
+        least
+    };
+    let last = knots.len() - 1;
+    let mut best = vec![0.5; knots.len()];
+    let mut least = f32::INFINITY;
+    for start in 0..=TRIES {
+        let mut value = vec![LEAST_REACH + (0.5 - LEAST_REACH) * start as f32 / TRIES as f32];
+        for k in 0..last {
+            // Never less than its own bands: a low knot here would be a high one there.
+            let own =
+                reach(knots[k + 1] - 1).max(if k + 1 < last { reach(knots[k + 1]) } else { 0.0 });
+            value.push(need(k, value[k], true).max(own));
+        }
+        for k in (0..=last).rev() {
+            let before = if k > 0 { need(k - 1, value[k - 1], true) } else { LEAST_REACH };
+            let after = if k < last { need(k, value[k + 1], false) } else { LEAST_REACH };
+            value[k] = before.max(after);
+        }
+        let width = |k: usize| (knots[k + 1] - knots[k]) as f32;
+        let sum: f32 = (0..last).map(|k| width(k) * (value[k] + value[k + 1])).sum();
+        if sum < least && value.iter().all(|v| *v <= 0.5) {
+            (best, least) = (value, sum);
+        }
+    }
+    best
+}
+
+/// Share of its cell that an outline encloses.
+fn area(rows: &[Row]) -> f32 {
+    let width = |r: &Row| r.right - r.left;
+    rows.windows(2).map(|w| 0.5 * (w[1].t - w[0].t) * (width(&w[0]) + width(&w[1]))).sum()
 }
 
 /// The twigs of one leaf picture, never empty.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Atlas {
     cells: Vec<Cell>,
+    leaves: Vec<Cell>,
+    wood: Vec2,
+    fill: Vec2,
 }
 
 impl Atlas {
-    /// `None` without cells.
-    pub fn new(cells: Vec<Cell>) -> Option<Self> {
-        (!cells.is_empty()).then_some(Atlas { cells })
+    /// `leaves`: cells of single leaves or needles, that grow up like twigs; `wood` and `fill`: places
+    /// in the middle of plain bark, and of the leaves' mean colour. `None` without cells of both.
+    pub fn new(cells: Vec<Cell>, leaves: Vec<Cell>, wood: Vec2, fill: Vec2) -> Option<Self> {
+        let has_both = !cells.is_empty() && !leaves.is_empty();
+        has_both.then_some(Atlas { cells, leaves, wood, fill })
     }
 
-    /// One cell that fills the picture: for a user's own twig picture that shows `size_m` metres.
+    /// One cell that fills the picture, which shows `size_m` metres.
     pub fn whole(size_m: f32) -> Self {
-        Atlas {
-            cells: vec![Cell {
-                min: Vec2::ZERO,
-                max: Vec2::ONE,
-                size_m,
-                reach: [[0.0, 1.0]; BANDS],
-                coverage: 0.5,
-            }],
-        }
+        let reach = [[0.0, 1.0]; BANDS];
+        Atlas::of_one(Cell { min: Vec2::ZERO, max: Vec2::ONE, size_m, reach, coverage: 0.5 })
+    }
+
+    /// One cell, for twig and leaf.
+    pub fn of_one(cell: Cell) -> Self {
+        let middle = Vec2::splat(0.5);
+        Atlas { cells: vec![cell.clone()], leaves: vec![cell], wood: middle, fill: middle }
+    }
+
+    /// With the mean colour of the leaves at `fill`.
+    pub fn filled_at(self, fill: Vec2) -> Self {
+        Atlas { fill, ..self }
+    }
+
+    pub fn leaves(&self) -> &[Cell] {
+        &self.leaves
+    }
+
+    /// Texture coordinates of plain bark.
+    pub fn wood(&self) -> Vec2 {
+        self.wood
+    }
+
+    /// Texture coordinates of the leaves' mean colour, opaque around.
+    pub fn fill(&self) -> Vec2 {
+        self.fill
     }
 
     pub fn cells(&self) -> &[Cell] {
@@ -139,6 +237,22 @@ mod tests {
                 assert!(left <= reach[0] + 1e-4 && right >= reach[1] - 1e-4, "{count} {b}");
             }
         }
+    }
+
+    /// A disc: the least trapezoid of two rows is its square, three rows cut the corners, and
+    /// more rows never enclose more.
+    #[test]
+    fn more_rows_enclose_less() {
+        let mut cell = Atlas::whole(0.4).cells()[0].clone();
+        for (b, r) in cell.reach.iter_mut().enumerate() {
+            let from_middle = |edge: usize| (edge as f32 / BANDS as f32 - 0.5).abs();
+            let nearest = if b < BANDS / 2 { from_middle(b + 1) } else { from_middle(b) };
+            let half = (0.25 - nearest * nearest).max(0.0).sqrt();
+            *r = [0.5 - half, 0.5 + half];
+        }
+        let areas: Vec<f32> = (2..=5).map(|count| area(&cell.outline(count))).collect();
+        assert!(areas.windows(2).all(|w| w[1] <= w[0] + 1e-6), "{areas:?}");
+        assert!(areas[0] > 0.95 && areas[1] < 0.97 && areas[3] < 0.92, "{areas:?}");
     }
 
     #[test]

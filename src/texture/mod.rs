@@ -1,34 +1,61 @@
-//! Species to bark and leaf pictures, made by the program. Knows nothing of meshes.
+//! Species to bark and leaf pictures, made by the program or the user's own. Knows nothing of
+//! meshes or disks.
 
 pub mod atlas;
 pub mod bark;
 mod canvas;
 mod ground;
 mod noise;
+pub mod stored;
 mod twig;
 
 pub use atlas::{Atlas, Cell};
 pub use bark::BARK_REPEAT_M;
 pub use ground::GROUND_REPEAT_M;
 
-use crate::raster::Picture;
+use crate::raster::{Image, Picture};
 use crate::seed::Seed;
 use crate::species::Species;
+use bark::BarkPictures;
 
 /// The pictures of one species.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TreeTextures {
-    /// Base colour of the bark, sRGB, opaque; tiles in both directions, a tile is
-    /// [`BARK_REPEAT_M`] wide and high.
-    pub bark: Picture,
-    /// The same bark in the colour of the upper stem and the branches, where the species has one.
-    pub bark_upper: Option<Picture>,
-    /// Tangent-space normals of both barks, raw, x along u and y along v (up), as in OpenGL.
-    pub bark_normal: Picture,
+    pub bark: BarkTextures,
+    /// The bark of the upper stem and the branches, where the species has one of its own.
+    pub bark_upper: Option<BarkTextures>,
     /// Twigs with alpha, sRGB; colour goes on under the transparent pixels.
-    pub leaf: Picture,
+    pub leaf: Image,
     /// Where the twigs of `leaf` lie.
     pub atlas: Atlas,
+}
+
+/// The pictures of one bark; they tile in both directions, a tile is [`BARK_REPEAT_M`] wide and
+/// high. A user's own bark has what the user gave.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BarkTextures {
+    /// Base colour, sRGB, opaque.
+    pub colour: Image,
+    /// Tangent-space normals, raw, x along u and y along v (up), as in OpenGL.
+    pub normal: Option<Image>,
+    /// Occlusion in red, roughness in green, metalness (none) in blue, raw.
+    pub orm: Option<Image>,
+    /// From the deepest (0) to the highest place (255), [`BarkTextures::depth_m`] apart, raw.
+    pub height: Option<Image>,
+    /// Depth of the relief, metres; 0 where it is not known.
+    pub depth_m: f32,
+}
+
+impl From<BarkPictures> for BarkTextures {
+    fn from(p: BarkPictures) -> Self {
+        BarkTextures {
+            colour: p.colour.into(),
+            normal: Some(p.normal.into()),
+            orm: Some(p.orm.into()),
+            height: Some(p.height.into()),
+            depth_m: p.depth_m,
+        }
+    }
 }
 
 /// Picture sides that are made: what is asked for is clamped to these.
@@ -39,16 +66,46 @@ pub const SIZE_PX: std::ops::RangeInclusive<u32> = 64..=4096;
 pub fn for_species(species: &Species, size_px: u32, seed: Seed) -> TreeTextures {
     let size_px = size_px.clamp(*SIZE_PX.start(), *SIZE_PX.end()) & !1;
     let seed = seed.derive("texture", 0);
-    let ((leaf, atlas), bark) = rayon::join(
-        || twig::draw(species, size_px, seed),
-        || bark::draw(&species.bark, size_px, seed),
+    let bark = &species.bark;
+    let ((leaf, atlas), (lower, upper)) = rayon::join(
+        || leaves(species, size_px, seed),
+        || {
+            rayon::join(
+                || own_bark(species).unwrap_or_else(|| bark::draw(bark, size_px, seed).into()),
+                || bark::draw_upper(bark, size_px, seed).map(BarkTextures::from),
+            )
+        },
     );
-    TreeTextures {
-        bark: bark.colour,
-        bark_upper: bark.upper,
-        bark_normal: bark.normal,
-        leaf,
-        atlas,
+    TreeTextures { bark: lower, bark_upper: upper, leaf: leaf.into(), atlas }
+}
+
+/// The user's own bark; `None` where the file names none.
+fn own_bark(species: &Species) -> Option<BarkTextures> {
+    let own = species.own_bark.as_ref()?;
+    let orm = own.roughness.as_ref().map(|rough| {
+        let data = rough.data.iter().map(|p| [255, p[1], 0, 255]).collect();
+        Picture { data, ..**rough }.into()
+    });
+    let image = |picture: &Picture| Image::from(picture.clone());
+    Some(BarkTextures {
+        colour: image(&own.colour),
+        normal: own.normal.as_deref().map(image),
+        orm,
+        height: None,
+        depth_m: 0.0,
+    })
+}
+
+/// The picture of a user's own model or twig as it is, or one drawn for the species.
+fn leaves(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
+    let twig_m = species.foliage.twig_length_m;
+    match (&species.own_model, &species.own_picture) {
+        (Some(model), _) => {
+            let fill = crate::species::own::opaque_spot(&model.picture);
+            (model.picture.clone(), Atlas::whole(twig_m).filled_at(fill))
+        }
+        (None, Some(picture)) => twig::own(picture, twig_m),
+        (None, None) => twig::draw(species, size_px, seed),
     }
 }
 

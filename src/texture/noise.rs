@@ -7,17 +7,34 @@ use crate::seed::Seed;
 #[derive(Debug, Clone, Copy)]
 pub struct Noise {
     seed: u32,
+    /// Lattice cells a side beyond which octaves are left out.
+    finest: u32,
 }
 
-/// What cellular noise finds around a place; distances in cells.
+/// What cellular noise finds around a place.
 #[derive(Debug, Clone, Copy)]
 pub struct Cellular {
-    /// Distance to the border with the second nearest cell.
+    /// Distance to the cell's border, in widths of a cell, whatever its height.
     pub border: f32,
-    /// Offset from the nearest feature point.
-    pub offset: [f32; 2],
     /// Draw of the nearest cell, 0…1.
     pub draw: f32,
+}
+
+/// The topmost scale at a place.
+#[derive(Debug, Clone, Copy)]
+pub struct Scale {
+    /// 0…1; 0 where there is none.
+    pub height: f32,
+    /// From its edge (0) to its middle (1).
+    pub rim: f32,
+    /// Its own draw, 0…1.
+    pub draw: f32,
+}
+
+/// `floor`, which the plainest processors have as a call only; for |x| below 2³¹.
+fn floor(x: f32) -> i32 {
+    let whole = x as i32;
+    whole - i32::from((whole as f32) > x)
 }
 
 fn fade(t: f32) -> f32 {
@@ -50,7 +67,12 @@ pub fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
 
 impl Noise {
     pub fn new(seed: Seed, name: &str) -> Self {
-        Noise { seed: seed.derive(name, 0).draws().bits() as u32 }
+        Noise { seed: seed.derive(name, 0).draws().bits() as u32, finest: u32::MAX }
+    }
+
+    /// The same field for a picture of that side, without octaves finer than two pixels.
+    pub fn for_side(self, pixels: usize) -> Self {
+        Noise { finest: (pixels / 2) as u32, ..self }
     }
 
     /// 32 bits for a lattice point within the period.
@@ -64,9 +86,8 @@ impl Noise {
     /// Gradient noise, about −1…1; `period` lattice cells fill the unit square.
     pub fn gradient(self, u: f32, v: f32, period: [u32; 2]) -> f32 {
         let (x, y) = (u * period[0] as f32, v * period[1] as f32);
-        let (ix, iy) = (x.floor(), y.floor());
-        let (fx, fy) = (x - ix, y - iy);
-        let (ix, iy) = (ix as i32, iy as i32);
+        let (ix, iy) = (floor(x), floor(y));
+        let (fx, fy) = (x - ix as f32, y - iy as f32);
         let xs = [wrap(ix, period[0]), wrap(ix + 1, period[0])];
         let ys = [wrap(iy, period[1]), wrap(iy + 1, period[1])];
         let corner = |dx: usize, dy: usize| {
@@ -98,6 +119,11 @@ impl Noise {
         let mut field = self;
         let mut p = period;
         for _ in 0..octaves.min(8) {
+            if p[0].max(p[1]) > self.finest && total > 0.0 {
+                total += weight;
+                weight *= 0.5;
+                continue;
+            }
             sum += weight * field.gradient(u, v, p);
             total += weight;
             weight *= 0.5;
@@ -107,37 +133,86 @@ impl Noise {
         sum / total
     }
 
+    /// Even grain: octaves turned against each other, so that no direction shows.
+    pub fn grain(self, u: f32, v: f32, period: u32, octaves: u32) -> f32 {
+        let (mut sum, mut weight, mut total) = (0.0, 1.0, 0.0);
+        let mut field = self;
+        let (mut p, mut at) = (period, [u, v]);
+        for _ in 0..octaves.min(6) {
+            if p > self.finest && total > 0.0 {
+                total += weight;
+                weight *= 0.6;
+                continue;
+            }
+            sum += weight * field.gradient(at[0], at[1], [p, p]);
+            total += weight;
+            weight *= 0.6;
+            // A turn by an eighth and a stretch by the root of 2; whole numbers keep the torus.
+            at = [at[0] + at[1], at[1] - at[0]].map(|c| c - floor(c) as f32);
+            p += p / 4;
+            field.seed = field.seed.wrapping_add(0x9e37_79b9);
+        }
+        sum / total
+    }
+
     /// Cellular noise with `period` cells a side; `jitter` 0 (grid) … 1 (free).
     pub fn cells(self, u: f32, v: f32, period: [u32; 2], jitter: f32) -> Cellular {
         let (x, y) = (u * period[0] as f32, v * period[1] as f32);
-        let (ix, iy) = (x.floor() as i32, y.floor() as i32);
-        let (mut first, mut second) = ([0.0f32; 2], [0.0f32; 2]);
-        let (mut first_sq, mut second_sq) = (f32::INFINITY, f32::INFINITY);
-        let mut draw = 0.0;
+        let (ix, iy) = (floor(x), floor(y));
+        let mut near = [[0.0f32; 2]; 9];
+        let (mut first, mut first_sq, mut draw) = (0, f32::INFINITY, 0.0);
+        for (k, near) in near.iter_mut().enumerate() {
+            let (dx, dy) = (k as i32 % 3 - 1, k as i32 / 3 - 1);
+            let h = self.hash(wrap(ix + dx, period[0]), wrap(iy + dy, period[1]));
+            let jx = 0.5 + jitter * ((h & 0xffff) as f32 / 65536.0 - 0.5);
+            let jy = 0.5 + jitter * ((h >> 16) as f32 / 65536.0 - 0.5);
+            *near = [(ix + dx) as f32 + jx - x, (iy + dy) as f32 + jy - y];
+            let d_sq = near[0] * near[0] + near[1] * near[1];
+            if d_sq < first_sq {
+                (first, first_sq) = (k, d_sq);
+                draw = (h.wrapping_mul(0x9e37_79b1) >> 8) as f32 / (1u32 << 24) as f32;
+            }
+        }
+        // The nearest of the bisectors with all others, its distance measured on the picture.
+        let own = near[first];
+        let stretch = period[1] as f32 / period[0].max(1) as f32;
+        let mut border = f32::INFINITY;
+        for (k, other) in near.iter().enumerate() {
+            let apart = [other[0] - own[0], other[1] - own[1]];
+            let slope = (apart[0] * apart[0] + apart[1] * apart[1] * stretch * stretch).sqrt();
+            if k != first && slope > 1e-6 {
+                let middle = [0.5 * (other[0] + own[0]), 0.5 * (other[1] + own[1])];
+                border = border.min((middle[0] * apart[0] + middle[1] * apart[1]) / slope);
+            }
+        }
+        Cellular { border: border.max(0.0), draw }
+    }
+
+    /// Overlapping scales, one a cell, drawn one over the other: `reach` is their radius in
+    /// cells, up to 1. Each lies a little higher at its lower end.
+    pub fn scales(self, u: f32, v: f32, period: [u32; 2], reach: f32) -> Scale {
+        let (x, y) = (u * period[0] as f32, v * period[1] as f32);
+        let (ix, iy) = (floor(x), floor(y));
+        let mut top = Scale { height: 0.0, rim: 0.0, draw: 0.5 };
         for dy in -1..=1 {
             let row = wrap(iy + dy, period[1]);
             for dx in -1..=1 {
                 let h = self.hash(wrap(ix + dx, period[0]), row);
-                let jx = 0.5 + jitter * ((h & 0xffff) as f32 / 65536.0 - 0.5);
-                let jy = 0.5 + jitter * ((h >> 16) as f32 / 65536.0 - 0.5);
-                let o = [(ix + dx) as f32 + jx - x, (iy + dy) as f32 + jy - y];
-                let d_sq = o[0] * o[0] + o[1] * o[1];
-                if d_sq < first_sq {
-                    (second, second_sq) = (first, first_sq);
-                    (first, first_sq) = (o, d_sq);
-                    draw = (h.wrapping_mul(0x9e37_79b1) >> 8) as f32 / (1u32 << 24) as f32;
-                } else if d_sq < second_sq {
-                    (second, second_sq) = (o, d_sq);
+                let jx = 0.5 + 0.8 * ((h & 0xffff) as f32 / 65536.0 - 0.5);
+                let jy = 0.5 + 0.8 * ((h >> 16) as f32 / 65536.0 - 0.5);
+                let (ox, oy) = (x - (ix + dx) as f32 - jx, y - (iy + dy) as f32 - jy);
+                let rim = 1.0 - (ox * ox + oy * oy).sqrt() / reach;
+                if rim <= 0.0 {
+                    continue;
+                }
+                let draw = (h.wrapping_mul(0x9e37_79b1) >> 8) as f32 / (1u32 << 24) as f32;
+                let height = 0.15 + 0.6 * draw + 0.25 * (0.5 - 0.5 * oy);
+                if height > top.height {
+                    top = Scale { height, rim, draw };
                 }
             }
         }
-        let apart = [second[0] - first[0], second[1] - first[1]];
-        let length = (apart[0] * apart[0] + apart[1] * apart[1]).sqrt().max(1e-6);
-        Cellular {
-            border: (second_sq - first_sq) / (2.0 * length),
-            offset: [-first[0], -first[1]],
-            draw,
-        }
+        top
     }
 }
 

@@ -122,7 +122,8 @@ pub(crate) fn samples() -> Vec<Species> {
             None,
         ),
     ];
-    rows.into_iter()
+    let mut all: Vec<Species> = rows
+        .into_iter()
         .map(|(id, kind, shape, leaf, colour, twig, droop, style, light, dark, upper)| {
             let mut s = crate::species::load("quercus_robur").unwrap();
             s.id = id.into();
@@ -132,10 +133,12 @@ pub(crate) fn samples() -> Vec<Species> {
             s.foliage.colour = colour;
             s.foliage.twig_length_m = twig;
             s.foliage.droop = droop;
-            s.bark = Bark { style, colour: light, dark, upper, relief_m: 0.012 };
+            s.bark = Bark { style, colour: light, dark, upper, relief_m: 0.012, ..s.bark };
             s
         })
-        .collect()
+        .collect();
+    all.push(crate::species::load("sorbus_aucuparia").unwrap());
+    all
 }
 
 fn mean_step(p: &Picture, pair: impl Fn(u32) -> ([u32; 2], [u32; 2])) -> f64 {
@@ -150,7 +153,7 @@ fn mean_step(p: &Picture, pair: impl Fn(u32) -> ([u32; 2], [u32; 2])) -> f64 {
 }
 
 /// The step over the seam is no larger than steps inside.
-fn assert_tiles(p: &Picture, what: &str) {
+pub(crate) fn assert_tiles(p: &Picture, what: &str) {
     let n = p.width;
     let mut inside = [0.0f64; 2];
     for k in 8..n - 8 {
@@ -164,45 +167,17 @@ fn assert_tiles(p: &Picture, what: &str) {
 }
 
 #[test]
-fn bark_and_ground_tile() {
-    for s in samples() {
-        let t = for_species(&s, 512, Seed::new(5));
-        assert_tiles(&t.bark, &s.id);
-        assert_tiles(&t.bark_normal, &s.id);
-    }
+fn the_ground_tiles() {
     assert_tiles(&ground(512, Seed::new(5)), "ground");
-}
-
-#[test]
-fn normals_are_unit_and_face_out() {
-    for s in samples() {
-        for p in &for_species(&s, 64, Seed::new(1)).bark_normal.data {
-            let n = [0, 1, 2].map(|c| f32::from(p[c]) / 127.5 - 1.0);
-            let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
-            assert!((length - 1.0).abs() < 0.02 && n[2] > 0.0, "{n:?}");
-        }
-    }
-}
-
-#[test]
-fn a_bump_has_its_light_side_up_in_green() {
-    let n = 32;
-    let mut height = vec![0.0; n * n];
-    for (i, h) in height.iter_mut().enumerate() {
-        let (x, y) = ((i % n) as f32 - 16.0, (i / n) as f32 - 16.0);
-        *h = (-(x * x + y * y) / 30.0).exp();
-    }
-    let p = bark::normal_map(&height, n, 0.1);
-    assert!(p.at(16, 10)[1] > 140, "above the bump normals lean up");
-    assert!(p.at(22, 16)[0] > 140, "right of the bump normals lean right");
 }
 
 #[test]
 fn leaf_pictures_have_sane_cover_colour_and_padding() {
     for s in samples() {
         let t = for_species(&s, 256, Seed::new(2));
-        let seen: Vec<_> = t.leaf.data.iter().filter(|p| p[3] >= 128).collect();
-        let cover = seen.len() as f64 / t.leaf.data.len() as f64;
+        let leaf = t.leaf.picture();
+        let seen: Vec<_> = leaf.data.iter().filter(|p| p[3] >= 128).collect();
+        let cover = seen.len() as f64 / leaf.data.len() as f64;
         assert!((0.2..0.85).contains(&cover), "{}: cover {cover}", s.id);
         for c in 0..3 {
             let mean = seen.iter().map(|p| f64::from(p[c])).sum::<f64>() / seen.len() as f64;
@@ -211,7 +186,7 @@ fn leaf_pictures_have_sane_cover_colour_and_padding() {
         }
         // Nothing black hides under the transparent pixels.
         let least = s.foliage.colour.iter().map(|&c| u32::from(c)).sum::<u32>() / 4;
-        for p in t.leaf.data.iter().filter(|p| p[3] < 128) {
+        for p in leaf.data.iter().filter(|p| p[3] < 128) {
             let sum = u32::from(p[0]) + u32::from(p[1]) + u32::from(p[2]);
             assert!(sum > least, "{}: {p:?}", s.id);
         }
@@ -240,8 +215,58 @@ fn odd_sizes_and_odd_species_give_pictures() {
     s.bark.relief_m = 1e9;
     for size in [0, 1, 63, 129, 257] {
         let t = for_species(&s, size, Seed::new(1));
-        assert_eq!(t.leaf.data.len(), (t.leaf.width * t.leaf.height) as usize);
-        assert!(t.bark.width >= 64);
+        assert!(t.leaf.is_whole() && t.bark.colour.is_whole());
+        assert!(t.bark.colour.width() >= 64);
+    }
+}
+
+/// The share of the picture that a mask shows stays on smaller versions made by averaging.
+#[test]
+fn smaller_versions_keep_the_leaves() {
+    for s in samples() {
+        let p = for_species(&s, 512, Seed::new(4)).leaf.into_picture();
+        let cutoff = (twig::CUTOFF * 255.0) as u32;
+        let seen = p.data.iter().filter(|q| u32::from(q[3]) >= cutoff).count();
+        let whole = seen as f64 / p.data.len() as f64;
+        for block in [2u32, 4, 8, 16] {
+            let n = p.width / block;
+            let mut passed = 0;
+            for (x, y) in (0..n).flat_map(|y| (0..n).map(move |x| (x, y))) {
+                let mut sum = 0;
+                for (dx, dy) in (0..block).flat_map(|a| (0..block).map(move |b| (a, b))) {
+                    sum += u32::from(p.at(x * block + dx, y * block + dy)[3]);
+                }
+                passed += u32::from(sum >= cutoff * block * block);
+            }
+            let share = f64::from(passed) / f64::from(n * n);
+            assert!((share / whole - 1.0).abs() < 0.2, "{} 1/{block}: {share} of {whole}", s.id);
+        }
+    }
+}
+
+/// Leaves of the geometry are opaque where their cell is cut, bark and mean colour all around.
+#[test]
+fn single_leaves_bark_and_mean_colour_are_where_the_atlas_says() {
+    for s in samples() {
+        let t = for_species(&s, 512, Seed::new(4));
+        let at = |uv: glam::Vec2| {
+            let x = (uv.x * t.leaf.width() as f32) as u32;
+            let y = ((1.0 - uv.y) * t.leaf.height() as f32) as u32;
+            (x, y)
+        };
+        let (x, y) = at(t.atlas.fill());
+        for (dx, dy) in [(0, 0), (12, 12), (12, 0)] {
+            assert_eq!(t.leaf.picture().at(x + dx, y + dy)[..3], s.foliage.colour, "{}", s.id);
+            let (x, y) = at(t.atlas.wood());
+            assert_eq!(t.leaf.picture().at(x - dx, y - dy)[3], 255, "{}", s.id);
+        }
+        assert_eq!(t.atlas.leaves().len(), 3);
+        for cell in t.atlas.leaves() {
+            let (x, y) = at(cell.uv(0.5, 0.5));
+            assert_eq!(t.leaf.picture().at(x, y)[3], 255, "{}", s.id);
+            let least = if cell.coverage > 0.99 { 0.99 } else { 0.05 };
+            assert!(cell.coverage > least, "{}: {}", s.id, cell.coverage);
+        }
     }
 }
 
@@ -255,11 +280,13 @@ fn contact_sheet() {
         let start = std::time::Instant::now();
         let t = for_species(&s, 512, Seed::new(1));
         println!("{}: {:?}", s.id, start.elapsed());
-        for (name, p) in [("bark", &t.bark), ("normal", &t.bark_normal), ("leaf", &t.leaf)] {
-            std::fs::write(dir.join(format!("{}_{name}.png", s.id)), p.to_png().unwrap()).unwrap();
+        let mut pictures = vec![("leaf", t.leaf)];
+        for (name, bark) in [("bark", Some(t.bark)), ("upper", t.bark_upper)] {
+            pictures.extend(bark.map(|b| (name, b.colour)));
         }
-        if let Some(p) = t.bark_upper {
-            std::fs::write(dir.join(format!("{}_upper.png", s.id)), p.to_png().unwrap()).unwrap();
+        for (name, p) in pictures {
+            let path = dir.join(format!("{}_{name}.png", s.id));
+            std::fs::write(path, p.png().unwrap()).unwrap();
         }
     }
     std::fs::write(dir.join("ground.png"), ground(512, Seed::new(1)).to_png().unwrap()).unwrap();

@@ -1,5 +1,6 @@
-//! The leaf picture of a species: four twigs drawn shoot by shoot, leaf by leaf. Cells 0 and 1
-//! show single twigs, 2 and 3 boughs of the same leaves at a smaller scale, for large cards.
+//! The leaf picture of a species. Its quarters: two single twigs; a bough of the same leaves at a
+//! smaller scale, for large cards; and three single leaves or needles beside plain bark and the
+//! leaves' mean colour, for a model of every leaf.
 //!
 //! Leaves sit alternately, or all round for needles, as the golden angle seen from one side;
 //! what lies deeper is painted first and darker.
@@ -8,60 +9,141 @@ use glam::Vec2;
 use rayon::prelude::*;
 
 use super::atlas::{Atlas, BANDS, Cell};
-use super::canvas::{Canvas, Leaf, Outline, Stroke, pad};
-use crate::raster::Picture;
+use super::canvas::{Canvas, Leaf, Outline, Stroke, keep_cover};
+use crate::raster::{Picture, pad_transparent};
 use crate::seed::{Draws, Seed};
-use crate::species::Species;
 use crate::species::model::{Foliage, LeafShape};
+use crate::species::{Species, own};
 
 /// A bough cell shows this many times the length of a twig cell.
 const BOUGH: f32 = 2.4;
 /// Golden angle.
 const GOLDEN_RAD: f32 = 2.399_963;
+/// Share of its cell that a single leaf is long.
+const LEAF_SHARE: f32 = 0.96;
 /// Strokes and leaves a cell may take.
 const PAINT_LIMIT: usize = 60_000;
 
+/// Alpha from which on a leaf is seen.
+pub const CUTOFF: f32 = 0.5;
+/// Half the side of the plain squares over the picture's, to their middles.
+const PLAIN: f32 = 1.0 / 16.0;
+
+/// What a part of the picture shows.
+#[derive(Clone, Copy, PartialEq)]
+enum Part {
+    Twig,
+    Bough,
+    Leaf,
+}
+
 /// Draws the picture, `size_px` square, and says where its twigs lie.
 pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
-    let side = (size_px / 2).max(16);
-    let factor = if side > 600 { 2 } else { 3 };
-    let twig_m = species.foliage.twig_length_m.max(1e-3);
-    let cells: Vec<(Vec<[u8; 4]>, f32)> = (0..4u64)
+    let f = &species.foliage;
+    let quarter = (size_px / 2).max(16) & !1;
+    let twig_m = f.twig_length_m.max(1e-3);
+    // What is shown, and its least corner in quarters of the picture's side, from the bottom.
+    let parts = [
+        (Part::Twig, [0, 0]),
+        (Part::Twig, [2, 0]),
+        (Part::Bough, [0, 2]),
+        (Part::Leaf, [2, 2]),
+        (Part::Leaf, [3, 2]),
+        (Part::Leaf, [2, 3]),
+    ];
+    let drawn: Vec<(Vec<[u8; 4]>, u32, f32)> = parts
         .into_par_iter()
-        .map(|k| {
-            let size_m = if k < 2 { twig_m } else { twig_m * BOUGH };
+        .enumerate()
+        .map(|(k, (part, _))| {
+            let side = if part == Part::Leaf { quarter / 2 } else { quarter };
+            let factor = if side > 600 { 2 } else { 3 };
+            let size_m = match part {
+                Part::Twig => twig_m,
+                Part::Bough => twig_m * BOUGH,
+                Part::Leaf => leaf_length_m(f) / LEAF_SHARE,
+            };
             let mut painter = Painter {
                 canvas: Canvas::new(side as usize, factor),
                 species,
-                outline: outline(&species.foliage),
+                outline: outline(f),
                 size_m,
-                draws: seed.derive("twig", k).draws(),
+                draws: seed.derive("twig", k as u64).draws(),
                 painted: 0,
             };
-            painter.cell();
-            (painter.canvas.resolve(1.25), size_m)
+            match part {
+                Part::Leaf => painter.single(),
+                _ => painter.cell(part == Part::Bough),
+            }
+            (painter.canvas.resolve(1.25), side, size_m)
         })
         .collect();
-    let mut picture = Picture::filled(side * 2, side * 2, [0; 4]);
-    let mut described = Vec::new();
-    for (k, (pixels, size_m)) in cells.iter().enumerate() {
-        let (cx, cy) = (k as u32 % 2, k as u32 / 2);
-        let corner = Vec2::new(cx as f32, cy as f32) * 0.5;
-        described.push(describe(pixels, side as usize, *size_m, corner));
-        for y in 0..side {
-            for x in 0..side {
-                let row = side * 2 - 1 - (cy * side + y);
-                picture.set(cx * side + x, row, pixels[(y * side + x) as usize]);
+    let mut picture = Picture::filled(quarter * 2, quarter * 2, [0; 4]);
+    let (mut cells, mut leaves) = (Vec::new(), Vec::new());
+    for ((pixels, side, size_m), (part, corner)) in drawn.iter().zip(parts) {
+        let [left, bottom] = corner.map(|c| c * quarter / 2);
+        let span = *side as f32 / picture.width as f32;
+        let min = Vec2::new(left as f32, bottom as f32) / picture.width as f32;
+        let cell = describe(pixels, *side as usize, *size_m, min, span);
+        if part == Part::Leaf { &mut leaves } else { &mut cells }.push(cell);
+        for y in 0..*side {
+            let row = picture.height - 1 - (bottom + y);
+            for x in 0..*side {
+                picture.set(left + x, row, pixels[(y * side + x) as usize]);
             }
         }
     }
-    match_colour(&mut picture, species.foliage.colour);
-    pad(&mut picture);
-    let atlas = Atlas::new(described).unwrap_or_else(|| Atlas::whole(twig_m));
+    match_colour(&mut picture, f.colour);
+    let [wood, fill] = plain(&mut picture, species, quarter);
+    finish(&mut picture);
+    let atlas = Atlas::new(cells, leaves, wood, fill).unwrap_or_else(|| Atlas::whole(twig_m));
     (picture, atlas)
 }
 
-fn describe(pixels: &[[u8; 4]], side: usize, size_m: f32, corner: Vec2) -> Cell {
+/// The last eighth of the picture, half bark, half the leaves' mean colour; their middles.
+fn plain(picture: &mut Picture, species: &Species, quarter: u32) -> [Vec2; 2] {
+    let bark = &species.bark;
+    let tone = bark.upper.unwrap_or(bark.dark);
+    let wood = [0, 1, 2].map(|c| ((u16::from(tone[c]) + u16::from(bark.dark[c])) / 2) as u8);
+    let side = quarter / 2;
+    for y in 0..side {
+        for x in 0..side {
+            let [r, g, b] = if x < side / 2 { wood } else { species.foliage.colour };
+            picture.set(quarter + side + x, side - 1 - y, [r, g, b, 255]);
+        }
+    }
+    [PLAIN, 3.0 * PLAIN].map(|s| Vec2::new(0.75 + s, 0.875))
+}
+
+/// Length of what a leaf's cell shows: of a compound leaf one leaflet.
+fn leaf_length_m(foliage: &Foliage) -> f32 {
+    match foliage.shape {
+        LeafShape::Pinnate => 0.5 * foliage.leaf_width_m,
+        _ => foliage.leaf_length_m,
+    }
+    .max(1e-4)
+}
+
+/// A user's own picture of a twig `size_m` long: one cell.
+pub fn own(picture: &Picture, size_m: f32) -> (Picture, Atlas) {
+    let side = picture.width as usize;
+    let bottom_up: Vec<[u8; 4]> =
+        picture.data.chunks_exact(side).rev().flatten().copied().collect();
+    let cell = describe(&bottom_up, side, size_m, Vec2::ZERO, 1.0);
+    let atlas = Atlas::of_one(cell).filled_at(own::opaque_spot(picture));
+    let mut picture = picture.clone();
+    finish(&mut picture);
+    (picture, atlas)
+}
+
+/// Colour under what is transparent, and alpha that smaller versions of the picture need.
+fn finish(picture: &mut Picture) {
+    pad_transparent(picture);
+    keep_cover(picture, CUTOFF);
+}
+
+/// The square cell with the corner `min` and the side `span` of the picture's, from its pixels, row
+/// 0 at the bottom.
+fn describe(pixels: &[[u8; 4]], side: usize, size_m: f32, min: Vec2, span: f32) -> Cell {
     let mut reach = [[1.0f32, 0.0f32]; BANDS];
     let mut seen = 0usize;
     for y in 0..side {
@@ -81,7 +163,7 @@ fn describe(pixels: &[[u8; 4]], side: usize, size_m: f32, corner: Vec2) -> Cell 
         }
     }
     let coverage = seen as f32 / (side * side).max(1) as f32;
-    Cell { min: corner, max: corner + 0.5, size_m, reach, coverage }
+    Cell { min, max: min + span, size_m, reach, coverage }
 }
 
 /// Scales the pixels so that what is seen has the mean luminance of `colour`; hues stay.
@@ -121,11 +203,17 @@ fn outline(foliage: &Foliage) -> Outline {
                 let lobe = 0.5 - 0.5 * (y * std::f32::consts::TAU * 4.0 + 0.6).cos();
                 body * (0.55 + 0.45 * lobe)
             }
-            LeafShape::Lanceolate => (std::f32::consts::PI * y.powf(0.85)).sin().max(0.0),
+            LeafShape::Lanceolate | LeafShape::Pinnate => {
+                (std::f32::consts::PI * y.powf(0.85)).sin().max(0.0)
+            }
             LeafShape::Needle | LeafShape::Tuft | LeafShape::Bundle => 1.0,
         }
     };
-    let ratio = 0.5 * foliage.leaf_width_m / foliage.leaf_length_m.max(1e-6);
+    // A leaflet of a compound leaf is three times as long as wide.
+    let ratio = match foliage.shape {
+        LeafShape::Pinnate => 0.17,
+        _ => 0.5 * foliage.leaf_width_m / foliage.leaf_length_m.max(1e-6),
+    };
     let ratio = ratio.clamp(0.005, 0.8);
     let mut table = [0.0; 65];
     for (k, half) in table.iter_mut().enumerate() {
@@ -141,6 +229,15 @@ struct Painter<'a> {
     size_m: f32,
     draws: Draws,
     painted: usize,
+}
+
+/// Side veins of a leaf.
+fn veins(shape: LeafShape) -> f32 {
+    match shape {
+        LeafShape::Lanceolate | LeafShape::Pinnate => 0.0,
+        LeafShape::Lobed => 5.0,
+        _ => 7.0,
+    }
 }
 
 /// A shoot in cell coordinates (0…1), bent evenly along its length.
@@ -212,8 +309,38 @@ impl Painter<'_> {
         }
     }
 
-    fn cell(&mut self) {
-        let bough = self.size_m > 1.5 * self.species.foliage.twig_length_m;
+    /// One leaf that fills the picture; for needles their colour from base to tip.
+    fn single(&mut self) {
+        let (colour, light) = self.tint(0.75);
+        if matches!(
+            self.species.foliage.shape,
+            LeafShape::Needle | LeafShape::Tuft | LeafShape::Bundle
+        ) {
+            self.canvas.stroke(&Stroke {
+                from: Vec2::new(0.5, -0.5),
+                to: Vec2::new(0.5, 1.5),
+                half: [2.0; 2],
+                colour,
+                light: [light * 0.75, light * 1.15],
+            });
+            return;
+        }
+        let (outline, bend) = (self.outline, self.jitter(0.05));
+        let shade = self.draws.between(0.88, 1.0);
+        self.canvas.leaf(&Leaf {
+            outline: &outline,
+            base: Vec2::new(0.5, 0.02),
+            along: Vec2::Y,
+            length: LEAF_SHARE,
+            open: [1.0; 2],
+            bend,
+            colour,
+            light: [light, light * shade],
+            veins: veins(self.species.foliage.shape),
+        });
+    }
+
+    fn cell(&mut self, bough: bool) {
         let bend = self.jitter(0.12);
         let lean = self.jitter(0.06);
         let main = Shoot { base: Vec2::new(0.5, 0.01), angle: lean, length: 0.9, bend, depth: 0.8 };
@@ -299,6 +426,7 @@ impl Painter<'_> {
             LeafShape::Lobed => (0.3, 0.05),
             LeafShape::Round => (0.5, 0.5),
             LeafShape::Deltoid => (0.34, 0.3),
+            LeafShape::Pinnate => (0.3, 0.0),
             _ => (0.34, 0.14),
         };
         let count = (shoot.length / (gap * leaf)).clamp(1.0, 80.0) as usize;
@@ -341,11 +469,10 @@ impl Painter<'_> {
             let shade = self.draws.between(0.86, 1.0);
             let open = if self.draws.unit() < 0.5 { [tilt, other] } else { [other, tilt] };
             let bend = self.jitter(0.14);
-            let veins = match shape {
-                LeafShape::Lanceolate => 0.0,
-                LeafShape::Lobed => 5.0,
-                _ => 7.0,
-            };
+            if shape == LeafShape::Pinnate {
+                self.compound(base, along, size, open, colour, light);
+                continue;
+            }
             let outline = self.outline;
             self.canvas.leaf(&Leaf {
                 outline: &outline,
@@ -356,7 +483,56 @@ impl Painter<'_> {
                 bend,
                 colour,
                 light: [light, light * shade],
-                veins,
+                veins: veins(shape),
+            });
+        }
+    }
+
+    /// Leaflets in pairs along a rachis.
+    fn compound(
+        &mut self,
+        base: Vec2,
+        along: Vec2,
+        size: f32,
+        open: [f32; 2],
+        colour: [f32; 3],
+        light: f32,
+    ) {
+        let f = &self.species.foliage;
+        let half_width = 0.5 * f.leaf_width_m / f.leaf_length_m.max(1e-6) * size;
+        let thin = (0.4 * self.canvas.pixel()).max(0.012 * size);
+        self.canvas.stroke(&Stroke {
+            from: base,
+            to: base + along * (size * 0.8),
+            half: [thin; 2],
+            colour,
+            light: [light * 0.85; 2],
+        });
+        let count = f.cluster.clamp(1, 60);
+        let outline = self.outline;
+        for n in 0..count {
+            let is_last = n + 1 == count;
+            let pair = (n / 2) as f32 / ((count - 1) / 2).max(1) as f32;
+            let t = if is_last { 0.8 } else { (0.25 + 0.55 * pair).min(0.78) };
+            let side = if n % 2 == 0 { 1.0 } else { -1.0 };
+            // Of a leaf that is turned away one side is seen shortened.
+            let turn = if is_last { 0.0 } else { side * (1.2 + self.jitter(0.1)) };
+            let heading = Vec2::from_angle(turn).rotate(along);
+            let length = half_width * if is_last { 1.0 } else { open[n as usize % 2].max(0.5) };
+            let tip = base + along * (size * t) + heading * length;
+            if tip.x < 0.005 || tip.x > 0.995 || tip.y > 0.995 || tip.y < 0.0 {
+                continue;
+            }
+            self.canvas.leaf(&Leaf {
+                outline: &outline,
+                base: base + along * (size * t),
+                along: heading,
+                length,
+                open: [0.9, 0.75],
+                bend: 0.0,
+                colour,
+                light: [light, light * 0.92],
+                veins: 0.0,
             });
         }
     }
@@ -424,36 +600,38 @@ impl Painter<'_> {
         }
     }
 
-    /// Larch: rosettes on short shoots along thin twigs, single needles near the tips.
+    /// Larch: rosettes on short shoots along few thin, long, hanging twigs, apart from each other.
     fn tufts(&mut self, main: Shoot, bough: bool) {
         let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.006, 0.3);
-        let spacing = if bough { 0.075 } else { 0.11 };
-        let mut shoots = self.laterals(&main, spacing, 0.58, 0.95);
+        let mut shoots = self.laterals(&main, if bough { 0.085 } else { 0.16 }, 0.34, 0.7);
         if bough {
             let mut fine = Vec::new();
-            for lateral in shoots.iter().filter(|l| l.length > 0.15) {
-                fine.extend(self.laterals(lateral, 0.08, 0.13, 0.8));
+            for lateral in shoots.iter().filter(|l| l.length > 0.12) {
+                fine.extend(self.laterals(lateral, 0.1, 0.1, 0.7));
             }
             shoots.extend(fine);
         }
         shoots.push(main);
         let half = 0.5 * self.share(self.species.foliage.leaf_width_m);
         let half = half.max(0.5 * self.canvas.pixel());
+        let rays = if bough { 11 } else { 15 };
         for shoot in shoots {
-            self.wood(&shoot, 0.004, 0.0015);
-            let count = (shoot.length / (needle * 0.5)).clamp(2.0, 60.0) as usize;
+            self.wood(&shoot, 0.003, 0.0012);
+            let count = (shoot.length / (needle * 0.75)).clamp(2.0, 60.0) as usize;
             for k in 0..=count {
-                let t = (0.08 + 0.92 * k as f32 / count as f32).min(1.0);
+                let t =
+                    (0.06 + 0.94 * (k as f32 + self.jitter(0.25)) / count as f32).clamp(0.0, 1.0);
                 let side = if k % 2 == 0 { 1.0 } else { -1.0 };
                 let heading = shoot.angle + shoot.bend * t + side * 0.9;
                 let base = shoot.at(t);
-                for n in 0..16 {
+                let large = self.draws.between(0.65, 1.0);
+                for n in 0..rays {
                     if self.spent() {
                         return;
                     }
-                    let swing = heading + (n as f32 / 15.0 - 0.5) * 3.4 + self.jitter(0.15);
-                    let dir = Vec2::new(swing.sin(), swing.cos());
-                    let size = needle * self.draws.between(0.6, 1.0);
+                    let swing = (n as f32 / (rays - 1) as f32 - 0.5) * 3.6 + self.jitter(0.2);
+                    let dir = Vec2::new((heading + swing).sin(), (heading + swing).cos());
+                    let size = needle * large * self.draws.between(0.65, 1.0);
                     let depth = self.draws.between(0.3, 1.0);
                     let (colour, light) = self.tint(depth);
                     let tip = base + dir * size;

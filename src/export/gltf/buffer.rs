@@ -15,6 +15,7 @@ pub(super) const POSITION_BYTES: u64 = 12;
 pub(super) const NORMAL_BYTES: u64 = 12;
 pub(super) const UV_BYTES: u64 = 8;
 pub(super) const TANGENT_BYTES: u64 = 16;
+pub(super) const WIND_BYTES: u64 = 4;
 
 /// Indices of 16 bits reach so many vertices: the highest value is reserved.
 const MOST_SHORT_VERTICES: usize = u16::MAX as usize;
@@ -29,13 +30,19 @@ pub(super) fn has_tangents(scene: &ValidScene, part: &Part) -> bool {
     scene.materials()[part.material as usize].normal_texture.is_some()
 }
 
+/// Whether the surface says how it moves in the wind.
+pub(super) fn has_wind(surface: &Surface) -> bool {
+    !surface.wind.is_empty()
+}
+
 /// Byte ranges in the buffer; each starts at a multiple of 4.
 pub(super) struct Layout {
     pub positions: Range<u64>,
     pub normals: Range<u64>,
     pub uvs: Range<u64>,
-    /// Empty if no part needs them; so the next two.
+    /// Empty if no part needs them; so the next three.
     pub tangents: Range<u64>,
+    pub winds: Range<u64>,
     pub long_indices: Range<u64>,
     pub short_indices: Range<u64>,
     /// One a texture; none where pictures are files of their own.
@@ -52,6 +59,10 @@ impl Layout {
         };
         let bumpy = scene.parts().filter(|p| has_tangents(scene, p));
         let bumpy_vertices: u64 = bumpy.map(|p| p.surface.position.len() as u64).sum();
+        let winds: u64 = surfaces().map(|s| s.wind.len() as u64).sum();
+        let bodies = || scene.colliders().map(|c| &c.body);
+        let body_vertices: u64 = bodies().map(|b| b.position.len() as u64).sum();
+        let body_indices: u64 = bodies().map(|b| b.index.len() as u64).sum();
         let mut end = 0u64;
         let mut take = |bytes: u64| {
             let start = end.next_multiple_of(4);
@@ -59,12 +70,13 @@ impl Layout {
             start..end
         };
         Layout {
-            positions: take(vertices * POSITION_BYTES),
+            positions: take((vertices + body_vertices) * POSITION_BYTES),
             normals: take(vertices * NORMAL_BYTES),
             uvs: take(vertices * UV_BYTES),
             tangents: take(bumpy_vertices * TANGENT_BYTES),
+            winds: take(winds * WIND_BYTES),
             long_indices: take(indices(false) * 4),
-            short_indices: take(indices(true) * 2),
+            short_indices: take((indices(true) + body_indices) * 2),
             pictures: pictures
                 .map_or(Vec::new(), |p| p.png().iter().map(|png| take(png.len() as u64)).collect()),
         }
@@ -81,7 +93,8 @@ impl Layout {
         let start = out.len();
         out.reserve_exact(self.bytes() as usize);
         let surfaces = || scene.parts().map(|p| &p.surface);
-        for surface in surfaces() {
+        let bodies = || scene.colliders().map(|c| &c.body);
+        for surface in surfaces().chain(bodies()) {
             for &p in &surface.position {
                 push(out, y_up(p));
             }
@@ -103,12 +116,16 @@ impl Layout {
                 push(out, [x, y, z, tangent.w]);
             }
         }
+        for surface in surfaces() {
+            out.extend_from_slice(surface.wind.as_flattened());
+        }
         for surface in surfaces().filter(|s| !has_short_indices(s)) {
             for &i in &surface.index {
                 out.extend_from_slice(&i.to_le_bytes());
             }
         }
-        for surface in surfaces().filter(|s| has_short_indices(s)) {
+        // A collider has few vertices.
+        for surface in surfaces().filter(|s| has_short_indices(s)).chain(bodies()) {
             for &i in &surface.index {
                 out.extend_from_slice(&(i as u16).to_le_bytes());
             }

@@ -1,6 +1,7 @@
 //! The JSON of a glTF file: structures that mirror the standard's objects, each written only
 //! where it says something.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use glam::Vec3;
@@ -9,15 +10,18 @@ use serde::Serialize;
 use super::super::GENERATOR;
 use super::super::pictures::texture_path;
 use super::buffer::{
-    Layout, NORMAL_BYTES, POSITION_BYTES, TANGENT_BYTES, UV_BYTES, has_short_indices, has_tangents,
+    Layout, NORMAL_BYTES, POSITION_BYTES, TANGENT_BYTES, UV_BYTES, WIND_BYTES, has_short_indices,
+    has_tangents, has_wind,
 };
 use super::y_up;
 use crate::frame::Frame;
+use crate::mesh::Surface;
 use crate::scene::{self, Alpha, Instance, ValidScene, Wrap};
 
 const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;
 const UNSIGNED_SHORT: u32 = 5123;
+const UNSIGNED_BYTE: u32 = 5121;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 const LINEAR: u32 = 9729;
@@ -72,7 +76,7 @@ struct SceneNodes<'a> {
 
 #[derive(Serialize, Default)]
 struct Node<'a> {
-    name: &'a str,
+    name: Cow<'a, str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     mesh: Option<u32>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -101,25 +105,46 @@ struct TreeExtras<'a> {
 
 #[derive(Serialize)]
 struct Mesh<'a> {
-    name: &'a str,
+    name: Cow<'a, str>,
     primitives: Vec<Primitive>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    extras: Option<MeshExtras>,
+}
+
+/// [`scene::Octahedral`] by its own names, Y up.
+#[derive(Serialize)]
+struct MeshExtras {
+    octahedral: OctahedralExtras,
+}
+
+#[derive(Serialize)]
+struct OctahedralExtras {
+    frames: u32,
+    centre: [f32; 3],
+    radius_m: f32,
+    note: &'static str,
 }
 
 #[derive(Serialize)]
 struct Primitive {
     attributes: Attributes,
     indices: u32,
-    material: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    material: Option<u32>,
 }
 
 #[derive(Serialize)]
 #[serde(rename_all = "UPPERCASE")]
 struct Attributes {
     position: u32,
-    normal: u32,
-    texcoord_0: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    normal: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    texcoord_0: Option<u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
     tangent: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    color_0: Option<u32>,
 }
 
 #[derive(Serialize)]
@@ -129,6 +154,9 @@ struct Material<'a> {
     pbr_metallic_roughness: MetallicRoughness,
     #[serde(skip_serializing_if = "Option::is_none")]
     normal_texture: Option<TextureRef>,
+    /// Red of the texture that holds the roughness, too.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    occlusion_texture: Option<TextureRef>,
     #[serde(skip_serializing_if = "Option::is_none")]
     alpha_mode: Option<&'static str>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -146,6 +174,8 @@ struct MetallicRoughness {
     base_color_texture: Option<TextureRef>,
     metallic_factor: f32,
     roughness_factor: f32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    metallic_roughness_texture: Option<TextureRef>,
 }
 
 #[derive(Serialize)]
@@ -190,6 +220,8 @@ struct Accessor {
     component_type: u32,
     count: usize,
     r#type: &'static str,
+    #[serde(skip_serializing_if = "is_false")]
+    normalized: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     min: Option<[f32; 3]>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -290,32 +322,57 @@ fn place(frame: &Frame) -> Place<'_> {
 
 /// The root, the terrain, then each species with its trees.
 fn nodes(scene: &ValidScene) -> Vec<Node<'_>> {
-    let mut nodes = vec![Node { name: scene.name(), ..Node::default() }];
+    let mut nodes = vec![Node { name: scene.name().into(), ..Node::default() }];
     let mut push = |node| {
         nodes.push(node);
         nodes.len() as u32 - 1
     };
     let mut of_root = Vec::new();
     if let Some(terrain) = scene.terrain() {
-        of_root.push(push(Node { name: &terrain.name, mesh: Some(0), ..Node::default() }));
+        of_root.push(push(Node {
+            name: terrain.name.as_str().into(),
+            mesh: Some(0),
+            ..Node::default()
+        }));
     }
     let first_mesh = u32::from(scene.terrain().is_some());
+    // Colliders follow the prototypes' meshes.
+    let mut next_collider = first_mesh + scene.prototypes().len() as u32;
+    let mut first_collider = Vec::with_capacity(scene.prototypes().len());
+    for prototype in scene.prototypes() {
+        first_collider.push(next_collider);
+        next_collider += prototype.colliders.len() as u32;
+    }
     for group in scene.groups() {
-        let trees = group.instances.iter().map(|&i| &scene.instances()[i as usize]);
-        let children = trees.map(|tree| push(tree_node(tree, first_mesh))).collect();
-        of_root.push(push(Node { name: &group.name, children, ..Node::default() }));
+        let mut children = Vec::with_capacity(group.instances.len());
+        for &i in &group.instances {
+            let tree = &scene.instances()[i as usize];
+            let first = first_collider[tree.prototype as usize];
+            let bodies = &scene.prototypes()[tree.prototype as usize].colliders;
+            let colliders = bodies.iter().enumerate().map(|(k, body)| {
+                push(Node {
+                    name: body.name(&tree.name, k).into(),
+                    mesh: Some(first + k as u32),
+                    ..Node::default()
+                })
+            });
+            let colliders = colliders.collect();
+            children.push(push(tree_node(tree, first_mesh, colliders)));
+        }
+        let name = group.name.as_str().into();
+        of_root.push(push(Node { name, children, ..Node::default() }));
     }
     nodes[0].children = of_root;
     nodes
 }
 
-fn tree_node(tree: &Instance, first_mesh: u32) -> Node<'_> {
+fn tree_node(tree: &Instance, first_mesh: u32, colliders: Vec<u32>) -> Node<'_> {
     let (sin, cos) = (tree.yaw_rad * 0.5).sin_cos();
     let facts = &tree.facts;
     Node {
-        name: &tree.name,
+        name: tree.name.as_str().into(),
         mesh: Some(first_mesh + tree.prototype),
-        children: Vec::new(),
+        children: colliders,
         translation: Some(y_up(tree.position)),
         rotation: (sin != 0.0).then_some([0.0, sin, 0.0, cos]),
         scale: (tree.scale != Vec3::ONE).then_some([tree.scale.x, tree.scale.z, tree.scale.y]),
@@ -331,33 +388,57 @@ fn tree_node(tree: &Instance, first_mesh: u32) -> Node<'_> {
     }
 }
 
-/// The terrain if there is one, then one a prototype; a primitive a part, with the accessors of
-/// [`accessors`].
+/// The terrain if there is one, then one a prototype, then one a collider; a primitive a part, with
+/// the accessors of [`accessors`].
 fn meshes(scene: &ValidScene) -> Vec<Mesh<'_>> {
-    let mut next = 0u32;
-    let mut primitive = |part: &scene::Part| {
-        let first = next;
-        let tangent = has_tangents(scene, part).then_some(first + 3);
-        let indices = first + 3 + u32::from(tangent.is_some());
-        next = indices + 1;
-        Primitive {
-            attributes: Attributes {
-                position: first,
-                normal: first + 1,
-                texcoord_0: first + 2,
-                tangent,
-            },
-            indices,
-            material: part.material,
-        }
+    let mut next = 0u32..;
+    let mut take = |is_there: bool| is_there.then(|| next.next().unwrap_or(0));
+    let mut primitive = |part: &scene::Part| Primitive {
+        attributes: Attributes {
+            position: take(true).unwrap_or(0),
+            normal: take(true),
+            texcoord_0: take(true),
+            tangent: take(has_tangents(scene, part)),
+            color_0: take(has_wind(&part.surface)),
+        },
+        indices: take(true).unwrap_or(0),
+        material: Some(part.material),
     };
     let mut meshes = Vec::with_capacity(scene.prototypes().len() + 1);
     if let Some(terrain) = scene.terrain() {
-        meshes.push(Mesh { name: &terrain.name, primitives: vec![primitive(terrain)] });
+        let name = terrain.name.as_str().into();
+        meshes.push(Mesh { name, primitives: vec![primitive(terrain)], extras: None });
     }
     for prototype in scene.prototypes() {
         let primitives = prototype.parts.iter().map(&mut primitive).collect();
-        meshes.push(Mesh { name: &prototype.name, primitives });
+        let extras = prototype.octahedral.map(|o| MeshExtras {
+            octahedral: OctahedralExtras {
+                frames: o.frames,
+                centre: y_up(o.centre),
+                radius_m: o.radius_m,
+                note: "towards the eye d, y up: p = d.xz / (|d.x| + |d.y| + |d.z|), \
+                       e = (p.x - p.z, p.x + p.z); the view is in column, row (from below) \
+                       (frames - 1) (e + 1) / 2",
+            },
+        });
+        meshes.push(Mesh { name: prototype.name.as_str().into(), primitives, extras });
+    }
+    for prototype in scene.prototypes() {
+        for (k, collider) in prototype.colliders.iter().enumerate() {
+            let attributes = Attributes {
+                position: take(true).unwrap_or(0),
+                normal: None,
+                texcoord_0: None,
+                tangent: None,
+                color_0: None,
+            };
+            let indices = take(true).unwrap_or(0);
+            meshes.push(Mesh {
+                name: collider.name(&prototype.name, k).into(),
+                primitives: vec![Primitive { attributes, indices, material: None }],
+                extras: None,
+            });
+        }
     }
     meshes
 }
@@ -384,12 +465,13 @@ impl Column {
             r#type: self.r#type,
             min: None,
             max: None,
+            normalized: false,
         }
     }
 }
 
 /// Of each part in [`ValidScene::parts`]: position, normal, texture coordinate, tangent where
-/// the material needs it, index.
+/// the material needs it, wind where there is one, index; then of each collider position, index.
 fn accessors(scene: &ValidScene, layout: &Layout) -> Vec<Accessor> {
     let mut views = 0u32..;
     let mut column = |range: &Range<u64>, component_type, r#type, size| Column {
@@ -404,6 +486,7 @@ fn accessors(scene: &ValidScene, layout: &Layout) -> Vec<Accessor> {
     let mut normals = column(&layout.normals, FLOAT, "VEC3", NORMAL_BYTES);
     let mut uvs = column(&layout.uvs, FLOAT, "VEC2", UV_BYTES);
     let mut tangents = column(&layout.tangents, FLOAT, "VEC4", TANGENT_BYTES);
+    let mut winds = column(&layout.winds, UNSIGNED_BYTE, "VEC4", WIND_BYTES);
     let mut long_indices = column(&layout.long_indices, UNSIGNED_INT, "SCALAR", 4);
     let mut short_indices = column(&layout.short_indices, UNSIGNED_SHORT, "SCALAR", 2);
 
@@ -411,23 +494,31 @@ fn accessors(scene: &ValidScene, layout: &Layout) -> Vec<Accessor> {
     for part in scene.parts() {
         let surface = &part.surface;
         let vertices = surface.position.len();
-        let (lo, hi) = surface.bounds();
-        let (a, b) = (Vec3::from(y_up(lo)), Vec3::from(y_up(hi)));
-        accessors.push(Accessor {
-            min: Some(a.min(b).to_array()),
-            max: Some(a.max(b).to_array()),
-            ..positions.give(vertices)
-        });
+        accessors.push(bounded(positions.give(vertices), surface));
         accessors.push(normals.give(vertices));
         accessors.push(uvs.give(vertices));
         if has_tangents(scene, part) {
             accessors.push(tangents.give(vertices));
         }
+        if has_wind(surface) {
+            accessors.push(Accessor { normalized: true, ..winds.give(vertices) });
+        }
         let short = has_short_indices(surface);
         let indices = if short { &mut short_indices } else { &mut long_indices };
         accessors.push(indices.give(surface.index.len()));
     }
+    for collider in scene.colliders() {
+        let body = &collider.body;
+        accessors.push(bounded(positions.give(body.position.len()), body));
+        accessors.push(short_indices.give(body.index.len()));
+    }
     accessors
+}
+
+fn bounded(positions: Accessor, surface: &Surface) -> Accessor {
+    let (lo, hi) = surface.bounds();
+    let (a, b) = (Vec3::from(y_up(lo)), Vec3::from(y_up(hi)));
+    Accessor { min: Some(a.min(b).to_array()), max: Some(a.max(b).to_array()), ..positions }
 }
 
 /// The views in the order that [`accessors`] counts on, and the number of the first picture's.
@@ -444,6 +535,7 @@ fn views(layout: &Layout) -> (Vec<View>, u32) {
         (&layout.normals, Some(NORMAL_BYTES), ARRAY_BUFFER),
         (&layout.uvs, Some(UV_BYTES), ARRAY_BUFFER),
         (&layout.tangents, Some(TANGENT_BYTES), ARRAY_BUFFER),
+        (&layout.winds, Some(WIND_BYTES), ARRAY_BUFFER),
         (&layout.long_indices, None, ELEMENT_ARRAY_BUFFER),
         (&layout.short_indices, None, ELEMENT_ARRAY_BUFFER),
     ];
@@ -469,8 +561,10 @@ fn material(material: &scene::Material) -> Material<'_> {
             base_color_texture: texture(material.base_color_texture),
             metallic_factor: 0.0,
             roughness_factor: material.roughness,
+            metallic_roughness_texture: texture(material.orm_texture),
         },
         normal_texture: texture(material.normal_texture),
+        occlusion_texture: texture(material.orm_texture),
         alpha_mode,
         alpha_cutoff,
         double_sided: material.double_sided,

@@ -55,6 +55,7 @@ mod tests {
             normal: vec![Vec3::Z; 4],
             uv: corners.map(|p| Vec2::from_angle(-angle).rotate(p) * mirror).to_vec(),
             index: vec![0, 1, 2, 0, 2, 3],
+            ..Surface::default()
         }
     }
 

@@ -15,7 +15,7 @@ use super::pictures::texture_path;
 use super::{GENERATOR, OutputFile};
 use crate::frame::Frame;
 use crate::scene::{
-    Alpha, Instance, Material, Part, SpeciesGroup, TreeFacts, ValidScene, Wrap, bounds_of,
+    Alpha, Collider, Instance, Material, Part, SpeciesGroup, TreeFacts, ValidScene, Wrap, bounds_of,
 };
 
 /// `STEM.usda`; the textures are [`super::Pictures::into_files`].
@@ -110,7 +110,12 @@ fn write_material(text: &mut Text, scene: &ValidScene, material: &Material, stem
         text.line(&format!("float inputs:opacity.connect = <{path}/{opacity}.outputs:a>"));
         text.line(&format!("float inputs:opacityThreshold = {cutoff}"));
     }
-    text.line(&format!("float inputs:roughness = {}", material.roughness));
+    if material.orm_texture.is_some() {
+        text.line(&format!("float inputs:occlusion.connect = <{path}/orm.outputs:r>"));
+        text.line(&format!("float inputs:roughness.connect = <{path}/orm.outputs:g>"));
+    } else {
+        text.line(&format!("float inputs:roughness = {}", material.roughness));
+    }
     text.line("token outputs:surface");
     text.close();
 
@@ -120,11 +125,11 @@ fn write_material(text: &mut Text, scene: &ValidScene, material: &Material, stem
         if tinted {
             numbers.push(format!("float4 inputs:scale = ({r}, {g}, {b}, 1)"));
         }
-        let alpha = masked && !tinted;
-        textures.push(TextureShader { name: "base_color", index, raw: false, numbers, alpha });
+        let outputs = if masked && !tinted { &["float a", "float3 rgb"][..] } else { RGB };
+        textures.push(TextureShader { name: "base_color", index, raw: false, numbers, outputs });
         if masked && tinted {
-            let numbers = Vec::new();
-            textures.push(TextureShader { name: opacity, index, raw: false, numbers, alpha: true });
+            let (numbers, outputs) = (Vec::new(), &["float a", "float3 rgb"][..]);
+            textures.push(TextureShader { name: opacity, index, raw: false, numbers, outputs });
         }
     }
     if let Some(index) = material.normal_texture {
@@ -132,7 +137,15 @@ fn write_material(text: &mut Text, scene: &ValidScene, material: &Material, stem
             "float4 inputs:bias = (-1, -1, -1, 0)".to_owned(),
             "float4 inputs:scale = (2, 2, 2, 1)".to_owned(),
         ];
-        textures.push(TextureShader { name: "normal", index, raw: true, numbers, alpha: false });
+        textures.push(TextureShader { name: "normal", index, raw: true, numbers, outputs: RGB });
+    }
+    if let Some(index) = material.orm_texture {
+        let mut numbers = Vec::new();
+        if material.roughness != 1.0 {
+            numbers.push(format!("float4 inputs:scale = (1, {}, 1, 1)", material.roughness));
+        }
+        let outputs = &["float g", "float r"][..];
+        textures.push(TextureShader { name: "orm", index, raw: true, numbers, outputs });
     }
     for texture in &textures {
         text.blank();
@@ -157,9 +170,11 @@ struct TextureShader {
     raw: bool,
     /// Bias and scale, a line each.
     numbers: Vec<String>,
-    /// Whether its alpha is read.
-    alpha: bool,
+    /// Type and name of what is read of it.
+    outputs: &'static [&'static str],
 }
+
+const RGB: &[&str] = &["float3 rgb"];
 
 fn write_texture(
     text: &mut Text,
@@ -184,10 +199,9 @@ fn write_texture(
     text.line(&format!("float2 inputs:st.connect = <{material_path}/st.outputs:result>"));
     text.line(&format!("token inputs:wrapS = \"{wrap}\""));
     text.line(&format!("token inputs:wrapT = \"{wrap}\""));
-    if shader.alpha {
-        text.line("float outputs:a");
+    for output in shader.outputs {
+        text.line(&output.replace(' ', " outputs:"));
     }
-    text.line("float3 outputs:rgb");
     text.close();
 }
 
@@ -211,6 +225,12 @@ fn mesh(text: &mut Text, scene: &ValidScene, part: &Part, kind: Option<&str>) {
     text.array("normal3f[] normals", &surface.normal, Text::vec3, Some("vertex"));
     text.array("point3f[] points", &surface.position, Text::vec3, None);
     text.array("texCoord2f[] primvars:st", &surface.uv, Text::vec2, Some("vertex"));
+    if !surface.wind.is_empty() {
+        let write = |out: &mut Vec<u8>, c: &[u8; 4]| {
+            Text::floats(out, &c.map(|v| f32::from(v) / 255.0));
+        };
+        text.array("float4[] primvars:wind", &surface.wind, write, Some("vertex"));
+    }
     text.line("uniform token subdivisionScheme = \"none\"");
     text.close();
 }
@@ -260,15 +280,44 @@ fn instancer(text: &mut Text, scene: &ValidScene, group: &SpeciesGroup) {
     text.array("float3[] scales", &trees, |out, t| Text::vec3(out, &t.scale), None);
     for prototype in prototypes {
         text.blank();
-        text.open(&format!("def Xform \"{}\"", prototype.name), &["kind = \"component\""]);
+        let octahedral = prototype.octahedral.map(|o| {
+            let [x, y, z] = o.centre.to_array();
+            format!(
+                "customData = {{ dictionary octahedral = {{ float3 centre = ({x}, {y}, {z}); \
+                 int frames = {}; float radius_m = {} }} }}",
+                o.frames, o.radius_m
+            )
+        });
+        let metadata: Vec<&str> =
+            octahedral.as_deref().into_iter().chain(["kind = \"component\""]).collect();
+        text.open(&format!("def Xform \"{}\"", prototype.name), &metadata);
         for (at, part) in prototype.parts.iter().enumerate() {
             if at > 0 {
                 text.blank();
             }
             mesh(text, scene, part, None);
         }
+        for (k, collider) in prototype.colliders.iter().enumerate() {
+            text.blank();
+            collider_mesh(text, collider, &collider.name(&prototype.name, k));
+        }
         text.close();
     }
+    text.close();
+}
+
+/// A body that physics sees and renderers do not.
+fn collider_mesh(text: &mut Text, collider: &Collider, name: &str) {
+    let body = &collider.body;
+    let schemas = "prepend apiSchemas = [\"PhysicsCollisionAPI\", \"PhysicsMeshCollisionAPI\"]";
+    text.open(&format!("def Mesh \"{name}\""), &[schemas]);
+    extent(text, "extent", body.bounds());
+    text.repeated("int[] faceVertexCounts", "3", body.triangles());
+    text.array("int[] faceVertexIndices", &body.index, Text::int, None);
+    text.line("uniform token physics:approximation = \"convexHull\"");
+    text.array("point3f[] points", &body.position, Text::vec3, None);
+    text.line("uniform token purpose = \"guide\"");
+    text.line("uniform token subdivisionScheme = \"none\"");
     text.close();
 }
 

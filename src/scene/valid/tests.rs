@@ -123,7 +123,11 @@ fn each_fault_is_told_in_its_own_words() {
             "the units of the coordinate system, [1, 1, 0] m, are not lengths".into(),
         ),
         (
-            Box::new(|s| s.textures[0].picture.width = 33),
+            Box::new(|s| {
+                let mut picture = s.textures[0].image.picture().clone();
+                picture.width = 33;
+                s.textures[0].image = picture.into();
+            }),
             "texture `photo`: 33 × 32 pixels announced, 1024 held".into(),
         ),
         (

@@ -1,0 +1,285 @@
+//! A tree as pictures of itself: colour, normal and alpha, baked from its mesh.
+//!
+//! *Cross*: two upright sheets that stand through the stem at right angles, each with the
+//! orthographic view square to it; any renderer shows it. From above it shows its edges.
+//! *Octahedral*: views from N × N directions over the upper half of the sky, laid out by the
+//! hemi-octahedral map (Cigolle et al. 2014), for shaders that blend the nearest three; the
+//! sheet that comes with it shows the view from the side.
+//!
+//! Samples are taken 4 × 4 a texel; colour is averaged in linear light over what is seen, alpha
+//! is the share seen, scaled so that as much passes the cutoff as was covered. Normals are those
+//! of the mesh in the sheet's own tangent space. Known limit: a sheet has no depth, so that near
+//! by its parts slide against the tree's.
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::diagnostic::Result;
+use crate::mesh::Surface;
+use crate::raster::{Picture, pad_transparent};
+use crate::render::capture::{Sitter, Texel, Window};
+use crate::render::srgb_from_linear;
+use crate::scene::Octahedral;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    Cross,
+    Octahedral,
+}
+
+/// The pictures and the sheets that carry them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Impostor {
+    pub surface: Surface,
+    /// sRGB with alpha, to be cut at [`CUTOFF`].
+    pub colour: Picture,
+    /// Tangent-space normals, raw, y up as in OpenGL.
+    pub normal: Picture,
+    pub octahedral: Option<Octahedral>,
+}
+
+/// Where alpha is cut.
+pub const CUTOFF: f32 = 0.5;
+/// Samples along a side of a texel.
+const PER_TEXEL: usize = 4;
+/// Texels between two views of a cross.
+const GUTTER: usize = 8;
+/// Views along a side of an octahedral picture.
+const FRAMES: u32 = 8;
+
+/// Bakes a model, whose extent is `bounds` (tree-local metres). `size_px`: texels
+/// along the longer side of a sheet, or along the side of an octahedral picture.
+///
+/// # Errors
+/// Bounds that are not finite.
+pub fn bake(
+    sitter: &Sitter<'_>,
+    model: u32,
+    bounds: (Vec3, Vec3),
+    kind: Kind,
+    size_px: u32,
+) -> Result<Impostor> {
+    let sitter = Model { sitter, model };
+    match kind {
+        Kind::Cross => cross(&sitter, bounds, size_px as usize),
+        Kind::Octahedral => octahedral(&sitter, bounds, size_px),
+    }
+}
+
+/// Who is baked.
+struct Model<'a> {
+    sitter: &'a Sitter<'a>,
+    model: u32,
+}
+
+/// A sheet: what it shows and where it lies.
+struct Sheet {
+    centre: Vec3,
+    forward: Vec3,
+    right: Vec3,
+    /// Metres.
+    size: Vec2,
+}
+
+fn cross(sitter: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impostor> {
+    let lo = lo.with_z(lo.z.max(0.0));
+    let span = (hi - lo).max(Vec3::splat(1e-3));
+    let middle = 0.5 * (lo + hi);
+    let upright = |forward: Vec3, right: Vec3, width: f32| Sheet {
+        // Through the stem, whose root is the origin.
+        centre: right * middle.dot(right) + Vec3::Z * middle.z,
+        forward,
+        right,
+        size: Vec2::new(width, span.z),
+    };
+    let sheets = [upright(Vec3::Y, Vec3::X, span.x), upright(-Vec3::X, Vec3::Y, span.y)];
+    let longest = sheets.iter().map(|s| s.size.max_element()).fold(0.0, f32::max);
+    let texel_m = longest / size_px as f32;
+    let views: Vec<Frame> = sheets
+        .par_iter()
+        .map(|s| {
+            let [w, h] = [s.size.x, s.size.y].map(|m| ((m / texel_m).ceil() as usize).max(4));
+            Frame::take(sitter, s.centre, s.forward, texel_m, [w, h])
+        })
+        .collect::<Result<_>>()?;
+    // Side by side, at the bottom of the picture.
+    let width = views.iter().map(|v| v.size[0] + GUTTER).sum::<usize>().next_multiple_of(4);
+    let height = views.iter().map(|v| v.size[1]).fold(0, usize::max) + GUTTER;
+    let height = height.next_multiple_of(4);
+    let mut board = Board::new(width, height);
+    let mut surface = Surface::default();
+    let mut left = GUTTER / 2;
+    for (view, sheet) in views.iter().zip(&sheets) {
+        let corner = [left, GUTTER / 2];
+        board.paste(view, corner);
+        left += view.size[0] + GUTTER;
+        let uv = |s: usize, t: usize| {
+            Vec2::new(
+                (corner[0] + s * view.size[0]) as f32 / width as f32,
+                (corner[1] + t * view.size[1]) as f32 / height as f32,
+            )
+        };
+        let half = Vec2::new(view.size[0] as f32, view.size[1] as f32) * (0.5 * texel_m);
+        let sides = [sheet.right * half.x, Vec3::Z * half.y];
+        quad(&mut surface, sheet.centre, sides, -sheet.forward, uv);
+    }
+    board.finish(surface, None)
+}
+
+fn octahedral(sitter: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Result<Impostor> {
+    let centre = 0.5 * (lo + hi);
+    let radius_m = (0.5 * (hi - lo).length()).max(1e-3);
+    let side = ((size_px / FRAMES).max(8)) as usize;
+    let texel_m = 2.0 * radius_m / side as f32;
+    let cells: Vec<(u32, u32)> =
+        (0..FRAMES).flat_map(|row| (0..FRAMES).map(move |col| (col, row))).collect();
+    let views: Vec<Frame> = cells
+        .par_iter()
+        .map(|&(col, row)| Frame::take(sitter, centre, -direction(col, row), texel_m, [side, side]))
+        .collect::<Result<_>>()?;
+    let whole = side * FRAMES as usize;
+    let mut board = Board::new(whole, whole);
+    for (&(col, row), view) in cells.iter().zip(&views) {
+        board.paste(view, [col as usize * side, row as usize * side]);
+    }
+    // The view from the south, whose plane is upright.
+    let (col, row) = cells
+        .iter()
+        .copied()
+        .max_by(|a, b| (-direction(a.0, a.1).y).total_cmp(&-direction(b.0, b.1).y))
+        .unwrap_or((0, 0));
+    let mut surface = Surface::default();
+    let uv = |s: usize, t: usize| {
+        Vec2::new((col as usize + s) as f32, (row as usize + t) as f32) / FRAMES as f32
+    };
+    quad(&mut surface, centre, [Vec3::X * radius_m, Vec3::Z * radius_m], -Vec3::Y, uv);
+    board.finish(surface, Some(Octahedral { frames: FRAMES, centre, radius_m }))
+}
+
+/// Towards the eye of a view of the hemi-octahedral map.
+fn direction(col: u32, row: u32) -> Vec3 {
+    let e = Vec2::new(col as f32, row as f32) * (2.0 / (FRAMES - 1) as f32) - 1.0;
+    let p = Vec2::new(e.x + e.y, e.x - e.y) * 0.5;
+    p.extend(1.0 - p.x.abs() - p.y.abs()).normalize_or(Vec3::Z)
+}
+
+/// A sheet with its picture on both sides; `normal` is that of the front.
+fn quad(
+    out: &mut Surface,
+    centre: Vec3,
+    [right, up]: [Vec3; 2],
+    normal: Vec3,
+    uv: impl Fn(usize, usize) -> Vec2,
+) {
+    let first = out.position.len() as u32;
+    for (s, t) in [(0, 0), (1, 0), (1, 1), (0, 1)] {
+        let side = |k: usize| 2.0 * k as f32 - 1.0;
+        out.position.push(centre + right * side(s) + up * side(t));
+        out.normal.push(normal);
+        out.uv.push(uv(s, t));
+    }
+    out.index.extend([0, 1, 2, 0, 2, 3].map(|k| first + k));
+}
+
+/// A texel of a view.
+#[derive(Debug, Clone, Copy, Default)]
+struct Baked {
+    /// Linear light, of what is seen.
+    albedo: Vec3,
+    /// In right, up, towards the eye.
+    normal: Vec3,
+    /// Share seen.
+    alpha: f32,
+}
+
+/// A view; row 0 on top.
+struct Frame {
+    size: [usize; 2],
+    texel: Vec<Baked>,
+}
+
+impl Frame {
+    fn take(
+        sitter: &Model<'_>,
+        centre: Vec3,
+        forward: Vec3,
+        texel_m: f32,
+        [width, height]: [usize; 2],
+    ) -> Result<Frame> {
+        let n = PER_TEXEL;
+        let window =
+            Window { centre, forward, sample_m: texel_m / n as f32, size: [width * n, height * n] };
+        let [right, up] = window.sides();
+        let sample = sitter.sitter.portrait(sitter.model, &window)?;
+        let texel = (0..width * height)
+            .map(|i| {
+                let (x, y) = (i % width, i / width);
+                let of = (0..n * n).map(|k| sample[(y * n + k / n) * width * n + x * n + k % n]);
+                let (mut sum, mut seen) = (Baked::default(), 0);
+                for t in of.filter(Texel::is_seen) {
+                    sum.albedo += Vec3::from(t.albedo);
+                    sum.normal += t.normal;
+                    seen += 1;
+                }
+                let m = sum.normal;
+                let local = Vec3::new(m.dot(right), m.dot(up), -m.dot(forward));
+                Baked {
+                    albedo: sum.albedo / seen.max(1) as f32,
+                    normal: local.normalize_or(Vec3::Z),
+                    alpha: seen as f32 / (n * n) as f32,
+                }
+            })
+            .collect();
+        Ok(Frame { size: [width, height], texel })
+    }
+
+    /// Factor on alpha at which as many texels pass the cutoff as the model covers.
+    fn gain(&self) -> f32 {
+        let covered: f32 = self.texel.iter().map(|t| t.alpha).sum();
+        let mut alphas: Vec<f32> =
+            self.texel.iter().map(|t| t.alpha).filter(|a| *a > 0.0).collect();
+        alphas.sort_unstable_by(|a, b| b.total_cmp(a));
+        let last = alphas.get((covered.round() as usize).saturating_sub(1)).copied();
+        last.map_or(1.0, |a| CUTOFF / a).max(1.0)
+    }
+}
+
+/// The pictures as they are put together.
+struct Board {
+    colour: Picture,
+    normal: Picture,
+}
+
+impl Board {
+    fn new(width: usize, height: usize) -> Board {
+        let [w, h] = [width as u32, height as u32];
+        Board {
+            colour: Picture::filled(w, h, [0; 4]),
+            normal: Picture::filled(w, h, [128, 128, 255, 0]),
+        }
+    }
+
+    /// `corner`: texels from the left and from the bottom.
+    fn paste(&mut self, frame: &Frame, corner: [usize; 2]) {
+        let [w, h] = frame.size;
+        let gain = frame.gain();
+        for (i, t) in frame.texel.iter().enumerate().filter(|(_, t)| t.alpha > 0.0) {
+            let x = (corner[0] + i % w) as u32;
+            let y = self.colour.height - (corner[1] + h - i / w) as u32;
+            let [r, g, b] = t.albedo.to_array().map(|c| srgb_from_linear(c).round() as u8);
+            let alpha = (t.alpha * gain * 255.0).round().min(255.0) as u8;
+            self.colour.set(x, y, [r, g, b, alpha]);
+            let [nx, ny, nz] = t.normal.to_array().map(|c| ((c * 0.5 + 0.5) * 255.0).round() as u8);
+            self.normal.set(x, y, [nx, ny, nz, alpha]);
+        }
+    }
+
+    fn finish(mut self, surface: Surface, octahedral: Option<Octahedral>) -> Result<Impostor> {
+        pad_transparent(&mut self.colour);
+        pad_transparent(&mut self.normal);
+        for p in &mut self.normal.data {
+            p[3] = 255;
+        }
+        Ok(Impostor { surface, colour: self.colour, normal: self.normal, octahedral })
+    }
+}

@@ -1,0 +1,9 @@
+//! Coarser forms of a tree and how far each is from the finest: silhouettes, impostors, and the
+//! hull that engines collide with. Knows nothing of skeletons and files.
+
+pub mod collision;
+pub mod impostor;
+pub mod silhouette;
+
+pub use impostor::{Impostor, Kind};
+pub use silhouette::Silhouettes;

@@ -1,0 +1,180 @@
+//! How far apart the silhouettes of two models are.
+//!
+//! Both are drawn from eight sides and from above on one grid; the error is the Hausdorff
+//! distance of the covered samples: the farthest that any place covered by one is from what the
+//! other covers. Distances are exact Euclidean (Felzenszwalb & Huttenlocher 2012). Known limit:
+//! nothing below one sample of the grid is seen, so errors are stated to that, and a gap in a
+//! crown counts only where it is farther than that from any leaf.
+
+use glam::Vec3;
+
+use crate::diagnostic::Result;
+use crate::render::capture::{Sitter, Window};
+use crate::scene::Apart;
+
+/// Samples along the longer side of the grid.
+const SAMPLES: usize = 320;
+/// Sides looked from, about Z.
+const SIDES: usize = 8;
+
+/// What one model covers, seen from all sides.
+pub struct Silhouettes {
+    /// Side of a sample, metres.
+    pub sample_m: f32,
+    masks: Vec<Mask>,
+}
+
+struct Mask {
+    width: usize,
+    covered: Vec<bool>,
+}
+
+impl Silhouettes {
+    /// Of a model within `bounds`, which all that are compared must share.
+    ///
+    /// # Errors
+    /// Bounds that are not finite.
+    pub fn of(sitter: &Sitter<'_>, model: u32, bounds: (Vec3, Vec3)) -> Result<Silhouettes> {
+        let (lo, hi) = bounds;
+        let span = hi - lo;
+        let wide_m = span.truncate().length();
+        let sample_m = wide_m.max(span.z).max(1e-3) / SAMPLES as f32;
+        let samples = |m: f32| (m / sample_m).ceil() as usize + 2;
+        let level = [samples(wide_m), samples(span.z)];
+        let centre = 0.5 * (lo + hi);
+        let windows = (0..SIDES)
+            .map(|k| {
+                // Off the axes, along which cards and walls may lie.
+                let turn = (k as f32 + 0.37) / SIDES as f32 * std::f32::consts::TAU;
+                let (sin, cos) = turn.sin_cos();
+                Window { centre, forward: Vec3::new(cos, sin, 0.0), sample_m, size: level }
+            })
+            .chain([Window { centre, forward: -Vec3::Z, sample_m, size: [samples(wide_m); 2] }]);
+        let masks = windows
+            .map(|w| Ok(Mask { width: w.size[0], covered: sitter.silhouette(model, &w)? }))
+            .collect::<Result<_>>()?;
+        Ok(Silhouettes { sample_m, masks })
+    }
+
+    /// Both ways; infinite where one of the two covers nothing and the other does.
+    pub fn apart(&self, other: &Silhouettes) -> Apart {
+        let (mut worst_sq, mut sum, mut count) = (0.0f32, 0.0f64, 0u64);
+        for (a, b) in self.masks.iter().zip(&other.masks) {
+            for (from, to) in [(a, b), (b, a)] {
+                let distance_sq = to.distance_sq();
+                for (&covered, &d) in from.covered.iter().zip(&distance_sq) {
+                    if covered {
+                        worst_sq = worst_sq.max(d);
+                        sum += f64::from(d);
+                        count += 1;
+                    }
+                }
+            }
+        }
+        Apart {
+            worst_m: worst_sq.sqrt() * self.sample_m,
+            rms_m: (sum / count.max(1) as f64).sqrt() as f32 * self.sample_m,
+        }
+    }
+}
+
+impl Mask {
+    /// Squared distance of each sample to the nearest covered one, in samples.
+    fn distance_sq(&self) -> Vec<f32> {
+        let (width, height) = (self.width, self.covered.len() / self.width.max(1));
+        let mut out: Vec<f32> =
+            self.covered.iter().map(|&c| if c { 0.0 } else { f32::INFINITY }).collect();
+        let longest = width.max(height);
+        let (mut line, mut scratch) = (vec![0.0; longest], Envelope::of_length(longest));
+        for x in 0..width {
+            for y in 0..height {
+                line[y] = out[y * width + x];
+            }
+            scratch.transform(&mut line[..height]);
+            for y in 0..height {
+                out[y * width + x] = line[y];
+            }
+        }
+        for row in out.chunks_exact_mut(width.max(1)) {
+            scratch.transform(row);
+        }
+        out
+    }
+}
+
+/// The lower envelope of parabolas that stand on the samples of a line.
+struct Envelope {
+    value: Vec<f32>,
+    vertex: Vec<usize>,
+    start: Vec<f32>,
+}
+
+impl Envelope {
+    fn of_length(n: usize) -> Envelope {
+        Envelope { value: vec![0.0; n], vertex: vec![0; n], start: vec![0.0; n + 1] }
+    }
+
+    /// f(x) becomes the least of f(q) + (x − q)² over all q.
+    fn transform(&mut self, line: &mut [f32]) {
+        let n = line.len();
+        self.value[..n].copy_from_slice(line);
+        let f = &self.value;
+        let mut count = 0;
+        for q in (0..n).filter(|&q| f[q].is_finite()) {
+            let mut from = f32::NEG_INFINITY;
+            while count > 0 {
+                let p = self.vertex[count - 1];
+                let (pf, qf) = (p as f32, q as f32);
+                from = ((f[q] + qf * qf) - (f[p] + pf * pf)) / (2.0 * (qf - pf));
+                if from > self.start[count - 1] {
+                    break;
+                }
+                count -= 1;
+                from = f32::NEG_INFINITY;
+            }
+            self.vertex[count] = q;
+            self.start[count] = from;
+            count += 1;
+        }
+        let mut k = 0;
+        for (x, out) in line.iter_mut().enumerate() {
+            while k + 1 < count && self.start[k + 1] < x as f32 {
+                k += 1;
+            }
+            *out = match count {
+                0 => f32::INFINITY,
+                _ => {
+                    let away = x as f32 - self.vertex[k] as f32;
+                    away * away + f[self.vertex[k]]
+                }
+            };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn distances_are_those_of_a_search(
+            covered in prop::collection::vec(prop::bool::weighted(0.1), 1..150),
+            width in 1usize..15,
+        ) {
+            let height = covered.len() / width;
+            prop_assume!(height > 0);
+            let mask = Mask { width, covered: covered[..width * height].to_vec() };
+            let got = mask.distance_sq();
+            for (i, got) in got.iter().enumerate() {
+                let (x, y) = ((i % width) as f32, (i / width) as f32);
+                let wanted = (0..width * height)
+                    .filter(|&k| mask.covered[k])
+                    .map(|k| ((k % width) as f32 - x).powi(2) + ((k / width) as f32 - y).powi(2))
+                    .fold(f32::INFINITY, f32::min);
+                prop_assert_eq!(*got, wanted);
+            }
+        }
+    }
+}

@@ -1,0 +1,163 @@
+use super::foliage::{Order, foliage};
+use super::tests::SPECIES;
+use super::*;
+use crate::skeleton::{Detail, Target, grow};
+use crate::species::{self, own};
+
+const LEVELS: [FoliageLevel; 4] =
+    [FoliageLevel::Shell, FoliageLevel::Sparse, FoliageLevel::Cards, FoliageLevel::Geometry];
+
+fn grown(name: &str) -> (Skeleton, Species, Atlas) {
+    let s = species::load(name).unwrap();
+    let detail = Detail { max_nodes: 800, attractor_spacing_m: None };
+    let skeleton = grow(&s, Target::FromSpecies { height_m: None }, detail, Seed::new(3)).unwrap();
+    let atlas = crate::texture::for_species(&s, 64, Seed::new(1)).atlas;
+    (skeleton, s, atlas)
+}
+
+fn leaves(
+    (skeleton, species, atlas): &(Skeleton, Species, Atlas),
+    level: FoliageLevel,
+    budget: Option<usize>,
+) -> Surface {
+    let order = Order { species, atlas, level, budget, detail: true, seed: Seed::new(1) };
+    foliage(skeleton, &skeleton.axes(), &order).unwrap()
+}
+
+/// Least cosine between a corner's normal and the front of its triangle.
+fn least_cosine(s: &Surface) -> f32 {
+    let of = |t: &[u32]| {
+        let [a, b, c] = [0, 1, 2].map(|k| s.position[t[k] as usize].as_dvec3());
+        let front = (b - a).cross(c - a).normalize().as_vec3();
+        t.iter().map(|&i| s.normal[i as usize].dot(front)).fold(1.0, f32::min)
+    };
+    s.index.chunks_exact(3).map(of).fold(1.0, f32::min)
+}
+
+#[test]
+fn every_level_is_sound_within_budget_and_lit_from_its_front() {
+    for name in SPECIES.into_iter().chain(["sorbus_aucuparia"]) {
+        let tree = grown(name);
+        let mut before = 0;
+        for level in LEVELS {
+            for budget in [60, 4_000, 60_000] {
+                let s = leaves(&tree, level, Some(budget));
+                let what = format!("{name} {level:?} {budget}");
+                s.check().unwrap_or_else(|e| panic!("{what}: {e}"));
+                assert!(s.triangles() <= budget, "{what}: {}", s.triangles());
+                let least = least_cosine(&s);
+                assert!(least > 0.0, "{what}: a normal leaves its front, cosine {least}");
+                if budget == 60_000 {
+                    assert!(s.triangles() > before, "{what}: {} after {before}", s.triangles());
+                    before = s.triangles();
+                }
+            }
+        }
+        assert!(before > 30_000, "{name}: {before}");
+    }
+}
+
+#[test]
+fn leaves_are_the_same_on_any_number_of_threads() {
+    let tree = grown("larix_sibirica");
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let many = rayon::ThreadPoolBuilder::new().num_threads(5).build().unwrap();
+    for level in LEVELS {
+        let make = || leaves(&tree, level, Some(50_000));
+        assert_eq!(one.install(make), many.install(make));
+    }
+}
+
+/// Without a budget every needle stands: 30 in each tuft, and each has its length.
+#[test]
+fn a_larch_has_every_needle() {
+    let (skeleton, species, atlas) = grown("larix_sibirica");
+    let mut young = skeleton.clone();
+    // A single leafy shoot.
+    let keep = 3;
+    for column in [&mut young.parent, &mut young.axis] {
+        column.truncate(keep);
+    }
+    young.position.truncate(keep);
+    young.radius_m = vec![0.004; keep];
+    young.order.truncate(keep);
+    young.birth.truncate(keep);
+    young.axis.fill(0);
+    young.order.fill(0);
+    let f = &species.foliage;
+    assert_eq!(f.cluster, 30);
+    let length_m = f.leaf_length_m;
+    let s = leaves(&(young, species, atlas), FoliageLevel::Geometry, None);
+    // A needle: foot, right, tip, left and the two triangles between.
+    let needles: Vec<f32> = s
+        .index
+        .chunks_exact(6)
+        .filter(|t| t[0] == t[3] && t[2] == t[4] && t[5] == t[0] + 3)
+        .map(|t| s.position[t[0] as usize].distance(s.position[t[2] as usize]))
+        .collect();
+    assert!(needles.len() > 2_000 && needles.len().is_multiple_of(30), "{}", needles.len());
+    let (lo, hi) = needles.iter().fold((1.0f32, 0.0f32), |(l, h), n| (l.min(*n), h.max(*n)));
+    assert!(lo > 0.4 * length_m && hi < 1.2 * length_m, "{lo} to {hi}");
+}
+
+#[test]
+fn a_shell_is_closed_and_holds_the_crown() {
+    for name in SPECIES {
+        let tree = grown(name);
+        let s = leaves(&tree, FoliageLevel::Shell, None);
+        assert_eq!(check::open_edges(&[&s]), 0, "{name}");
+        assert!(s.volume_m3() > 0.0 && s.triangles() <= 400, "{name}");
+        let cards = leaves(&tree, FoliageLevel::Cards, Some(20_000));
+        let ((a, b), (c, d)) = (s.bounds(), cards.bounds());
+        let size = (d - c) / (b - a);
+        assert!(size.min_element() > 0.7 && size.max_element() < 1.7, "{name}: {size}");
+    }
+}
+
+#[test]
+fn fewer_twigs_are_larger_ones() {
+    let tree = grown("betula_pendula");
+    let mean = |budget| {
+        let s = leaves(&tree, FoliageLevel::Cards, Some(budget));
+        s.area_sq_m() / s.triangles() as f64
+    };
+    assert!(mean(2_000) > 1.3 * mean(20_000), "{} {}", mean(2_000), mean(20_000));
+}
+
+/// A user's twig stands where twigs stand, as long as they are, under the material's picture.
+#[test]
+fn a_user_s_model_stands_where_twigs_stand() {
+    let (skeleton, mut species, _) = grown("quercus_robur");
+    species.own_model = Some(std::sync::Arc::new(own::Model {
+        name: "twig.obj".into(),
+        position: vec![[0.0; 3], [0.1, 0.5, 0.0], [0.0, 1.0, 0.0]],
+        normal: vec![[0.0, 0.0, 1.0]; 3],
+        uv: vec![[0.0, 0.0], [1.0, 0.5], [0.0, 1.0]],
+        index: vec![0, 1, 2],
+        picture: crate::raster::Picture::filled(4, 4, [1, 2, 3, 255]),
+    }));
+    let textures = crate::texture::for_species(&species, 64, Seed::new(1));
+    assert_eq!(textures.leaf.picture().at(2, 2), [1, 2, 3, 255]);
+    let twig_m = species.foliage.twig_length_m;
+    let tree = (skeleton, species, textures.atlas);
+    for level in [FoliageLevel::Geometry, FoliageLevel::Cards] {
+        let s = leaves(&tree, level, None);
+        s.check().unwrap();
+        assert!(least_cosine(&s) > 0.0);
+        for t in s.index.chunks_exact(3) {
+            let length = s.position[t[0] as usize].distance(s.position[t[2] as usize]);
+            assert!((0.3 * twig_m..2.9 * twig_m).contains(&length), "{length}");
+        }
+    }
+    let (skeleton, species, atlas) = &tree;
+    let order = Order {
+        species,
+        atlas,
+        level: FoliageLevel::Cards,
+        budget: Some(0),
+        detail: false,
+        seed: Seed::new(1),
+    };
+    let error = foliage(skeleton, &skeleton.axes(), &order).unwrap_err();
+    assert_eq!(error.message(), "the model twig.obj has 1 triangles, the crown 0");
+}

@@ -1,0 +1,105 @@
+//! Many copies of one small surface, filled side by side: each copy takes the same room, so that
+//! its place in the columns is known before it is made, on any number of threads.
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::Surface;
+
+/// Room that every copy takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Room {
+    pub vertices: usize,
+    pub triangles: usize,
+}
+
+/// Vertices that 32-bit indices reach, with room to spare.
+const MOST_VERTICES: usize = 1 << 30;
+/// Least cosine between a corner's normal and the front of its triangle.
+const LEAST_COSINE: f32 = 0.03;
+
+/// One copy while it is made.
+pub struct Piece<'a> {
+    position: &'a mut [Vec3],
+    normal: &'a mut [Vec3],
+    uv: &'a mut [Vec2],
+    index: &'a mut [u32],
+    /// Of its first vertex in the whole.
+    first: u32,
+    vertices: usize,
+    corners: usize,
+}
+
+impl Piece<'_> {
+    /// Adds a vertex and gives its number within the piece. `normal` may have any length.
+    pub fn vertex(&mut self, position: Vec3, normal: Vec3, uv: Vec2) -> u32 {
+        let k = self.vertices;
+        if let (Some(p), Some(n), Some(t)) =
+            (self.position.get_mut(k), self.normal.get_mut(k), self.uv.get_mut(k))
+        {
+            (*p, *n, *t) = (position, normal.normalize_or(Vec3::Z), uv);
+            self.vertices += 1;
+        }
+        k as u32
+    }
+
+    /// Adds a triangle of the piece's vertices, counter-clockwise seen from its front.
+    pub fn triangle(&mut self, corners: [u32; 3]) {
+        if let Some(slots) = self.index.get_mut(self.corners..self.corners + 3) {
+            slots.copy_from_slice(&corners.map(|c| c + self.first));
+            self.corners += 3;
+        }
+    }
+
+    /// Turns normals that look away from the front of one of their triangles back, just far enough.
+    fn straighten(&mut self) {
+        // Twice: a turn for one triangle may matter to its neighbour.
+        for _ in 0..2 {
+            for t in self.index.chunks_exact(3) {
+                let ids = [0, 1, 2].map(|k| (t[k] - self.first) as usize);
+                let [a, b, c] = ids.map(|i| self.position[i]);
+                let front = (b - a).cross(c - a).normalize_or_zero();
+                for i in ids {
+                    let n = self.normal[i];
+                    let cosine = n.dot(front);
+                    if cosine < LEAST_COSINE {
+                        let turned = n + front * (2.0 * LEAST_COSINE - cosine);
+                        self.normal[i] = turned.normalize_or(front);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// `count` pieces as one surface; `emit` must fill the whole room of each.
+pub fn fill(count: usize, room: Room, emit: impl Fn(usize, &mut Piece) + Sync) -> Surface {
+    let count = count.min(MOST_VERTICES / room.vertices.max(1));
+    if count == 0 || room.vertices == 0 || room.triangles == 0 {
+        return Surface::default();
+    }
+    let mut out = Surface {
+        position: vec![Vec3::ZERO; count * room.vertices],
+        normal: vec![Vec3::ZERO; count * room.vertices],
+        uv: vec![Vec2::ZERO; count * room.vertices],
+        index: vec![0; count * room.triangles * 3],
+        wind: Vec::new(),
+    };
+    let columns = (
+        out.position.par_chunks_exact_mut(room.vertices),
+        out.normal.par_chunks_exact_mut(room.vertices),
+        out.uv.par_chunks_exact_mut(room.vertices),
+        out.index.par_chunks_exact_mut(room.triangles * 3),
+    );
+    columns.into_par_iter().enumerate().with_min_len(64).for_each(
+        |(k, (position, normal, uv, index))| {
+            let first = (k * room.vertices) as u32;
+            index.fill(first);
+            let mut piece = Piece { position, normal, uv, index, first, vertices: 0, corners: 0 };
+            emit(k, &mut piece);
+            debug_assert_eq!((piece.vertices, piece.corners), (room.vertices, 3 * room.triangles));
+            piece.straighten();
+        },
+    );
+    out
+}

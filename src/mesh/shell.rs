@@ -1,0 +1,88 @@
+//! The crown as one closed surface: for the farthest level, and to cast shadows.
+//!
+//! Rings about an upright axis through the crown's middle; in each sector of each ring the radius
+//! within which nine tenths of the twigs stand. Limit: what a ray from the axis meets twice is
+//! filled.
+
+use glam::{Vec2, Vec3};
+
+use super::Surface;
+use super::spot::{Hull, Spot};
+
+/// Share of the twigs within the shell.
+const WITHIN: f32 = 0.9;
+
+/// A closed hull of about `budget` triangles at most, 48 at least; `margin_m` is how far twigs
+/// reach beyond their places, `uv` an opaque spot of the leaf picture.
+pub fn shell(spots: &[Spot], hull: &Hull, margin_m: f32, uv: Vec2, budget: usize) -> Surface {
+    let (sectors, rings) = match budget {
+        400.. => (16usize, 12usize),
+        160..400 => (10, 8),
+        _ => (6, 4),
+    };
+    let axis = hull.centre.truncate();
+    let (low, high) = spots
+        .iter()
+        .fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), s| (l.min(s.at.z), h.max(s.at.z)));
+    let (low, high) = (low - 0.5 * margin_m, high + 0.5 * margin_m);
+    let band_m = ((high - low) / rings as f32).max(1e-3);
+    let mut reach = vec![Vec::new(); rings * sectors];
+    for s in spots {
+        let away = s.at.truncate() - axis;
+        let turn = (away.to_angle() / std::f32::consts::TAU).rem_euclid(1.0);
+        let sector = ((turn * sectors as f32) as usize).min(sectors - 1);
+        let ring = (((s.at.z - low) / band_m).max(0.0) as usize).min(rings - 1);
+        reach[ring * sectors + sector].push(away.length());
+    }
+    let radius: Vec<Option<f32>> = reach
+        .iter_mut()
+        .map(|r| {
+            r.sort_unstable_by(f32::total_cmp);
+            r.get((r.len().saturating_sub(1) as f32 * WITHIN) as usize).copied()
+        })
+        .collect();
+    let of_ring = |ring: usize| {
+        let known: Vec<f32> = (0..sectors).filter_map(|s| radius[ring * sectors + s]).collect();
+        known.iter().sum::<f32>() / known.len().max(1) as f32
+    };
+    let mut position = Vec::with_capacity(sectors * rings + 2);
+    for ring in 0..rings {
+        let z = low + band_m * (ring as f32 + 0.5);
+        let mean = of_ring(ring);
+        for sector in 0..sectors {
+            let around = [sectors - 1, 0, 1]
+                .map(|d| radius[ring * sectors + (sector + d) % sectors].unwrap_or(0.6 * mean));
+            // Evened out, so that no sector stands out as a spike.
+            let r = 0.25 * around[0] + 0.5 * around[1] + 0.25 * around[2];
+            let angle = (sector as f32 + 0.5) / sectors as f32 * std::f32::consts::TAU;
+            let r = (r + 0.5 * margin_m).max(0.02 + 0.1 * margin_m);
+            position.push((axis + Vec2::from_angle(angle) * r).extend(z));
+        }
+    }
+    let (bottom, top) = (position.len() as u32, position.len() as u32 + 1);
+    position.push(axis.extend(low));
+    position.push(axis.extend(high));
+    let mut index = Vec::with_capacity(6 * sectors * rings);
+    let at = |ring: usize, sector: usize| (ring * sectors + sector % sectors) as u32;
+    for s in 0..sectors {
+        index.extend([bottom, at(0, s + 1), at(0, s)]);
+        for r in 1..rings {
+            let [a, b] = [at(r - 1, s), at(r - 1, s + 1)];
+            let [d, e] = [at(r, s), at(r, s + 1)];
+            index.extend([a, b, e, a, e, d]);
+        }
+        index.extend([at(rings - 1, s), at(rings - 1, s + 1), top]);
+    }
+    let mut normal = vec![Vec3::ZERO; position.len()];
+    for t in index.chunks_exact(3) {
+        let [a, b, c] = [0, 1, 2].map(|k| position[t[k] as usize]);
+        for &i in t {
+            normal[i as usize] += (b - a).cross(c - a);
+        }
+    }
+    for (n, p) in normal.iter_mut().zip(&position) {
+        *n = n.normalize_or((*p - hull.centre).normalize_or(Vec3::Z));
+    }
+    let uv = vec![uv; position.len()];
+    Surface { position, normal, uv, index, wind: Vec::new() }
+}

@@ -1,0 +1,248 @@
+//! Where foliage grows: places along the shoots that bear leaves, and the crown around them.
+
+use glam::{Quat, Vec3};
+
+use crate::seed::Draws;
+use crate::skeleton::{Axis, Skeleton};
+use crate::species::Species;
+use crate::species::model::LeafShape;
+
+/// Golden angle.
+pub const GOLDEN_RAD: f32 = 2.399_963;
+/// Places a tree may have at most.
+const MOST_SPOTS: usize = 2_000_000;
+
+/// A place for a twig.
+#[derive(Debug, Clone, Copy)]
+pub struct Spot {
+    pub at: Vec3,
+    /// Direction of the shoot.
+    pub shoot: Vec3,
+    /// Count along the axis, for phyllotaxis.
+    pub turn: u32,
+    pub is_tip: bool,
+    pub key: u64,
+}
+
+/// The crown as an upright ellipsoid: says which way is out.
+#[derive(Debug, Clone, Copy)]
+pub struct Hull {
+    pub centre: Vec3,
+    pub half: Vec3,
+}
+
+impl Hull {
+    pub fn around(spots: &[Spot]) -> Hull {
+        let mut lo = Vec3::splat(f32::INFINITY);
+        let mut hi = Vec3::splat(f32::NEG_INFINITY);
+        for s in spots {
+            lo = lo.min(s.at);
+            hi = hi.max(s.at);
+        }
+        let centre =
+            Vec3::new(0.5 * (lo.x + hi.x), 0.5 * (lo.y + hi.y), lo.z + 0.35 * (hi.z - lo.z));
+        Hull { centre, half: ((hi - lo) * Vec3::new(0.5, 0.5, 0.65)).max(Vec3::splat(0.05)) }
+    }
+
+    /// Unit direction outwards at a place, and how far out that is (1 at the hull).
+    pub fn outward(&self, p: Vec3) -> (Vec3, f32) {
+        let q = (p - self.centre) / self.half;
+        ((q / self.half).normalize_or(Vec3::Z), q.length())
+    }
+
+    /// Size of a twig at a place over its usual length: less towards the top, where shoots are
+    /// young. `enlarge` makes up for twigs left out.
+    pub fn scale(&self, p: Vec3, enlarge: f32) -> f32 {
+        let height = ((p.z - self.centre.z) / (1.5 * self.half.z)).clamp(0.0, 1.0);
+        (1.0 - 0.4 * height * height) * (1.0 + (enlarge - 1.0) * (1.0 - 0.45 * height))
+    }
+
+    /// Square metres, near enough (Thomsen).
+    pub fn area_sq_m(&self) -> f32 {
+        const P: f32 = 1.6;
+        let [a, b, c] = self.half.to_array().map(|h| h.powf(P));
+        4.0 * std::f32::consts::PI * ((a * b + a * c + b * c) / 3.0).powf(1.0 / P)
+    }
+}
+
+/// Every place for a twig, in the order of axes and from base to tip.
+pub fn spots(skeleton: &Skeleton, axes: &[Axis], species: &Species) -> Vec<Spot> {
+    let f = &species.foliage;
+    let bears = skeleton.bears_leaves(f.bearing_radius_m);
+    let length: f32 = (0..skeleton.len() as u32)
+        .filter(|&i| bears[i as usize])
+        .map(|i| skeleton.internode_m(i))
+        .sum();
+    // Never more than the limit, however dense the species.
+    let per_m = f.twigs_per_m.clamp(0.01, 200.0).min(MOST_SPOTS as f32 / length.max(1e-3));
+    let mut out = Vec::with_capacity((length * per_m) as usize + axes.len());
+    for axis in axes {
+        let count = axis.nodes.len();
+        let mut due = 0.5;
+        let mut turn = (axis.nodes.first().copied().unwrap_or(0)) % 89;
+        for (k, &i) in axis.nodes.iter().enumerate() {
+            let Some(parent) = skeleton.parent_of(i).filter(|_| bears[i as usize]) else {
+                continue;
+            };
+            let (a, b) = (skeleton.position[parent as usize], skeleton.position[i as usize]);
+            let step = b - a;
+            let run = step.length();
+            let shoot = step.normalize_or(Vec3::Z);
+            let first = due;
+            due += run * per_m;
+            let twigs = due.floor().max(0.0) as usize;
+            for c in 0..twigs {
+                let t = ((c as f32 + 1.0 - first) / (run * per_m).max(1e-9)).clamp(0.0, 1.0);
+                out.push(Spot {
+                    at: a + step * t,
+                    shoot,
+                    turn,
+                    is_tip: false,
+                    key: (u64::from(i) << 16) | c as u64,
+                });
+                turn += 1;
+            }
+            due -= twigs as f32;
+            if k + 1 == count {
+                out.push(Spot {
+                    at: b,
+                    shoot,
+                    turn,
+                    is_tip: true,
+                    key: (u64::from(i) << 16) | 0xffff,
+                });
+            }
+        }
+    }
+    out
+}
+
+/// About `most` of the spots, evenly: those deep inside the crown go first; where twigs are small
+/// more stay, so that a spire is as full at its tip as below.
+pub fn thinned(spots: Vec<Spot>, hull: &Hull, most: usize, enlarge: f32) -> Vec<Spot> {
+    if spots.len() <= most {
+        return spots;
+    }
+    let weight = |s: &Spot| {
+        let small = hull.scale(Vec3::ZERO, enlarge) / hull.scale(s.at, enlarge);
+        f64::from(hull.outward(s.at).1.clamp(0.35, 1.0) * small * small)
+    };
+    let total: f64 = spots.iter().map(weight).sum();
+    let rate = most as f64 / total.max(1e-9);
+    let mut due = 0.5;
+    let mut kept: Vec<Spot> = spots
+        .into_iter()
+        .filter(|s| {
+            due += (weight(s) * rate).min(1.0);
+            let is_due = due >= 1.0;
+            due -= f64::from(u8::from(is_due));
+            is_due
+        })
+        .collect();
+    kept.truncate(most);
+    kept
+}
+
+/// How the twigs of a leaf shape stand.
+pub struct Stance {
+    /// Angle from the shoot, radians.
+    angle: f32,
+    /// Twigs left and right of the shoot in one plane, rather than all round.
+    pub is_flat: bool,
+    /// Downward (+) fold of both halves of a card, radians.
+    pub fold: f32,
+    /// Spread of the roll about the twig, radians.
+    roll: f32,
+    /// Share of the light from above against that from outside in turning a twig.
+    from_above: f32,
+}
+
+pub fn stance(shape: LeafShape) -> Stance {
+    let s =
+        |angle, is_flat, fold, roll, from_above| Stance { angle, is_flat, fold, roll, from_above };
+    match shape {
+        LeafShape::Needle => s(0.85, true, 0.5, 0.45, 0.75),
+        LeafShape::Tuft => s(0.75, false, 0.55, 0.9, 0.6),
+        LeafShape::Bundle => s(0.75, false, 0.0, 0.9, 0.6),
+        LeafShape::Deltoid => s(0.7, false, 0.45, 0.7, 0.35),
+        LeafShape::Lanceolate => s(0.6, false, 0.45, 0.7, 0.45),
+        LeafShape::Ovate | LeafShape::Round | LeafShape::Lobed | LeafShape::Pinnate => {
+            s(0.85, false, 0.5, 0.6, 0.55)
+        }
+    }
+}
+
+/// How one twig stands.
+#[derive(Debug, Clone, Copy)]
+pub struct Pose {
+    pub base: Vec3,
+    /// Unit, from base to tip.
+    pub heading: Vec3,
+    /// Unit, at right angles to `heading`; the side to the light.
+    pub facing: Vec3,
+    /// Length of the twig: the side of its cell on a card.
+    pub size_m: f32,
+    /// Fall of the tip, share of the size.
+    pub sag: f32,
+    pub mirrored: bool,
+    /// Unit, out of the crown.
+    pub outward: Vec3,
+    pub crown: Vec3,
+}
+
+impl Pose {
+    /// A normal between a surface's own and the crown's outside at a place: soft from far, its own
+    /// from near. `share`: of the crown.
+    pub fn bent(&self, own: Vec3, at: Vec3, share: f32) -> Vec3 {
+        let away = (at - self.crown).normalize_or(self.outward);
+        own * (1.0 - share) + (self.outward * 0.6 + away * 0.4) * share
+    }
+
+    /// Off the shoot by phyllotaxis, drawn down (or up) by the species' droop, turned to the light
+    /// as far as its heading allows.
+    pub fn of(
+        spot: &Spot,
+        species: &Species,
+        hull: &Hull,
+        enlarge: f32,
+        draws: &mut Draws,
+    ) -> Pose {
+        let f = &species.foliage;
+        let stance = stance(f.shape);
+        let (outward, _) = hull.outward(spot.at);
+        let shoot = spot.shoot;
+        let side = if stance.is_flat {
+            let flat = shoot.cross(Vec3::Z).try_normalize();
+            let flat = flat.unwrap_or_else(|| shoot.any_orthonormal_vector());
+            if spot.turn.is_multiple_of(2) { flat } else { -flat }
+        } else {
+            let start = shoot.any_orthonormal_vector();
+            Quat::from_axis_angle(shoot, spot.turn as f32 * GOLDEN_RAD) * start
+        };
+        let angle = if spot.is_tip { 0.0 } else { stance.angle * draws.between(0.75, 1.2) };
+        let mut heading = shoot * angle.cos() + side * angle.sin();
+        heading += draws.direction() * 0.14 + outward * 0.2;
+        let droop = (f.droop * draws.between(0.7, 1.15)).clamp(-0.95, 0.95);
+        heading = heading.normalize_or(shoot);
+        heading = (heading * (1.0 - droop.abs()) - Vec3::Z * droop).normalize_or(heading);
+        let light = Vec3::Z * stance.from_above + outward * (1.0 - stance.from_above);
+        let facing = light - heading * light.dot(heading);
+        let facing = facing.try_normalize().unwrap_or_else(|| heading.any_orthonormal_vector());
+        let roll = draws.between(-stance.roll, stance.roll);
+        let facing = Quat::from_axis_angle(heading, roll) * facing;
+        let size_m = f.twig_length_m.min(0.6 * hull.half.max_element()).clamp(1e-3, 20.0)
+            * draws.between(0.8, 1.2)
+            * hull.scale(spot.at, enlarge);
+        Pose {
+            base: spot.at - heading * (0.04 * size_m),
+            heading,
+            facing,
+            size_m,
+            // The outer part sinks under its weight, except where it stands.
+            sag: if f.droop >= 0.0 { draws.between(0.05, 0.28) } else { 0.0 },
+            mirrored: draws.unit() < 0.5,
+            outward,
+            crown: hull.centre,
+        }
+    }
+}

@@ -1,0 +1,248 @@
+//! Coarser forms of every model, from one skeleton: meshes of fewer triangles, then an impostor,
+//! each with how far its silhouette is from the finest form's. What nobody asked for is not made.
+
+use rayon::prelude::*;
+
+use super::forest::{Look, coarser, parts_of};
+use crate::diagnostic::Result;
+use crate::lod::{self, Silhouettes, impostor};
+use crate::mesh::{self, MeshOptions, TreeMesh};
+use crate::raster::Picture;
+use crate::render::capture::Sitter;
+use crate::report::{ErrorMeasure, Outcome};
+use crate::scene::{
+    Alpha, Apart, ColliderShape, Colorspace, Level, Material, Octahedral, Part, Scene, Texture,
+    ValidScene,
+};
+use crate::seed::Seed;
+use crate::skeleton::Skeleton;
+use crate::species::Species;
+use crate::texture::Atlas;
+
+/// Which forms are made of a model beside the finest.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct LevelsJob {
+    /// Meshed levels after the finest; at most [`SHARES`] says.
+    pub meshed: usize,
+    pub impostor: Option<lod::Kind>,
+    pub collision: Option<ColliderShape>,
+}
+
+/// Triangles of LOD1, LOD2, LOD3 over those of the finest form: 20,000 give 8,000, 3,000 and 500.
+pub const SHARES: [f32; 3] = [0.4, 0.15, 0.025];
+
+impl LevelsJob {
+    pub fn is_empty(&self) -> bool {
+        self.meshed == 0 && self.impostor.is_none()
+    }
+}
+
+/// A model's meshes, from fine to coarse, at one scale: whatever grows over the height that is
+/// asked for in the finest is shrunk in all, so that stems stay where they are.
+///
+/// # Errors
+/// Those of [`mesh::build`].
+pub fn meshes(
+    skeleton: &Skeleton,
+    species: &Species,
+    atlas: &Atlas,
+    options: &MeshOptions,
+    meshed: usize,
+    height_m: Option<f32>,
+    seed: Seed,
+) -> Result<Vec<TreeMesh>> {
+    let mut out: Vec<TreeMesh> = Vec::with_capacity(meshed + 1);
+    let mut factor = 1.0;
+    for share in [1.0].into_iter().chain(SHARES).take(meshed + 1) {
+        let options = match options.triangle_budget {
+            Some(most) if share < 1.0 => coarser(options, (most as f32 * share) as usize),
+            _ => *options,
+        };
+        let mut mesh = mesh::build(skeleton, species, atlas, &options, seed)?;
+        if out.is_empty() {
+            factor = height_m.map_or(1.0, |h| mesh.factor_to(h));
+        }
+        mesh.scale(factor);
+        mesh.clear_ground();
+        out.push(mesh);
+    }
+    Ok(out)
+}
+
+/// What is told of one form of one model.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct Row {
+    pub model: String,
+    pub level: String,
+    pub triangles: usize,
+    /// Farthest that its silhouette is from the finest form's; 0 for that itself.
+    pub silhouette_worst_m: f32,
+    pub silhouette_rms_m: f32,
+}
+
+/// Adds to every prototype of `scene` its coarser meshes (`coarse`, of each prototype from fine to
+/// coarse) and its impostor.
+///
+/// # Errors
+/// A model that is not finite.
+pub fn add(
+    scene: &mut Scene,
+    coarse: Vec<Vec<TreeMesh>>,
+    looks: &[Look],
+    impostor: Option<lod::Kind>,
+    texture_px: u32,
+) -> Result<()> {
+    for ((prototype, meshes), look) in scene.prototypes.iter_mut().zip(coarse).zip(looks) {
+        for (k, mesh) in meshes.into_iter().enumerate() {
+            prototype.levels.push(Level {
+                name: format!("LOD{}", k + 1),
+                parts: parts_of(mesh, *look),
+                silhouette: Apart { worst_m: 0.0, rms_m: 0.0 },
+                octahedral: None,
+            });
+        }
+    }
+    let baked = impostor.map(|kind| bake(scene, kind, texture_px)).transpose()?;
+    for (p, (parts, octahedral)) in baked.into_iter().flatten().enumerate() {
+        let (first_texture, first_material) = (scene.textures.len(), scene.materials.len());
+        let Baked { part, colour, normal } = parts;
+        scene.textures.extend([colour, normal]);
+        let stem = scene.prototypes[p].name.clone();
+        scene.materials.push(Material {
+            name: format!("{stem}_impostor"),
+            base_color: [1.0; 3],
+            base_color_texture: Some(first_texture as u32),
+            normal_texture: Some(first_texture as u32 + 1),
+            orm_texture: None,
+            roughness: 0.75,
+            alpha: Alpha::Mask { cutoff: impostor::CUTOFF },
+            double_sided: true,
+        });
+        scene.prototypes[p].levels.push(Level {
+            name: "impostor".into(),
+            parts: vec![Part { material: first_material as u32, ..part }],
+            silhouette: Apart { worst_m: 0.0, rms_m: 0.0 },
+            octahedral,
+        });
+    }
+    measure(scene)
+}
+
+/// An impostor's sheet and its pictures.
+struct Baked {
+    part: Part,
+    colour: Texture,
+    normal: Texture,
+}
+
+fn bake(
+    scene: &Scene,
+    kind: lod::Kind,
+    texture_px: u32,
+) -> Result<Vec<(Baked, Option<Octahedral>)>> {
+    let models: Vec<&[Part]> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
+    let sitter = Sitter::new(&models, &scene.materials, &scene.textures);
+    (0..models.len() as u32)
+        .into_par_iter()
+        .map(|m| {
+            let prototype = &scene.prototypes[m as usize];
+            let baked = impostor::bake(&sitter, m, bounds(&prototype.parts), kind, texture_px)?;
+            let texture = |suffix: &str, picture: Picture, colorspace| Texture {
+                name: format!("{}_impostor{suffix}", prototype.name),
+                image: picture.into(),
+                colorspace,
+            };
+            let part = Part { name: "impostor".into(), surface: baked.surface, material: 0 };
+            let colour = texture("", baked.colour, Colorspace::Srgb);
+            let normal = texture("_normal", baked.normal, Colorspace::Raw);
+            Ok((Baked { part, colour, normal }, baked.octahedral))
+        })
+        .collect()
+}
+
+/// How far each form's silhouette is from the finest's.
+fn measure(scene: &mut Scene) -> Result<()> {
+    let mut models: Vec<&[Part]> = Vec::new();
+    let mut first = Vec::new();
+    for p in &scene.prototypes {
+        first.push(models.len() as u32);
+        models.push(&p.parts);
+        models.extend(p.levels.iter().map(|l| &l.parts[..]));
+    }
+    let sitter = Sitter::new(&models, &scene.materials, &scene.textures);
+    let apart: Vec<Vec<Apart>> = scene
+        .prototypes
+        .par_iter()
+        .zip(&first)
+        .map(|(p, &first)| {
+            let all = p.levels.iter().map(|l| bounds(&l.parts)).fold(bounds(&p.parts), union);
+            let finest = Silhouettes::of(&sitter, first, all)?;
+            (0..p.levels.len() as u32)
+                .map(|k| Ok(finest.apart(&Silhouettes::of(&sitter, first + 1 + k, all)?)))
+                .collect()
+        })
+        .collect::<Result<_>>()?;
+    for (p, apart) in scene.prototypes.iter_mut().zip(apart) {
+        for (level, apart) in p.levels.iter_mut().zip(apart) {
+            level.silhouette = apart;
+        }
+    }
+    Ok(())
+}
+
+type Box3 = (glam::Vec3, glam::Vec3);
+
+fn union(a: Box3, b: Box3) -> Box3 {
+    (a.0.min(b.0), a.1.max(b.1))
+}
+
+fn bounds(parts: &[Part]) -> Box3 {
+    let filled = parts.iter().filter(|p| !p.surface.is_empty());
+    filled.map(|p| p.surface.bounds()).reduce(union).unwrap_or_default()
+}
+
+/// All forms of all models, for the report.
+pub fn rows(scene: &Scene) -> Vec<Row> {
+    let count = |parts: &[Part]| parts.iter().map(|p| p.surface.triangles()).sum();
+    let mut rows = Vec::new();
+    for p in scene.prototypes.iter().filter(|p| !p.levels.is_empty()) {
+        rows.push(Row {
+            model: p.name.clone(),
+            level: "LOD0".into(),
+            triangles: count(&p.parts),
+            silhouette_worst_m: 0.0,
+            silhouette_rms_m: 0.0,
+        });
+        rows.extend(p.levels.iter().map(|l| Row {
+            model: p.name.clone(),
+            level: l.name.clone(),
+            triangles: count(&l.parts),
+            silhouette_worst_m: l.silhouette.worst_m,
+            silhouette_rms_m: l.silhouette.rms_m,
+        }));
+    }
+    rows
+}
+
+/// The outcome of the stage that made these forms: the worst error of any.
+pub fn outcome(rows: &[Row], models: usize) -> Outcome {
+    let worst = rows.iter().map(|r| r.silhouette_worst_m).fold(0.0, f32::max);
+    Outcome::items(models, "models", rows.len(), "forms").error(ErrorMeasure::new(
+        "worst silhouette",
+        worst.into(),
+        "m",
+    ))
+}
+
+/// A scene with its coarser forms beside it, each a scene by itself, ready to write.
+///
+/// # Errors
+/// Those of [`Scene::validate`].
+pub fn split(mut scene: Scene) -> Result<(Scene, Vec<(String, ValidScene)>)> {
+    let levels = scene.take_levels();
+    let levels = levels
+        .into_iter()
+        .map(|(name, level)| Ok((name, level.validate()?)))
+        .collect::<Result<_>>()?;
+    Ok((scene, levels))
+}

@@ -1,0 +1,219 @@
+//! What a scene needs of its trees: those within a box; those that a camera sees, each in the
+//! cheapest form that looks the same from there; triangles where they show.
+
+use std::collections::BTreeMap;
+
+use glam::{DVec3, Vec2, Vec3};
+
+use super::survey::Survey;
+use crate::diagnostic::{Error, Result};
+use crate::frame::Frame;
+use crate::render::{self, Camera, RenderOptions};
+use crate::scene::{Prototype, Scene};
+
+/// Where a picture will be taken from; the scan's own coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Eye {
+    pub at: DVec3,
+    pub look: DVec3,
+    /// Vertical angle of view.
+    pub fov_deg: f32,
+}
+
+/// A box on the ground; the scan's own coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clip {
+    pub west: f64,
+    pub south: f64,
+    pub east: f64,
+    pub north: f64,
+}
+
+/// Lines of the picture that the camera is thought to take.
+const LINES: u32 = 1080;
+/// Width over height of that picture.
+const ASPECT: f32 = 16.0 / 9.0;
+
+/// What a camera made of a scene.
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
+pub struct Chosen {
+    /// Trees beside or behind the picture.
+    pub outside: usize,
+    /// Trees that others or the ground hide.
+    pub hidden: usize,
+    /// Trees shown in each form.
+    pub shown: BTreeMap<String, usize>,
+    /// Triangles in place if all trees were shown in their finest form, and as they are.
+    pub triangles_before: usize,
+    pub triangles: usize,
+}
+
+/// Drops the trees that the camera does not see and shows the others in the form of fewest
+/// triangles whose silhouette is off by no more than a pixel of 1,080 lines, RMS. Forms become
+/// prototypes of their own. Known limit: shadows and reflections of what is dropped are missing.
+pub fn choose(scene: &mut Scene, eye: &Eye) -> Chosen {
+    let camera = camera(&scene.frame, eye);
+    let options = RenderOptions {
+        width: (LINES as f32 * ASPECT) as u32,
+        height: LINES,
+        supersample: 1,
+        ..RenderOptions::default()
+    };
+    let seen = render::seen(&render::View::from(&*scene), &camera, &options);
+    let pixel_rad = 2.0 * (0.5 * camera.fov_y_rad).tan() / LINES as f32;
+    let forms: Vec<Vec<Form>> = scene.prototypes.iter().map(forms).collect();
+    let mut chosen = Chosen::default();
+    // New prototypes, by the old one and its form.
+    let mut number: BTreeMap<(u32, usize), u32> = BTreeMap::new();
+    let mut seen = seen.into_iter();
+    scene.instances.retain_mut(|tree| {
+        let of = &forms[tree.prototype as usize];
+        chosen.triangles_before += of[0].triangles;
+        match seen.next().flatten() {
+            None => {
+                chosen.outside += 1;
+                return false;
+            }
+            Some(false) => {
+                chosen.hidden += 1;
+                return false;
+            }
+            Some(true) => {}
+        }
+        let nearest = tree.position + Vec3::Z * (0.5 * tree.facts.height_m);
+        let reach = 0.5 * tree.facts.height_m.max(tree.facts.crown_diameter_m);
+        let distance_m = (camera.eye.distance(nearest) - reach).max(0.1);
+        let most_m = distance_m * pixel_rad / tree.scale.max_element();
+        let fit = (0..of.len()).filter(|&k| of[k].error_m <= most_m);
+        let form = fit.min_by_key(|&k| of[k].triangles).unwrap_or(0);
+        *chosen.shown.entry(of[form].name.clone()).or_default() += 1;
+        chosen.triangles += of[form].triangles;
+        let next = number.len() as u32;
+        tree.prototype = *number.entry((tree.prototype, form)).or_insert(next);
+        true
+    });
+    let mut order: Vec<((u32, usize), u32)> = number.into_iter().collect();
+    order.sort_unstable_by_key(|&(_, new)| new);
+    scene.prototypes = order
+        .into_iter()
+        .map(|((old, form), _)| {
+            let of = &scene.prototypes[old as usize];
+            let Some(level) = form.checked_sub(1).and_then(|k| of.levels.get(k)) else {
+                return Prototype { levels: Vec::new(), ..of.clone() };
+            };
+            Prototype {
+                name: format!("{}_{}", of.name, level.name),
+                species: of.species.clone(),
+                parts: level.parts.clone(),
+                levels: Vec::new(),
+                colliders: of.colliders.clone(),
+                octahedral: level.octahedral,
+            }
+        })
+        .collect();
+    chosen
+}
+
+fn camera(frame: &Frame, eye: &Eye) -> Camera {
+    Camera {
+        eye: frame.local_from_world(eye.at),
+        target: frame.local_from_world(eye.look),
+        fov_y_rad: eye.fov_deg.to_radians(),
+    }
+}
+
+/// A prototype's form as the choice sees it.
+struct Form {
+    name: String,
+    triangles: usize,
+    error_m: f32,
+}
+
+fn forms(prototype: &Prototype) -> Vec<Form> {
+    let count = |parts: &[crate::scene::Part]| parts.iter().map(|p| p.surface.triangles()).sum();
+    let finest = Form { name: "LOD0".into(), triangles: count(&prototype.parts), error_m: 0.0 };
+    let coarser = prototype.levels.iter().map(|l| Form {
+        name: l.name.clone(),
+        triangles: count(&l.parts),
+        error_m: l.silhouette.rms_m,
+    });
+    [finest].into_iter().chain(coarser).collect()
+}
+
+/// Cuts terrain and trees to the box; gives how many trees stood outside.
+///
+/// # Errors
+/// A box that shares no ground with the scan.
+pub fn clip(survey: &mut Survey, clip: &Clip) -> Result<usize> {
+    let world = |x, y| survey.frame.local_from_world(survey.frame.origin.with_x(x).with_y(y));
+    let (low, high) = (world(clip.west, clip.south), world(clip.east, clip.north));
+    let Some(terrain) = survey.terrain.cropped(low.truncate(), high.truncate()) else {
+        let g = &survey.terrain.heights.geometry;
+        let corner = |x: f64, y: f64| {
+            survey.frame.world_from_local(Vec3::new(x as f32, y as f32, 0.0)).truncate()
+        };
+        let (a, b) = (corner(g.west, g.south()), corner(g.east(), g.north));
+        return Err(Error::new("the box to clip to lies outside the scan").remedy(format!(
+            "give --clip WEST,SOUTH,EAST,NORTH within {:.0},{:.0},{:.0},{:.0}",
+            a.x, a.y, b.x, b.y
+        )));
+    };
+    let is_inside = |p: Vec2| (p.cmpge(low.truncate()) & p.cmplt(high.truncate())).all();
+    let before = survey.trees.len();
+    let kept: Vec<bool> = survey.trees.iter().map(|t| is_inside(t.crown.root.truncate())).collect();
+    let mut keep = kept.iter();
+    survey.trees.retain(|_| keep.next().copied().unwrap_or(false));
+    let mut keep = kept.iter();
+    survey.species.retain(|_| keep.next().copied().unwrap_or(false));
+    survey.terrain = terrain;
+    Ok(before - survey.trees.len())
+}
+
+/// Triangles for each model so that all trees in their places take `total`. A silhouette's error
+/// goes with size over the root of the triangles; the sum of errors over all trees is least where
+/// a model's triangles go with its size to the power 2/3, however many trees share it.
+///
+/// `models`: size in metres and trees of each.
+pub fn shared_budget(models: &[(f32, usize)], total: usize) -> Vec<usize> {
+    let weight = |size_m: f32| f64::from(size_m.max(0.1)).powf(2.0 / 3.0);
+    let sum: f64 = models.iter().map(|&(size_m, trees)| weight(size_m) * trees as f64).sum();
+    let one =
+        |&(size_m, _): &(f32, usize)| (total as f64 * weight(size_m) / sum.max(1e-9)) as usize;
+    models.iter().map(one).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::sample;
+
+    #[test]
+    fn a_budget_is_spent_whole_and_more_on_what_is_larger() {
+        let models = [(8.0f32, 100usize), (27.0, 10), (1.0, 3)];
+        let given = shared_budget(&models, 1_000_000);
+        let spent: usize = given.iter().zip(&models).map(|(t, m)| t * m.1).sum();
+        assert!(spent <= 1_000_000 && spent > 999_000, "{spent}");
+        // 27^(2/3) = 9, 8^(2/3) = 4.
+        assert!((given[1] as f64 / given[0] as f64 - 2.25).abs() < 1e-2);
+    }
+
+    #[test]
+    fn a_camera_keeps_what_it_sees() {
+        let scene = sample::forest(&["Betula pendula"], 40, 60.0);
+        let mut seen = scene.clone();
+        // From far away, everything; turned away, nothing.
+        let middle = scene.frame.origin;
+        let eye = |at: DVec3, look: DVec3| Eye { at, look, fov_deg: 40.0 };
+        let far = eye(middle + DVec3::new(0.0, -300.0, 200.0), middle);
+        let all = choose(&mut seen, &far);
+        assert_eq!(all.outside, 0);
+        assert_eq!(all.hidden + all.shown.values().sum::<usize>(), scene.instances.len());
+        assert!(all.hidden < 4, "{all:?}");
+        seen.prune();
+        seen.validate().unwrap();
+        let mut none = scene.clone();
+        let away = eye(far.at, far.at * 2.0 - middle);
+        assert_eq!(choose(&mut none, &away).outside, scene.instances.len());
+        assert!(none.instances.is_empty() && none.prototypes.is_empty());
+    }
+}

@@ -1,0 +1,133 @@
+//! What a model shows from one side, unlit: colour, normal and depth, for impostors; and its
+//! silhouette, for measuring. Every triangle is drawn, whatever its size.
+
+use glam::Vec3;
+
+use super::draw::{Canvas, Sample, Scratch, Stage};
+use super::{Placement, View, camera, stage};
+use crate::diagnostic::{Error, Result};
+use crate::scene::{Material, Part, Texture};
+
+/// A window on a model, seen along a direction without perspective; samples are square.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Window {
+    /// What the middle of the window shows.
+    pub centre: Vec3,
+    /// Unit; the way the eye looks.
+    pub forward: Vec3,
+    /// Side of a sample, metres.
+    pub sample_m: f32,
+    /// Samples across and down, 1…16,384.
+    pub size: [usize; 2],
+}
+
+/// What one sample shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Texel {
+    /// Linear light.
+    pub albedo: [f32; 3],
+    /// Unit, in the model's axes, towards the eye.
+    pub normal: Vec3,
+    /// Distance before the window's plane through `centre`, metres; −∞ where nothing is seen.
+    pub before_m: f32,
+}
+
+impl Texel {
+    pub const NOTHING: Texel =
+        Texel { albedo: [0.0; 3], normal: Vec3::Z, before_m: f32::NEG_INFINITY };
+
+    pub fn is_seen(&self) -> bool {
+        self.before_m > f32::NEG_INFINITY
+    }
+}
+
+/// Models laid out for capturing, once for many windows.
+pub struct Sitter<'a> {
+    stage: Stage<'a>,
+}
+
+/// Colours and plain normals.
+struct Portrait<'a> {
+    texel: &'a mut [Texel],
+    forward: Vec3,
+}
+
+impl Canvas for Portrait<'_> {
+    const IS_SHADED: bool = true;
+    const IS_CROWN_LIT: bool = false;
+    fn nearness(&self, i: usize) -> f32 {
+        self.texel[i].before_m
+    }
+    fn put(&mut self, i: usize, sample: Sample) {
+        let away = sample.normal.dot(self.forward).max(0.0);
+        let normal = (sample.normal - self.forward * (2.0 * away)).normalize_or(-self.forward);
+        self.texel[i] = Texel { albedo: sample.albedo, normal, before_m: sample.nearness };
+    }
+}
+
+impl<'a> Sitter<'a> {
+    /// Each model by itself, in its own coordinates.
+    pub fn new(models: &[&'a [Part]], materials: &'a [Material], textures: &'a [Texture]) -> Self {
+        let alone = |model| Placement { model, ..Placement::HOME };
+        let view = View {
+            textures,
+            materials,
+            terrain: None,
+            models: models.to_vec(),
+            placements: (0..models.len() as u32).map(alone).collect(),
+        };
+        let mut stage = stage(&view);
+        // What stands in for the ground is in place 0, models come after it in their order.
+        stage.items.retain(|item| item.place > 0);
+        Sitter { stage }
+    }
+
+    /// Colour, normal and depth of every sample, row 0 on top.
+    ///
+    /// # Errors
+    /// A window of no size, or of more samples than 16,384 along a side.
+    pub fn portrait(&self, model: u32, window: &Window) -> Result<Vec<Texel>> {
+        let eye = window.eye()?;
+        let mut texel = vec![Texel::NOTHING; eye.width * eye.height];
+        let mut canvas = Portrait { texel: &mut texel, forward: window.forward };
+        self.draw(model, &eye, &mut canvas);
+        Ok(texel)
+    }
+
+    /// Whether each sample shows anything, row 0 on top.
+    ///
+    /// # Errors
+    /// As [`Sitter::portrait`].
+    pub fn silhouette(&self, model: u32, window: &Window) -> Result<Vec<bool>> {
+        let eye = window.eye()?;
+        let mut nearness = vec![f32::MIN; eye.width * eye.height];
+        self.draw(model, &eye, nearness.as_mut_slice());
+        Ok(nearness.into_iter().map(|n| n > f32::MIN).collect())
+    }
+
+    fn draw<C: Canvas + ?Sized>(&self, model: u32, eye: &camera::View, canvas: &mut C) {
+        let list = self.stage.list_whole(eye, model + 1);
+        self.stage.draw_band(eye, &list, 0, &mut Scratch::default(), canvas);
+    }
+}
+
+impl Window {
+    /// Right and up of what is seen, unit.
+    pub fn sides(&self) -> [Vec3; 2] {
+        camera::sides(self.forward)
+    }
+
+    fn eye(&self) -> Result<camera::View> {
+        let [width, height] = self.size;
+        let is_sound = self.centre.is_finite()
+            && self.forward.is_normalized()
+            && self.sample_m.is_finite()
+            && self.sample_m > 0.0
+            && (1..=16_384).contains(&width)
+            && (1..=16_384).contains(&height);
+        if !is_sound {
+            return Err(Error::new(format!("a window that shows nothing: {self:?}")));
+        }
+        Ok(camera::View::window(self.centre, self.forward, self.sample_m, self.size))
+    }
+}

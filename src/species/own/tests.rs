@@ -1,0 +1,209 @@
+use proptest::prelude::*;
+
+use super::*;
+use crate::species::{files, load, load_text};
+
+const TWIG: &str = "mtllib twig.mtl\no twig\nv -1 0 0\nv 1 0 0\nv 1 4 0\nv -1 4 0\n\
+                    vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvn 0 0 1\nusemtl leaf\n\
+                    f 1/1/1 2/2/1 3/3/1 4/4/1\n";
+const MATERIAL: &str = "newmtl leaf\nKd 0.8 0.8 0.8\nmap_Kd leaf.png\n";
+const RULE: &str = "extends = 'table3/13'\n[foliage]\nmodel = 'twig.obj'\n";
+
+/// A folder with a rule file, a twig, its material and its picture; each text as given.
+fn folder(rule: &str, obj: &str, mtl: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    write("own.toml", rule.as_bytes());
+    write("twig.obj", obj.as_bytes());
+    write("twig.mtl", mtl.as_bytes());
+    let mut picture = Picture::filled(6, 4, [30, 90, 20, 255]);
+    picture.set(0, 0, [0; 4]);
+    write("leaf.png", &picture.to_png().unwrap());
+    write("opaque.png", &Picture::filled(4, 4, [30, 90, 20, 255]).to_png().unwrap());
+    write("empty.png", &Picture::filled(4, 4, [30, 90, 20, 0]).to_png().unwrap());
+    folder
+}
+
+fn rule(folder: &tempfile::TempDir) -> String {
+    folder.path().join("own.toml").to_string_lossy().into_owned()
+}
+
+#[test]
+fn a_twig_is_read_with_its_picture_to_a_height_of_one() {
+    let folder = folder(RULE, TWIG, MATERIAL);
+    let species = load(&rule(&folder)).unwrap();
+    let model = species.own_model.unwrap();
+    assert_eq!((model.position.len(), model.index.len()), (4, 6));
+    let high = model.position.iter().map(|p| p[1]).fold(0.0, f32::max);
+    assert_eq!(high, 1.0);
+    assert_eq!(model.position[0], [-0.25, 0.0, 0.0]);
+    assert!(model.normal.iter().all(|n| *n == [0.0, 0.0, 1.0]));
+    assert_eq!(model.uv[2], [1.0, 1.0]);
+    assert_eq!((model.picture.width, model.picture.height), (6, 4));
+    assert!(species.own_picture.is_none());
+    let watched = files(Path::new(&rule(&folder)));
+    assert!(watched.iter().any(|f| f.ends_with("twig.obj")), "{watched:?}");
+}
+
+#[test]
+fn a_file_that_extends_another_finds_its_model_beside_that() {
+    let folder = folder(RULE, TWIG, MATERIAL);
+    let inner = folder.path().join("inner");
+    std::fs::create_dir(&inner).unwrap();
+    let top = inner.join("top.toml");
+    std::fs::write(&top, "extends = '../own.toml'").unwrap();
+    assert!(load(&top.to_string_lossy()).unwrap().own_model.is_some());
+    std::fs::write(&top, "extends = '../own.toml'\n[foliage]\nmodel = ''").unwrap();
+    assert!(load(&top.to_string_lossy()).unwrap().own_model.is_none());
+}
+
+#[test]
+fn plain_colours_become_swatches_and_faces_get_normals() {
+    let obj = "mtllib twig.mtl\nv 0 0 0\nv 1 0 0\nv 0 2 0\nv 1 2 0\nusemtl red\nf 1 2 3\n\
+               usemtl blue\nf 2 4 3\n";
+    let mtl = "newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n";
+    let folder = folder(RULE, obj, mtl);
+    let model = load(&rule(&folder)).unwrap().own_model.unwrap();
+    let seen = |k: usize| {
+        let x = model.uv[model.index[k] as usize][0] * model.picture.width as f32;
+        model.picture.at(x as u32, 4)
+    };
+    assert_eq!((seen(0), seen(3)), ([255, 0, 0, 255], [0, 0, 255, 255]));
+    assert!(model.normal.iter().all(|n| (n[2] - 1.0).abs() < 1e-6));
+}
+
+/// Message and remedy of what is wrong, without the folder.
+fn refused(rule_text: &str, obj: &str, mtl: &str) -> String {
+    let folder = folder(rule_text, obj, mtl);
+    let error = load(&rule(&folder)).unwrap_err();
+    let place = error.line_and_column().map(|(line, _)| line);
+    assert_eq!(place, Some(3), "{error:?}");
+    let text = format!("{}; {}", error.message(), error.remedy_text().unwrap());
+    text.replace(&format!("{}{}", folder.path().display(), std::path::MAIN_SEPARATOR), "")
+}
+
+#[test]
+fn faults_are_told_with_file_line_and_remedy() {
+    let spoilt = |from: &str, to: &str| {
+        assert!(TWIG.contains(from));
+        refused(RULE, &TWIG.replace(from, to), MATERIAL)
+    };
+    let cases = [
+        (
+            spoilt("v 1 4 0", "v 1 four 0"),
+            "`model`: twig.obj:5: not a list of ordinary numbers; export the model again",
+        ),
+        (
+            spoilt("v 1 4 0", "v 1 nan 0"),
+            "`model`: twig.obj:5: not a list of ordinary numbers; export the model again",
+        ),
+        (
+            spoilt("v 1 4 0", "v 1 4"),
+            "`model`: twig.obj:5: 2 numbers, not 3; export the model again",
+        ),
+        (
+            spoilt("4/4/1\n", "9/4/1\n"),
+            "`model`: twig.obj:13: vertex 9 of 4 in `9/4/1`; export the model again",
+        ),
+        (
+            spoilt("4/4/1\n", "4/4\n"),
+            "`model`: twig.obj:13: the corner `4/4` has other parts than those of line 13; give every corner the same: v/vt/vn",
+        ),
+        (
+            spoilt("f 1/1/1 2/2/1 3/3/1 4/4/1", "f 1/1/1 2/2/1"),
+            "`model`: twig.obj:13: a face of 2 corners; give it three or more",
+        ),
+        (
+            spoilt("f 1/1/1 2/2/1 3/3/1 4/4/1", ""),
+            "`model`: it has no faces; export a mesh, as triangles",
+        ),
+        (spoilt("twig.mtl", "none.mtl"), "none.mtl"),
+        (
+            refused(RULE, TWIG, "newmtl leaf\nKd 1 1\n"),
+            "`model`: twig.mtl:2: not a colour of three numbers; write red, green and blue, 0 to 1",
+        ),
+        (refused(RULE, TWIG, "newmtl leaf\nmap_Kd none.png\n"), "none.png"),
+        (refused(RULE, TWIG, "newmtl leaf\nmap_Kd twig.obj\n"), "not a readable picture"),
+        (
+            refused(RULE, &TWIG.replace(" 4 0", " 0 0"), MATERIAL),
+            "it does not reach above its origin along y",
+        ),
+        (
+            refused(&RULE.replace("twig.obj", "none.obj"), TWIG, MATERIAL),
+            "give the path of an OBJ file",
+        ),
+        (
+            refused(&RULE.replace("model = 'twig.obj'", "picture = 'opaque.png'"), TWIG, MATERIAL),
+            "it has no transparent pixels",
+        ),
+        (
+            refused(&RULE.replace("model = 'twig.obj'", "picture = 'empty.png'"), TWIG, MATERIAL),
+            "nothing in it is opaque",
+        ),
+    ];
+    for (said, wanted) in cases {
+        assert!(said.contains(wanted), "{said}\n   not {wanted}");
+    }
+    let both = folder(&format!("{RULE}picture = 'leaf.png'"), TWIG, MATERIAL);
+    let error = load(&rule(&both)).unwrap_err();
+    assert_eq!(error.message(), "`model` and `picture` are both given");
+    let error = load_text("own", RULE).unwrap_err();
+    assert_eq!(error.message(), "`model` names a file");
+}
+
+#[test]
+fn several_pictures_are_too_many() {
+    let obj = format!("{TWIG}usemtl other\nf 1/1/1 2/2/1 3/3/1\n");
+    let two = format!("{MATERIAL}newmtl other\nmap_Kd opaque.png\n");
+    assert!(refused(RULE, &obj, &two).contains("several pictures: leaf.png, opaque.png"));
+    let plain = format!("{MATERIAL}newmtl other\nKd 1 0 0\n");
+    assert!(refused(RULE, &obj, &plain).contains("others a plain colour"));
+}
+
+#[test]
+fn a_picture_is_made_square_on_its_foot() {
+    let folder =
+        folder(&RULE.replace("model = 'twig.obj'", "picture = 'leaf.png'"), TWIG, MATERIAL);
+    let picture = load(&rule(&folder)).unwrap().own_picture.unwrap();
+    assert_eq!((picture.width, picture.height), (6, 6));
+    assert_eq!(picture.at(3, 5), [30, 90, 20, 255]);
+    assert_eq!(picture.at(3, 1)[3], 0);
+}
+
+#[test]
+fn the_opaque_spot_is_opaque_around() {
+    let mut picture = Picture::filled(64, 32, [0; 4]);
+    for (x, y) in (0..8).flat_map(|x| (0..8).map(move |y| (40 + x, 8 + y))) {
+        picture.set(x, y, [255; 4]);
+    }
+    picture.set(0, 0, [255; 4]);
+    let spot = opaque_spot(&picture) * Vec2::new(64.0, 32.0);
+    assert!((41.0..47.0).contains(&spot.x) && (17.0..23.0).contains(&spot.y), "{spot}");
+    assert_eq!(opaque_spot(&Picture::filled(3, 1, [0; 4])), Vec2::splat(0.5));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn no_model_panics(
+        lines in prop::collection::vec(
+            "(v|vt|vn|f|l|o|g|usemtl|mtllib|s|#)( (-?[0-9]{1,2}(/-?[0-9]{0,2}){0,3}|twig.mtl|leaf|nan|1e9)){0,5}",
+            0..30),
+        tail in "\\PC{0,30}",
+        material in prop::collection::vec("(newmtl|Kd|Ka|map_Kd|illum|d|bump|Ns)( [a-z0-9.-]{1,5}){0,4}", 0..6),
+    ) {
+        let obj = format!("{}\n{tail}", lines.join("\n"));
+        let folder = folder(RULE, &obj, &material.join("\n"));
+        match load(&rule(&folder)) {
+            Ok(species) => {
+                let model = species.own_model.unwrap();
+                let n = model.position.len();
+                prop_assert!(model.normal.len() == n && model.uv.len() == n);
+                prop_assert!(model.index.iter().all(|&i| (i as usize) < n));
+                prop_assert!(model.position.iter().flatten().all(|x| x.is_finite()));
+            }
+            Err(error) => prop_assert!(error.labels_lie_within()),
+        }
+    }
+}

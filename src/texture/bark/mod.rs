@@ -1,0 +1,181 @@
+//! Bark as a relief and its colours, on a torus: the pictures tile in both directions.
+//!
+//! A style says of each place how high it lies and what it is made of; marks (lenticels, rifts,
+//! scars) and the loss of bark are laid over that. Normals, occlusion and roughness follow from
+//! the one height field. The colour of ridges is held to the species' own, whatever the pattern.
+//!
+//! Limit: a tile shows no change up or around the stem but that of the second bark.
+
+mod mark;
+mod relief;
+mod style;
+
+use rayon::prelude::*;
+
+use super::noise::mix;
+use crate::raster::Picture;
+use crate::seed::Seed;
+use crate::species::model::{Bark, BarkStyle};
+
+pub use relief::normal_map;
+
+/// One tile of bark shows this many metres in both directions.
+pub const BARK_REPEAT_M: f32 = 1.0;
+
+/// What the bark is like at a place, whatever its colours.
+#[derive(Debug, Clone, Copy, Default)]
+struct Texel {
+    /// Of the relief; scaled to 0…1 over the whole tile at the end.
+    height: f32,
+    /// From furrow (0) to ridge (1).
+    tone: f32,
+    /// Brightness.
+    shade: f32,
+    /// Shift to red.
+    warm: f32,
+    /// Share of buff fresh skin.
+    fresh: f32,
+    /// Share of green algae.
+    moss: f32,
+    roughness: f32,
+    /// Share of a dark mark, and its brightness.
+    mark: f32,
+    mark_shade: f32,
+    /// Share of bare wood, and its brightness.
+    wood: f32,
+    wood_shade: f32,
+}
+
+impl Texel {
+    fn new(height: f32, tone: f32, shade: f32, warm: f32) -> Self {
+        Texel { height, tone, shade, warm, roughness: 0.9, ..Texel::default() }
+    }
+
+    /// How much of the colour of ridges is seen here.
+    fn ridge(&self) -> f32 {
+        self.tone * (1.0 - self.mark) * (1.0 - self.wood) * (1.0 - self.fresh)
+    }
+
+    fn colour(&self, light: [f32; 3], dark: [f32; 3]) -> [f32; 3] {
+        const RED: [f32; 3] = [1.0, -0.12, -0.6];
+        const BUFF: [f32; 3] = [1.0, 0.84, 0.68];
+        const ALGAE: [f32; 3] = [0.88, 1.0, 0.76];
+        const WOOD: [f32; 3] = [158.0, 152.0, 142.0];
+        [0, 1, 2].map(|c| {
+            let bark = mix(dark[c], light[c], self.tone)
+                * self.shade
+                * (1.0 + RED[c] * self.warm)
+                * mix(1.0, BUFF[c], self.fresh)
+                * mix(1.0, ALGAE[c], self.moss);
+            let marked = mix(bark, dark[c] * self.mark_shade, self.mark);
+            mix(marked, WOOD[c] * self.wood_shade, self.wood)
+        })
+    }
+}
+
+/// The pictures of one bark, each of the same size.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BarkPictures {
+    /// Base colour, sRGB.
+    pub colour: Picture,
+    /// Tangent-space normals, raw, +Y up the stem.
+    pub normal: Picture,
+    /// Occlusion in red, roughness in green, metalness (none) in blue, raw.
+    pub orm: Picture,
+    /// 0 the deepest, 255 the highest place, in all channels, raw.
+    pub height: Picture,
+    /// Metres between the deepest and the highest place.
+    pub depth_m: f32,
+}
+
+/// The bark of the stem, `size_px` square.
+pub fn draw(bark: &Bark, size_px: u32, seed: Seed) -> BarkPictures {
+    pictures(bark.style, bark.colour, bark.relief_m, bark, size_px, seed)
+}
+
+/// The bark of the upper stem and the branches, where the species has one of its own.
+pub fn draw_upper(bark: &Bark, size_px: u32, seed: Seed) -> Option<BarkPictures> {
+    let colour = bark.upper?;
+    let style = bark.upper_style.unwrap_or(bark.style);
+    // Younger bark is thinner.
+    let relief_m = bark.relief_m * if style == bark.style { 0.7 } else { 0.3 };
+    Some(pictures(style, colour, relief_m, bark, size_px, seed.derive("upper", 0)))
+}
+
+fn pictures(
+    style: BarkStyle,
+    light: [u8; 3],
+    relief_m: f32,
+    bark: &Bark,
+    size_px: u32,
+    seed: Seed,
+) -> BarkPictures {
+    let n = size_px.max(16) as usize;
+    let mut texels = texels(style, bark.lost, n, seed);
+    let heights = relief::spread(&mut texels);
+    let depth_m = relief_m.clamp(0.0, 0.2);
+    let shaded = relief::occlusion(&heights, n, depth_m / BARK_REPEAT_M);
+    // Dust lies in what is sheltered.
+    texels.par_iter_mut().zip(&shaded).for_each(|(t, open)| t.shade *= 0.55 + 0.45 * open);
+
+    let picture = |data: Vec<[u8; 4]>| Picture { width: n as u32, height: n as u32, data };
+    let byte = |x: f32| (255.0 * x).round().clamp(0.0, 255.0) as u8;
+    let orm = texels.par_iter().zip(&shaded).map(|(t, &open)| {
+        let rough = mix(t.roughness, 0.95, 0.5 * (1.0 - open));
+        [byte(open), byte(rough), 0, 255]
+    });
+    BarkPictures {
+        colour: picture(paint(&texels, light, bark.dark)),
+        normal: normal_map(&heights, n, depth_m / BARK_REPEAT_M),
+        orm: picture(orm.collect()),
+        height: picture(heights.iter().map(|&h| [byte(h), byte(h), byte(h), 255]).collect()),
+        depth_m,
+    }
+}
+
+/// `n` × `n` texels, the first row on top.
+fn texels(style: BarkStyle, lost: f32, n: usize, seed: Seed) -> Vec<Texel> {
+    let painter = style::Painter::new(seed, n);
+    let mut texels: Vec<Texel> = (0..n * n)
+        .into_par_iter()
+        .with_min_len(n)
+        .map(|i| {
+            let u = ((i % n) as f32 + 0.5) / n as f32;
+            let v = 1.0 - ((i / n) as f32 + 0.5) / n as f32;
+            painter.texel(style, u, v)
+        })
+        .collect();
+    mark::marks(&mut texels, n, style, seed);
+    mark::fallen(&mut texels, n, lost, seed);
+    texels
+}
+
+/// Colours whose mean over the ridges is `light`.
+fn paint(texels: &[Texel], light: [u8; 3], dark: [u8; 3]) -> Vec<[u8; 4]> {
+    let [light, dark] = [light, dark].map(|c| c.map(f32::from));
+    let (mut sum, mut weight) = ([0.0f64; 3], 0.0f64);
+    for t in texels {
+        let ridge = f64::from(t.ridge().powi(4));
+        weight += ridge;
+        for (s, c) in sum.iter_mut().zip(t.colour(light, dark)) {
+            *s += ridge * f64::from(c);
+        }
+    }
+    let gain: [f32; 3] = std::array::from_fn(|c| {
+        let mean = (sum[c] / weight.max(1e-9)) as f32;
+        if weight > 0.0 { (light[c] / mean.max(1.0)).clamp(0.5, 2.0) } else { 1.0 }
+    });
+    let lit = |t: &Texel| {
+        let colour = t.colour(light, dark);
+        // What is bare wood is no bark.
+        let [r, g, b] = [0, 1, 2].map(|c| {
+            let x = colour[c] * mix(gain[c], 1.0, t.wood);
+            x.round().clamp(0.0, 255.0) as u8
+        });
+        [r, g, b, 255]
+    };
+    texels.par_iter().map(lit).collect()
+}
+
+#[cfg(test)]
+mod tests;

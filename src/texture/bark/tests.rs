@@ -1,0 +1,175 @@
+use super::super::tests::assert_tiles;
+use super::*;
+use crate::species::load;
+use BarkStyle::*;
+
+const ALL: [BarkStyle; 10] =
+    [Birch, Paper, Plates, Flakes, Ridges, Furrows, Scales, Smooth, Diamonds, Blisters];
+
+fn bark(style: BarkStyle, lost: f32) -> Bark {
+    let own = load("quercus_robur").unwrap().bark;
+    Bark { style, colour: [120, 100, 84], dark: [50, 40, 34], relief_m: 0.02, lost, ..own }
+}
+
+#[test]
+fn every_picture_of_every_style_tiles() {
+    for style in ALL {
+        for lost in [0.0, 0.5] {
+            let p = draw(&bark(style, lost), 256, Seed::new(5));
+            for (what, picture) in [
+                ("colour", &p.colour),
+                ("normal", &p.normal),
+                ("orm", &p.orm),
+                ("height", &p.height),
+            ] {
+                assert_tiles(picture, &format!("{style:?}, {lost} lost, {what}"));
+            }
+        }
+    }
+}
+
+/// Slopes read from the normals, summed along a line, are the differences of the heights.
+#[test]
+fn normals_are_the_slopes_of_the_height() {
+    const RUN: usize = 12;
+    let n = 256usize;
+    for style in ALL {
+        let p = draw(&bark(style, 0.0), n as u32, Seed::new(2));
+        let tile = p.depth_m / BARK_REPEAT_M / 255.0;
+        let height = |x: usize, y: usize| {
+            f64::from(p.height.at((x % n) as u32, (y % n) as u32)[0]) * f64::from(tile)
+        };
+        let slope = |x: usize, y: usize| {
+            let q = p.normal.at((x % n) as u32, (y % n) as u32);
+            let [a, b, c] = [0, 1, 2].map(|k| f64::from(q[k]) / 127.5 - 1.0);
+            [-a / c / n as f64, b / c / n as f64]
+        };
+        let (mut off, mut size) = (0.0, 0.0);
+        for y in (0..n).step_by(7) {
+            for x in (0..n).step_by(7) {
+                for (axis, way) in [[1, 0], [0, 1]].into_iter().enumerate() {
+                    let at = |k: usize| (x + way[0] * k, y + way[1] * k);
+                    let sum: f64 = (1..=RUN).map(|k| slope(at(k).0, at(k).1)[axis]).sum();
+                    let h = |k: usize| height(at(k).0, at(k).1);
+                    let rise = 0.5 * (h(RUN + 1) + h(RUN) - h(1) - h(0));
+                    off += (sum - rise).abs();
+                    size += rise.abs();
+                }
+            }
+        }
+        assert!(off < 0.12 * size, "{style:?}: {off} of {size}");
+        for q in &p.normal.data {
+            let v = [0, 1, 2].map(|c| f32::from(q[c]) / 127.5 - 1.0);
+            let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+            assert!((length - 1.0).abs() < 0.02 && v[2] > 0.0, "{style:?}: {v:?}");
+        }
+    }
+}
+
+#[test]
+fn a_bump_has_its_light_side_up_in_green() {
+    let n = 32;
+    let mut height = vec![0.0; n * n];
+    for (i, h) in height.iter_mut().enumerate() {
+        let (x, y) = ((i % n) as f32 - 16.0, (i / n) as f32 - 16.0);
+        *h = (-(x * x + y * y) / 30.0).exp();
+    }
+    let p = normal_map(&height, n, 0.1);
+    assert!(p.at(16, 10)[1] > 140, "above the bump normals lean up");
+    assert!(p.at(22, 16)[0] > 140, "right of the bump normals lean right");
+}
+
+/// The mean over ridges is the species' colour; other seeds and sizes show the same bark.
+#[test]
+fn the_colour_is_held() {
+    let mean = |p: &Picture, weight: &dyn Fn(usize) -> f64| -> [f64; 3] {
+        let (mut sum, mut total) = ([0.0; 3], 0.0);
+        for (i, q) in p.data.iter().enumerate() {
+            total += weight(i);
+            (0..3).for_each(|c| sum[c] += weight(i) * f64::from(q[c]));
+        }
+        sum.map(|s| s / total)
+    };
+    for style in ALL {
+        for lost in [0.0, 0.6] {
+            let b = bark(style, lost);
+            let p = draw(&b, 256, Seed::new(1));
+            let ridges = texels(style, lost, 256, Seed::new(1));
+            let held = mean(&p.colour, &|i| f64::from(ridges[i].ridge().powi(4)));
+            for c in 0..3 {
+                let wanted = f64::from(b.colour[c]);
+                assert!((held[c] - wanted).abs() < 2.5, "{style:?}: {held:?} for {:?}", b.colour);
+            }
+            let whole = mean(&p.colour, &|_| 1.0);
+            for (size, seed) in [(128, 1), (256, 7)] {
+                let other = mean(&draw(&b, size, Seed::new(seed)).colour, &|_| 1.0);
+                let off = (0..3).map(|c| (whole[c] - other[c]).abs()).fold(0.0, f64::max);
+                assert!(off < 9.0, "{style:?}: {whole:?}, at {size} with {seed}: {other:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn as_much_bark_falls_as_is_asked_for() {
+    for lost in [0.0, 0.2, 0.7, 1.0] {
+        let texels = texels(Scales, lost, 128, Seed::new(3));
+        let bare = texels.iter().filter(|t| t.wood > 0.5).count() as f32 / texels.len() as f32;
+        assert!((bare - lost).abs() < 0.02, "{bare} for {lost}");
+    }
+}
+
+/// Occlusion lies where the relief is low; nothing is metal.
+#[test]
+fn occlusion_follows_the_relief() {
+    for style in [Plates, Furrows, Ridges] {
+        let p = draw(&bark(style, 0.0), 128, Seed::new(1));
+        let (mut low, mut high) = ((0u32, 0u32), (0u32, 0u32));
+        for (h, o) in p.height.data.iter().zip(&p.orm.data) {
+            assert_eq!((o[2], o[3]), (0, 255));
+            assert!(o[1] > 100, "bark is rough");
+            let side = if h[0] < 70 { &mut low } else { &mut high };
+            *side = (side.0 + u32::from(o[0]), side.1 + 1);
+        }
+        let mean = |s: (u32, u32)| s.0 as f32 / s.1.max(1) as f32;
+        assert!(mean(low) + 40.0 < mean(high), "{style:?}: {low:?} {high:?}");
+    }
+}
+
+/// Furrows and plates run up the stem, the bands and lenticels of a birch around it.
+#[test]
+fn patterns_run_their_way() {
+    let changes = |p: &Picture| {
+        let step = |dx: u32, dy: u32| -> u64 {
+            let n = p.width;
+            let all = (0..n * n).map(|i| (i % n, i / n));
+            all.map(|(x, y)| {
+                let (a, b) = (p.at(x, y), p.at((x + dx) % n, (y + dy) % n));
+                u64::from(a[1].abs_diff(b[1]))
+            })
+            .sum()
+        };
+        step(4, 0) as f64 / step(0, 4) as f64
+    };
+    for style in [Ridges, Furrows, Plates] {
+        let ratio = changes(&draw(&bark(style, 0.0), 256, Seed::new(1)).colour);
+        assert!(ratio > 1.1, "{style:?}: {ratio}");
+    }
+    let birch = load("betula_pendula").unwrap().bark;
+    let upper = draw_upper(&birch, 256, Seed::new(1)).unwrap().colour;
+    assert!(changes(&upper) < 0.7, "{}", changes(&upper));
+    let lower = draw(&birch, 256, Seed::new(1)).colour;
+    let black =
+        |p: &Picture| p.data.iter().filter(|q| q[1] < 90).count() as f32 / p.data.len() as f32;
+    assert!((0.02..0.3).contains(&black(&lower)), "rifts: {}", black(&lower));
+    assert!(black(&upper) < 0.5 * black(&lower), "fewer above: {}", black(&upper));
+}
+
+#[test]
+fn threads_change_nothing() {
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    for style in [Birch, Ridges] {
+        let b = bark(style, 0.3);
+        assert_eq!(draw(&b, 96, Seed::new(4)), one.install(|| draw(&b, 96, Seed::new(4))));
+    }
+}
