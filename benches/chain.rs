@@ -48,6 +48,7 @@ fn job() -> (tempfile::TempDir, ForestJob) {
             sharing,
             triangles: 5_000,
             foliage: larix::mesh::FoliageLevel::Cards,
+            wood: pipeline::WoodJob::default(),
             texture_px: 512,
             terrain_error_m: 0.05,
             name,

@@ -11,9 +11,11 @@ use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, OutputFile};
 use crate::ground::Method;
 use crate::lod;
-use crate::mesh::FoliageLevel;
+use crate::mesh::{FoliageLevel, Junctions};
 use crate::pipeline::tree::Grown;
-use crate::pipeline::{self, Effort, ForestJob, LevelsJob, Sharing, SurveyJob, TreeJob, levels};
+use crate::pipeline::{
+    self, Effort, ForestJob, LevelsJob, Sharing, SurveyJob, TreeJob, WoodJob, levels,
+};
 use crate::raster::{GridGeometry, cog};
 use crate::report::{self, Outcome, Recorder, Silent};
 use crate::scene::{ColliderShape, ValidScene};
@@ -163,6 +165,14 @@ fn triangles(typed: Option<u32>, usual: [usize; 2], level: FoliageLevel) -> usiz
     typed.map_or(usual[usize::from(level == FoliageLevel::Geometry)], |n| n as usize)
 }
 
+fn wood(a: &args::WoodArgs) -> WoodJob {
+    let junctions = match a.junctions {
+        args::JoinedBy::Weld => Junctions::Welded,
+        args::JoinedBy::Intersect => Junctions::Intersecting,
+    };
+    WoodJob { junctions, tolerance_m: a.tolerance }
+}
+
 fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
     let sharing = match scene.unique {
         args::Unique::All => Sharing::None,
@@ -173,6 +183,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
         sharing,
         triangles: triangles(scene.triangles, FOREST_TRIANGLES, level(scene.foliage)),
         foliage: level(scene.foliage),
+        wood: wood(&scene.wood),
         texture_px: scene.texture,
         cache,
         levels: levels_job(&scene.levels),
@@ -371,6 +382,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         neighbours: a.neighbour.clone(),
         seed: seed(a.seed),
         triangles: triangles(a.triangles, TREE_TRIANGLES, foliage),
+        wood: wood(&a.wood),
         texture_px: a.texture,
         foliage,
         levels: levels_job(&a.levels),

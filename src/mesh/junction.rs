@@ -123,7 +123,8 @@ pub fn leave(
             }
             let out = if inner <= 0.0 { lo } else { hi };
             let radius = w[0].radius_m + (w[1].radius_m - w[0].radius_m) * out;
-            found = Some((walked + step * out, w[0].at.lerp(w[1].at, out), w[1].at - w[0].at, radius));
+            found =
+                Some((walked + step * out, w[0].at.lerp(w[1].at, out), w[1].at - w[0].at, radius));
             break;
         }
         (segment, inner) = (s, outer);
@@ -148,11 +149,7 @@ pub fn leave(
     let has_collar = r * (COLLAR - 1.0) > 0.5 * tolerance_m;
     let wide = r * if has_collar { COLLAR } else { NO_COLLAR };
     let lean = direction.dot(radial).clamp(0.45, 1.0);
-    let rise_m = if has_collar {
-        r * (0.5 + (1.0 - lean * lean).sqrt() / lean)
-    } else {
-        0.0
-    };
+    let rise_m = if has_collar { r * (0.5 + (1.0 - lean * lean).sqrt() / lean) } else { 0.0 };
     Some(Branch {
         child,
         arc_m: ring.arc_m,

@@ -23,7 +23,12 @@ const LEVELS: [FoliageLevel; 5] = [
 ];
 
 fn bare(tolerance_m: f32) -> MeshOptions {
-    MeshOptions { tolerance_m, triangle_budget: None, foliage: FoliageLevel::None, ..MeshOptions::HERO }
+    MeshOptions {
+        tolerance_m,
+        triangle_budget: None,
+        foliage: FoliageLevel::None,
+        ..MeshOptions::HERO
+    }
 }
 
 fn oak() -> Species {
@@ -222,8 +227,11 @@ fn the_wood_of_every_species_is_one_solid() {
                 let target = Target::FromSpecies { height_m: None };
                 let skeleton = grow(&s, target, detail, Seed::new(seed)).unwrap();
                 for budget in [None, options.triangle_budget, Some(1000)] {
-                    let options =
-                        MeshOptions { triangle_budget: budget, foliage: FoliageLevel::None, ..options };
+                    let options = MeshOptions {
+                        triangle_budget: budget,
+                        foliage: FoliageLevel::None,
+                        ..options
+                    };
                     let atlas = Atlas::whole(0.4);
                     let tree = build(&skeleton, &s, &atlas, &options, Seed::new(seed)).unwrap();
                     assert_one_solid(&tree, &format!("{name} {seed} {budget:?}"));

@@ -248,7 +248,8 @@ fn fill(
         let share = x - k as f32;
         let across = |column: &[Vec3]| {
             let at = |i: u32| column[i as usize];
-            let (a, b) = (at(p + k).lerp(at(p + k + 1), share), at(q + k).lerp(at(q + k + 1), share));
+            let (a, b) =
+                (at(p + k).lerp(at(p + k + 1), share), at(q + k).lerp(at(q + k + 1), share));
             a.lerp(b, t)
         };
         let position = across(&out.position);

@@ -61,9 +61,8 @@ impl Chains {
         order.sort_unstable_by_key(|&k| axes[k as usize].nodes.first().copied());
         // The axis that goes on from each tip.
         let mut onward = vec![NONE; n];
-        let radius = |k: u32| {
-            axes[k as usize].nodes.first().map_or(0.0, |&i| skeleton.radius_m[i as usize])
-        };
+        let radius =
+            |k: u32| axes[k as usize].nodes.first().map_or(0.0, |&i| skeleton.radius_m[i as usize]);
         for &k in &order {
             if let Some(base) = axes[k as usize].base.filter(|&b| is_tip[b as usize]) {
                 let on = &mut onward[base as usize];
@@ -224,7 +223,9 @@ impl Planner<'_> {
                 match found {
                     Some(branch) => branches.push(branch),
                     // What springs from a branch within the bark springs from the bark.
-                    None => todo.extend(children.of(child as usize).iter().map(|&(k, _)| (k, arc_m))),
+                    None => {
+                        todo.extend(children.of(child as usize).iter().map(|&(k, _)| (k, arc_m)))
+                    }
                 }
             }
             let (first_ring, first_hole) = (wood.ring.len(), wood.hole.len());
@@ -234,8 +235,7 @@ impl Planner<'_> {
                 out_of[hole.child as usize] = Some(k);
             }
             let made = &wood.ring[first_ring..];
-            let (triangles, vertices) =
-                count(made, &wood.hole[first_hole..], out_of[c].is_some());
+            let (triangles, vertices) = count(made, &wood.hole[first_hole..], out_of[c].is_some());
             wood.triangles += triangles;
             wood.vertices += vertices;
             wood.tube.push(Tube {

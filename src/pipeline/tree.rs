@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::forest::{add_materials, detail, mesh_options, prototype};
+use super::forest::{WoodJob, add_materials, detail, prototype};
 use super::levels::{self, LevelsJob};
 use super::paint::paint;
 use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::lod::collision::collision;
-use crate::mesh::{FoliageLevel, MeshOptions};
+use crate::mesh::FoliageLevel;
 use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
@@ -39,6 +39,7 @@ pub struct TreeJob {
     pub triangles: usize,
     pub texture_px: u32,
     pub foliage: FoliageLevel,
+    pub wood: WoodJob,
     pub levels: LevelsJob,
     pub cache: Cache,
     /// The scan of one tree to fit to, instead of growing one.
@@ -168,7 +169,7 @@ fn stand(
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mut meshes = run.stage("mesh", |_| {
-        let options = MeshOptions { foliage: job.foliage, ..mesh_options(job.triangles) };
+        let options = job.wood.options(job.triangles, job.foliage);
         let seed = job.seed.derive("mesh", 0);
         // Wood fitted to a cloud stays where it is.
         let height_m = job.cloud.is_none().then(|| skeleton.height_m());
