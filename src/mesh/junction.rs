@@ -148,12 +148,12 @@ pub fn leave(
     let r = radius.max(least.radius_m).min(host);
     let has_collar = r * (COLLAR - 1.0) > 0.5 * tolerance_m;
     let wide = r * if has_collar { COLLAR } else { NO_COLLAR };
-    let lean = direction.dot(radial).clamp(0.45, 1.0);
-    let rise_m = if has_collar { r * (0.5 + (1.0 - lean * lean).sqrt() / lean) } else { 0.0 };
+    let lean = direction.dot(radial).clamp(0.22, 1.0);
+    let rise_m = r * (0.5 + (1.0 - lean * lean).sqrt() / lean);
     Some(Branch {
         child,
         arc_m: ring.arc_m,
-        half_m: wide / lean,
+        half_m: wide / lean.max(0.45),
         turn: radial.dot(ring.binormal()).atan2(radial.dot(ring.normal)),
         half_turn: (wide / host).min(0.94).asin(),
         start: Start {
@@ -163,6 +163,7 @@ pub fn leave(
             radius_m: r,
             wide_m: wide,
             rise_m,
+            has_collar,
             sides: sides(r),
         },
     })

@@ -90,8 +90,10 @@ pub struct Start {
     pub radius_m: f32,
     /// Half the width of the hole.
     pub wide_m: f32,
-    /// How far out a ring stands clear of the bark; 0 for a twig, which has no collar.
+    /// How far out a ring stands clear of the bark.
     pub rise_m: f32,
+    /// A twig goes straight into its parent.
+    pub has_collar: bool,
     /// Corners of the hole.
     pub sides: u32,
 }
@@ -180,8 +182,8 @@ fn leave(kept: &[Knot], start: &Start, least_step: f32, path: &mut Vec<Knot>) {
     let r = start.radius_m;
     path.push(Knot { at: start.at, radius_m: start.wide_m });
     let length: f32 = kept.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
-    let mut from = start.arc_m;
-    if start.rise_m > 0.0 {
+    let mut from = start.arc_m + start.rise_m;
+    if start.has_collar {
         for (rise, wide) in [(start.rise_m, 1.1), (start.rise_m + 1.6 * r, 1.0)] {
             let arc = start.arc_m + rise;
             let Some((_, k)) = locate(kept, arc).filter(|_| arc + r < length) else { continue };
