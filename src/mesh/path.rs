@@ -183,12 +183,15 @@ fn leave(kept: &[Knot], start: &Start, least_step: f32, path: &mut Vec<Knot>) {
     path.push(Knot { at: start.at, radius_m: start.wide_m });
     let length: f32 = kept.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
     let mut from = start.arc_m + start.rise_m;
+    // A foot that gave way to another takes the first rings along.
+    let moved = locate(kept, start.arc_m).map_or(Vec3::ZERO, |(_, k)| start.at - k.at);
     if start.has_collar {
-        for (rise, wide) in [(start.rise_m, 1.1), (start.rise_m + 1.6 * r, 1.0)] {
+        for (rise, wide, share) in [(start.rise_m, 1.1, 1.0), (start.rise_m + 1.6 * r, 1.0, 0.6)] {
             let arc = start.arc_m + rise;
             let Some((_, k)) = locate(kept, arc).filter(|_| arc + r < length) else { continue };
-            if k.at.distance(path[path.len() - 1].at) > 2.0 * least_step {
-                path.push(Knot { at: k.at, radius_m: k.radius_m * wide });
+            let at = k.at + moved * share;
+            if at.distance(path[path.len() - 1].at) > 2.0 * least_step {
+                path.push(Knot { at, radius_m: k.radius_m * wide });
                 from = arc;
             }
         }
