@@ -370,8 +370,8 @@ fn block(b: &Branch, arc_m: f32, sides: u32, taken: u32, is_empty: bool) -> Opti
     let wide = ((x + reach).ceil() - (x - reach).floor()) as i32;
     let narrow = ((2.0 * reach).ceil() as i32).clamp(1, most);
     let centred = |count: i32| (x - 0.5 * count as f32).round() as i32;
-    // A foot much narrower than a facet moves less by going up the tube.
-    let shifts = if half < 0.35 { 0 } else { (n / 6).max(1) };
+    // By no more than its half width: then it moves less by going up the tube.
+    let shifts = (half.round() as i32).min(n);
     let natural = (wide <= most).then(|| ((x - reach).floor() as i32, wide));
     let around = (0..=shifts).flat_map(|d| [d, -d]).map(|d| (centred(narrow) + d, narrow));
     let mut tries = natural.into_iter().chain(around);
