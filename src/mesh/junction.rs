@@ -16,7 +16,7 @@ use std::f32::consts::TAU;
 
 use glam::Vec3;
 
-use super::path::{Knot, Least, Ring, Start};
+use super::path::{Knot, Least, Ring, Sides, Start};
 
 /// Flare of a collar, and of a twig too thin for one: width of the hole over the branch's.
 const COLLAR: f32 = 1.45;
@@ -90,8 +90,7 @@ pub fn leave(
     knots: &[Knot],
     child: u32,
     least: Least,
-    sides: impl Fn(f32) -> u32,
-    tolerance_m: f32,
+    sides: &Sides,
 ) -> Option<Branch> {
     if path.len() < 2 || knots.len() < 2 {
         return None;
@@ -146,7 +145,7 @@ pub fn leave(
         .unwrap_or(ring.normal);
     let host = parent_radius.max(least.radius_m);
     let r = radius.max(least.radius_m).min(host);
-    let has_collar = r * (COLLAR - 1.0) > 0.5 * tolerance_m;
+    let has_collar = r * (COLLAR - 1.0) > 0.5 * sides.tolerance_m;
     let wide = r * if has_collar { COLLAR } else { NO_COLLAR };
     let lean = direction.dot(radial).clamp(0.22, 1.0);
     let rise_m = r * (0.5 + (1.0 - lean * lean).sqrt() / lean);
@@ -164,7 +163,7 @@ pub fn leave(
             wide_m: wide,
             rise_m,
             has_collar,
-            sides: sides(r),
+            sides: sides.of(r),
         },
     })
 }

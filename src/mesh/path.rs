@@ -105,14 +105,28 @@ pub struct Knot {
     pub radius_m: f32,
 }
 
-/// Fewest sides whose sagitta r(1 − cos(π/N)) stays within the tolerance, 3…32.
-pub fn sides(radius_m: f32, tolerance_m: f32) -> u32 {
-    let cosine = 1.0 - (tolerance_m / radius_m.max(1e-9)).clamp(0.0, 1.0);
-    let half = cosine.acos();
-    if half < std::f32::consts::PI / MAX_SIDES as f32 {
-        return MAX_SIDES;
+/// Fewest sides, 3…32, whose sagitta r(1 − cos(π/N)) stays within a tolerance.
+#[derive(Debug, Clone)]
+pub struct Sides {
+    pub tolerance_m: f32,
+    /// Greatest radius for 3, 4, … sides.
+    radius_m: [f32; (MAX_SIDES - MIN_SIDES) as usize],
+}
+
+impl Sides {
+    pub fn new(tolerance_m: f32) -> Sides {
+        let greatest = |k: usize| {
+            let half = std::f32::consts::PI / (k as u32 + MIN_SIDES) as f32;
+            // 1 − cos x = 2 sin² (x / 2), without cancelling.
+            let sine = (0.5 * half).sin();
+            tolerance_m / (2.0 * sine * sine)
+        };
+        Sides { tolerance_m, radius_m: std::array::from_fn(greatest) }
     }
-    ((std::f32::consts::PI / half - 1e-4).ceil() as u32).clamp(MIN_SIDES, MAX_SIDES)
+
+    pub fn of(&self, radius_m: f32) -> u32 {
+        MIN_SIDES + self.radius_m.partition_point(|&r| r < radius_m) as u32
+    }
 }
 
 /// Reused between axes.
@@ -129,7 +143,7 @@ pub fn rings(
     kept: &[Knot],
     foot: Foot,
     least: Least,
-    tolerance_m: f32,
+    sides: &Sides,
     detail: bool,
     scratch: &mut Scratch,
     out: &mut Vec<Ring>,
@@ -137,6 +151,7 @@ pub fn rings(
     if kept.len() < 2 {
         return 0.0;
     }
+    let tolerance_m = sides.tolerance_m;
     let Scratch { path, lobes } = scratch;
     path.clear();
     lobes.clear();
@@ -169,7 +184,7 @@ pub fn rings(
     }
     blunt(path, tolerance_m, least.step_m);
     let start = out.len();
-    frames(path, lobes, tolerance_m, around, out);
+    frames(path, lobes, sides, around, out);
     if around.is_some() {
         out[start..].iter_mut().for_each(|r| r.sides = r.sides.min(most_sides));
         out[start].sides = most_sides;
@@ -384,13 +399,7 @@ fn blunt(kept: &mut Vec<Knot>, tolerance_m: f32, least_step: f32) {
 
 /// Tangents as bisectors, normals by the least turn from ring to ring (parallel transport). A
 /// reversal turns in two steps of a right angle, so that no ring is mirrored.
-fn frames(
-    kept: &[Knot],
-    lobes: &[f32],
-    tolerance_m: f32,
-    around: Option<Vec3>,
-    out: &mut Vec<Ring>,
-) {
+fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, around: Option<Vec3>, out: &mut Vec<Ring>) {
     let n = kept.len();
     let start = out.len();
     let step = |i: usize| (kept[i + 1].at - kept[i].at).normalize_or(Vec3::Z);
@@ -435,7 +444,7 @@ fn frames(
             radius_m: kept[i].radius_m,
             arc_m: arc,
             slope: 0.0,
-            sides: sides(kept[i].radius_m, tolerance_m),
+            sides: sides.of(kept[i].radius_m),
             lobe: lobes.get(i).copied().unwrap_or(0.0),
             repeats: 1.0,
             v: 0.0,
@@ -472,14 +481,14 @@ mod tests {
         for tolerance in [1e-4f32, 1e-3, 5e-3] {
             for k in 1..200 {
                 let r = k as f32 * 0.002;
-                let n = sides(r, tolerance);
+                let n = Sides::new(tolerance).of(r);
                 let sagitta = |n: u32| r * (1.0 - (std::f32::consts::PI / n as f32).cos());
                 assert!(n == MAX_SIDES || sagitta(n) <= tolerance * 1.001, "{r} {n}");
                 assert!(n == MIN_SIDES || sagitta(n - 1) > tolerance * 0.999, "{r} {n}");
             }
         }
-        assert_eq!(sides(1e3, 1e-3), MAX_SIDES);
-        assert_eq!(sides(1e-6, 1e-3), MIN_SIDES);
+        assert_eq!(Sides::new(1e-3).of(1e3), MAX_SIDES);
+        assert_eq!(Sides::new(1e-3).of(1e-6), MIN_SIDES);
     }
 
     fn path(points: &[Vec3], tolerance: f32) -> Vec<Ring> {
@@ -489,7 +498,7 @@ mod tests {
         let least = Least::within(0.0);
         simplify(&knots, tolerance, least.step_m, &mut kept, &mut arc);
         assert_eq!(arc.len(), knots.len());
-        rings(&kept, foot, least, tolerance, true, &mut Scratch::default(), &mut out);
+        rings(&kept, foot, least, &Sides::new(tolerance), true, &mut Scratch::default(), &mut out);
         out
     }
 

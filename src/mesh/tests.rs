@@ -114,7 +114,7 @@ fn cone(radius: f32, height: f32, tolerance: f32) -> Surface {
     let mut rings = Vec::new();
     let least = path::Least::within(height);
     let scratch = &mut path::Scratch::default();
-    path::rings(&knots, foot, least, tolerance, false, scratch, &mut rings);
+    path::rings(&knots, foot, least, &path::Sides::new(tolerance), false, scratch, &mut rings);
     tube::lay_bark(&mut rings, 1.0);
     let mut out = Surface::default();
     let mut none = Surface::default();
@@ -135,7 +135,7 @@ fn a_cone_has_the_volume_and_area_of_its_prism() {
     for tolerance in [0.1, 0.02, 0.004] {
         let c = cone(r, h, tolerance);
         c.check().unwrap();
-        let n = f64::from(path::sides(r, tolerance));
+        let n = f64::from(path::Sides::new(tolerance).of(r));
         let base = 0.5 * n * f64::from(r * r) * (std::f64::consts::TAU / n).sin();
         assert!((c.volume_m3() - base * f64::from(h) / 3.0).abs() < 1e-4);
         let truth = std::f64::consts::PI * f64::from(r * r * h) / 3.0;
@@ -151,7 +151,7 @@ fn a_cone_has_the_volume_and_area_of_its_prism() {
 #[test]
 fn seams_repeat_whole_tiles_and_a_taper_does_not_stretch_the_bark() {
     let c = cone(0.5, 3.0, 0.01);
-    let n = path::sides(0.5, 0.01) as usize;
+    let n = path::Sides::new(0.01).of(0.5) as usize;
     assert_eq!(c.position[0], c.position[n], "the seam closes to the bit");
     let u = c.uv[n].x - c.uv[0].x;
     assert_eq!(u, u.round());
@@ -163,7 +163,15 @@ fn seams_repeat_whole_tiles_and_a_taper_does_not_stretch_the_bark() {
         .collect();
     let foot = path::Foot::Inside { parent_radius_m: 0.5, parent_direction: Vec3::X };
     let (least, mut rings) = (path::Least::within(20.0), Vec::new());
-    path::rings(&knots, foot, least, 0.001, true, &mut path::Scratch::default(), &mut rings);
+    path::rings(
+        &knots,
+        foot,
+        least,
+        &path::Sides::new(0.001),
+        true,
+        &mut path::Scratch::default(),
+        &mut rings,
+    );
     tube::lay_bark(&mut rings, 1.0);
     rings.pop();
     for w in rings.windows(2) {

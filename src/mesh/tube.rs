@@ -268,16 +268,20 @@ fn fill(
         let j = j % outer;
         if j <= facets { q + facets - j } else { p + j - facets - 1 }
     };
-    let angle = |j: u32| {
-        let k = j % outer;
+    let turn_of = |k: u32| {
         let (x, t) =
             if k <= facets { ((facets - k) as f32, 1.0) } else { ((k - facets - 1) as f32, 0.0) };
         let (x, t) = ((x - hole.x) / hole.half_x, (t - hole.t) / hole.half_t);
-        // The first corner, upper right, lies before the top.
         let turn = (-x).atan2(t) / TAU;
-        let turn = if j >= outer { turn + 1.0 } else { turn };
-        if k > 0 && turn < 0.0 && k > facets { turn + 1.0 } else { turn }
+        // The first corner, upper right, lies before the top; the lower ones after it.
+        if turn < 0.0 && k > facets { turn + 1.0 } else { turn }
     };
+    let mut turns = [0.0; 2 * MAX_SIDES as usize + 3];
+    for k in 0..outer {
+        turns[k as usize] = turn_of(k);
+    }
+    turns[outer as usize] = turns[0] + 1.0;
+    let angle = |j: u32| turns[j as usize];
     let inner = hole.start.sides;
     let turn = |i: u32| i as f32 / inner as f32;
     // The inner edge starts at the corner nearest to the outer's first.

@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::Vec3;
 
 use super::junction::{self, Hole};
-use super::path::{self, Foot, Knot, Least, Ring, Scratch, rings, simplify};
+use super::path::{Foot, Knot, Least, Ring, Scratch, Sides, rings, simplify};
 use super::tube::{Barks, Circles, Joints, count, lay_bark, tube};
 use super::{FoliageLevel, Junctions, MeshOptions, Surface};
 use crate::seed::Seed;
@@ -181,6 +181,7 @@ struct Pieces {
 impl Planner<'_> {
     fn attempt(&self, tolerance_m: f32, cut_m: f32, detail: bool) -> Wood {
         let pieces = self.pieces(tolerance_m, cut_m);
+        let sides = Sides::new(tolerance_m);
         let mut wood = Wood {
             ring: Vec::with_capacity(pieces.knot.len() * 2),
             hole: Vec::new(),
@@ -201,8 +202,7 @@ impl Planner<'_> {
                 None => continue,
             };
             path.clear();
-            let shift =
-                rings(knots, foot, self.least, tolerance_m, detail, &mut scratch, &mut path);
+            let shift = rings(knots, foot, self.least, &sides, detail, &mut scratch, &mut path);
             if path.is_empty() {
                 continue;
             }
@@ -210,16 +210,7 @@ impl Planner<'_> {
             let mut todo: Vec<(u32, f32)> = children.of(c).to_vec();
             while let Some((child, arc_m)) = todo.pop() {
                 let knots = &pieces.knot[pieces.span[child as usize].clone()];
-                let sides = |r| path::sides(r, tolerance_m);
-                let found = junction::leave(
-                    &path,
-                    arc_m + shift,
-                    knots,
-                    child,
-                    self.least,
-                    sides,
-                    tolerance_m,
-                );
+                let found = junction::leave(&path, arc_m + shift, knots, child, self.least, &sides);
                 match found {
                     Some(branch) => branches.push(branch),
                     // What springs from a branch within the bark springs from the bark.
