@@ -253,6 +253,14 @@ pub enum Collision {
     Convex,
 }
 
+/// Whose channels the vertex colours of wind are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Wind {
+    Unity,
+    Cryengine,
+    SpeedtreeLike,
+}
+
 /// Forms of the trees beside the finest.
 #[derive(Debug, Args)]
 pub struct LevelArgs {
@@ -265,6 +273,10 @@ pub struct LevelArgs {
     /// Bodies about the stems for collisions, beside each tree in the scene.
     #[arg(long, value_enum, value_name = "KIND")]
     pub collision: Option<Collision>,
+    /// Vertex colours that move the trees in the wind (COLOR_0, primvars:wind); viewers that do not
+    /// know them tint the trees.
+    #[arg(long, value_enum, value_name = "PROFILE")]
+    pub wind: Option<Wind>,
 }
 
 /// How the scene is built and written.

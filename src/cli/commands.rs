@@ -11,7 +11,7 @@ use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, OutputFile};
 use crate::ground::Method;
 use crate::lod;
-use crate::mesh::FoliageLevel;
+use crate::mesh::{FoliageLevel, WindProfile};
 use crate::pipeline::tree::Grown;
 use crate::pipeline::{self, Effort, ForestJob, LevelsJob, Sharing, SurveyJob, TreeJob, levels};
 use crate::raster::{GridGeometry, cog};
@@ -194,6 +194,11 @@ fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
         collision: typed.collision.map(|kind| match kind {
             args::Collision::Capsule => ColliderShape::Capsule,
             args::Collision::Convex => ColliderShape::Convex,
+        }),
+        wind: typed.wind.map(|profile| match profile {
+            args::Wind::Unity => WindProfile::Unity,
+            args::Wind::Cryengine => WindProfile::CryEngine,
+            args::Wind::SpeedtreeLike => WindProfile::SpeedTreeLike,
         }),
     }
 }

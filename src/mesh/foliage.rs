@@ -9,11 +9,15 @@
 //! boughs of the atlas in place of twigs. Normals lean to the crown's outside, for soft shading,
 //! and never away from the front of their triangles.
 
+use rayon::prelude::*;
+
 use super::card::{self, Shape};
 use super::leaf::Twig;
 use super::piece::fill;
-use super::spot::{Hull, Pose, spots, stance, thinned};
+use super::spot::{Hull, Pose, Spot, spots, stance, thinned};
+use super::wind::Wind;
 use super::{Surface, shell, stamp};
+
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::{Axis, Skeleton};
@@ -55,6 +59,8 @@ pub struct Order<'a> {
     pub budget: Option<usize>,
     /// Cards of more rows.
     pub detail: bool,
+    /// Asked for as vertex colours; a shell has none.
+    pub wind: Option<&'a Wind>,
     pub seed: Seed,
 }
 
@@ -108,7 +114,7 @@ pub fn foliage(skeleton: &Skeleton, axes: &[Axis], order: &Order<'_>) -> Result<
     let kept = thinned(spots, &hull, most, enlarge);
     let outlines: Vec<_> = atlas.cells().iter().map(|c| c.outline(shape.rows())).collect();
     let fold = stance(f.shape).fold;
-    Ok(fill(kept.len(), room, |k, out| {
+    let mut surface = fill(kept.len(), room, |k, out| {
         let spot = &kept[k];
         let mut draws = seed.derive("card", spot.key).draws();
         let pose = Pose::of(spot, species, &hull, enlarge, &mut draws);
@@ -123,7 +129,23 @@ pub fn foliage(skeleton: &Skeleton, axes: &[Axis], order: &Order<'_>) -> Result<
                 card::emit(&pose, shape, fold, &atlas.cells()[id], &outlines[id], out);
             }
         }
-    }))
+    });
+    if let Some(wind) = order.wind {
+        surface.wind = swaying(wind, &kept, &surface, room.vertices);
+    }
+    Ok(surface)
+}
+
+/// The wind of every vertex of twigs that take so many vertices each.
+fn swaying(wind: &Wind, spots: &[Spot], surface: &Surface, vertices: usize) -> Vec<[u8; 4]> {
+    let twigs = surface.position.par_chunks_exact(vertices).zip(spots);
+    twigs
+        .flat_map_iter(|(twig, spot)| {
+            let farthest = twig.iter().map(|p| p.distance(spot.at)).fold(1e-6, f32::max);
+            twig.iter()
+                .map(move |&p| wind.leaf(p, spot.node(), p.distance(spot.at) / farthest, spot.key))
+        })
+        .collect()
 }
 
 /// How much larger than a twig cards are, so that the leaves cover as much of the crown's hull as

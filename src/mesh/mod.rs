@@ -11,6 +11,7 @@ mod shell;
 mod spot;
 mod stamp;
 mod tube;
+mod wind;
 mod wood;
 
 use glam::{Vec2, Vec3};
@@ -23,6 +24,7 @@ use crate::texture::Atlas;
 
 pub use foliage::FoliageLevel;
 pub use path::BELOW_GROUND_M;
+pub use wind::{Wind, WindProfile};
 
 /// An indexed triangle surface; columns of equal length, three indices a triangle,
 /// counter-clockwise seen from outside. `uv` has v = 0 at the bottom of the picture.
@@ -180,6 +182,8 @@ pub struct MeshOptions {
     /// Triangles of the whole tree, wood and foliage; a stem alone may exceed a tiny budget.
     pub triangle_budget: Option<usize>,
     pub foliage: FoliageLevel,
+    /// Vertex colours that say how vertices move; made for none where `None`.
+    pub wind: Option<WindProfile>,
     /// Buttresses at the ground, cards of more rows.
     pub detail: bool,
 }
@@ -190,6 +194,7 @@ impl MeshOptions {
         tolerance_m: 0.004,
         triangle_budget: Some(5_000),
         foliage: FoliageLevel::Cards,
+        wind: None,
         detail: false,
     };
     /// A tree seen from near.
@@ -197,6 +202,7 @@ impl MeshOptions {
         tolerance_m: 0.0015,
         triangle_budget: Some(20_000),
         foliage: FoliageLevel::Cards,
+        wind: None,
         detail: true,
     };
 }
@@ -238,7 +244,16 @@ pub fn build(
     }
     let [wood, upper_wood] = plan.surfaces(skeleton, has_young, seed);
     let budget = options.triangle_budget.map(|b| b.saturating_sub(plan.triangles));
-    let order = foliage::Order { species, atlas, level, budget, detail: options.detail, seed };
+    let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
+    let order = foliage::Order {
+        species,
+        atlas,
+        level,
+        budget,
+        detail: options.detail,
+        wind: wind.as_ref(),
+        seed,
+    };
     let foliage = foliage::foliage(skeleton, &axes, &order)?;
     Ok(TreeMesh { wood, upper_wood, foliage })
 }

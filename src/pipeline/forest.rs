@@ -68,6 +68,24 @@ pub struct ForestJob {
 }
 
 impl ForestJob {
+    /// The usual forest: shared models of 5,000 triangles, leaves on cards, nothing beside it.
+    pub fn new(survey: SurveyJob) -> ForestJob {
+        ForestJob {
+            survey,
+            sharing: Sharing::PerSpecies(5),
+            triangles: 5_000,
+            scene_triangles: None,
+            clip: None,
+            eye: None,
+            foliage: FoliageLevel::Cards,
+            texture_px: 512,
+            levels: LevelsJob::default(),
+            cache: Cache::off(),
+            terrain_error_m: 0.05,
+            name: "forest".into(),
+        }
+    }
+
     /// What a camera chooses among is made, whether or not it is written beside.
     fn forms(&self) -> LevelsJob {
         match self.eye {
@@ -353,7 +371,11 @@ fn build_meshes(
             .zip(skeletons)
             .filter_map(|((m, b), s)| textures[m.species].as_ref().map(|t| (m, *b, s, t)))
             .map(|(m, triangles, s, t)| {
-                let options = MeshOptions { foliage: job.foliage, ..mesh_options(triangles) };
+                let options = MeshOptions {
+                    foliage: job.foliage,
+                    wind: job.levels.wind,
+                    ..mesh_options(triangles)
+                };
                 let crown = &survey.trees[m.exemplar].crown;
                 let seed = job.survey.seed.derive("mesh", crown.key);
                 let species = &job.survey.species[m.species];

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::forest::{Look, coarser, parts_of};
 use crate::diagnostic::Result;
 use crate::lod::{self, Silhouettes, impostor};
-use crate::mesh::{self, MeshOptions, TreeMesh};
+use crate::mesh::{self, MeshOptions, TreeMesh, WindProfile};
 use crate::raster::Picture;
 use crate::render::capture::Sitter;
 use crate::report::{ErrorMeasure, Outcome};
@@ -26,6 +26,7 @@ pub struct LevelsJob {
     pub meshed: usize,
     pub impostor: Option<lod::Kind>,
     pub collision: Option<ColliderShape>,
+    pub wind: Option<WindProfile>,
 }
 
 /// Triangles of LOD1, LOD2, LOD3 over those of the finest form: 20,000 give 8,000, 3,000 and 500.

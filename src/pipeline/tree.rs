@@ -168,7 +168,11 @@ fn stand(
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mut meshes = run.stage("mesh", |_| {
-        let options = MeshOptions { foliage: job.foliage, ..mesh_options(job.triangles) };
+        let options = MeshOptions {
+            foliage: job.foliage,
+            wind: job.levels.wind,
+            ..mesh_options(job.triangles)
+        };
         let seed = job.seed.derive("mesh", 0);
         // Wood fitted to a cloud stays where it is.
         let height_m = job.cloud.is_none().then(|| skeleton.height_m());
