@@ -20,7 +20,8 @@ fn leaves(
     level: FoliageLevel,
     budget: Option<usize>,
 ) -> Surface {
-    let order = Order { species, atlas, level, budget, detail: true, seed: Seed::new(1) };
+    let order =
+        Order { species, atlas, level, budget, detail: true, wind: None, seed: Seed::new(1) };
     foliage(skeleton, &skeleton.axes(), &order).unwrap()
 }
 
@@ -156,6 +157,7 @@ fn a_user_s_model_stands_where_twigs_stand() {
         level: FoliageLevel::Cards,
         budget: Some(0),
         detail: false,
+        wind: None,
         seed: Seed::new(1),
     };
     let error = foliage(skeleton, &skeleton.axes(), &order).unwrap_err();

@@ -23,7 +23,13 @@ const LEVELS: [FoliageLevel; 5] = [
 ];
 
 fn bare(tolerance_m: f32) -> MeshOptions {
-    MeshOptions { tolerance_m, triangle_budget: None, foliage: FoliageLevel::None, detail: true }
+    MeshOptions {
+        tolerance_m,
+        triangle_budget: None,
+        foliage: FoliageLevel::None,
+        wind: None,
+        detail: true,
+    }
 }
 
 fn oak() -> Species {
@@ -322,8 +328,15 @@ fn speed() {
     let start = std::time::Instant::now();
     let level = FoliageLevel::Cards;
     let seed = Seed::new(1);
-    let order =
-        foliage::Order { species: &s, atlas: &atlas, level, budget: None, detail: true, seed };
+    let order = foliage::Order {
+        species: &s,
+        atlas: &atlas,
+        level,
+        budget: None,
+        detail: true,
+        wind: None,
+        seed,
+    };
     let cards = foliage::foliage(&skeleton, &axes, &order).unwrap();
     println!(
         "foliage: {} triangles in {:?}: {:.1} M/s",
