@@ -13,7 +13,9 @@ use crate::ground::Method;
 use crate::lod;
 use crate::mesh::{FoliageLevel, WindProfile};
 use crate::pipeline::tree::Grown;
-use crate::pipeline::{self, Effort, ForestJob, LevelsJob, Sharing, SurveyJob, TreeJob, levels};
+use crate::pipeline::{
+    self, Effort, Forest, ForestJob, LevelsJob, Sharing, SurveyJob, TreeJob, levels,
+};
 use crate::raster::{GridGeometry, cog};
 use crate::report::{self, Outcome, Recorder, Silent};
 use crate::scene::{ColliderShape, ValidScene};
@@ -209,9 +211,7 @@ fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&dir)?;
     let forest = pipeline::forest::forest(&job, run)?;
     let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
-    let mut summary = summary("forest", Some(a.tree.seed), run, Some(&forest.scene));
-    summary["levels"] = json!(forest.rows);
-    summary["left_out"] = json!({ "clipped": forest.clipped, "camera": forest.chosen });
+    let summary = forest_summary("forest", a.tree.seed, &forest, run);
     files.push(report_file(&summary));
     export::write_all(&dir, &files)?;
     Ok(Told { lines: forest_lines(&forest, run, &dir), json: summary })
@@ -219,7 +219,7 @@ fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
 
 /// Everything a forest run writes but its report.
 fn forest_files(
-    forest: &pipeline::Forest,
+    forest: &Forest,
     formats: &[Format],
     run: &mut Recorder,
 ) -> Result<Vec<OutputFile>> {
@@ -499,7 +499,7 @@ fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let forest = pipeline::forest::forest(&job, run)?;
     let truth = pipeline::demo::compare(&survey.stand, &forest.survey);
     let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
-    let mut summary = summary("demo", Some(a.seed), run, Some(&forest.scene));
+    let mut summary = forest_summary("demo", a.seed, &forest, run);
     summary["truth"] = json!(truth);
     files.push(report_file(&summary));
     files.extend(inputs);
@@ -522,7 +522,7 @@ pub(super) fn print(lines: &[String]) -> Result<bool> {
     }
 }
 
-fn forest_lines(forest: &pipeline::Forest, run: &Recorder, dir: &Path) -> Vec<String> {
+fn forest_lines(forest: &Forest, run: &Recorder, dir: &Path) -> Vec<String> {
     let stats = crate::scene::statistics(&forest.scene);
     let mut lines: Vec<String> = report::table(&run.stages).lines().map(str::to_owned).collect();
     lines.extend(level_lines(&forest.rows));
@@ -569,6 +569,13 @@ fn summary(command: &str, seed: Option<u64>, run: &Recorder, scene: Option<&Vali
         });
     }
     v
+}
+
+fn forest_summary(command: &str, seed: u64, forest: &Forest, run: &Recorder) -> Value {
+    let mut summary = summary(command, Some(seed), run, Some(&forest.scene));
+    summary["levels"] = json!(forest.rows);
+    summary["left_out"] = json!({ "clipped": forest.clipped, "camera": forest.chosen });
+    summary
 }
 
 fn report_file(summary: &Value) -> OutputFile {

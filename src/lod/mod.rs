@@ -7,3 +7,6 @@ pub mod silhouette;
 
 pub use impostor::{Impostor, Kind};
 pub use silhouette::Silhouettes;
+
+#[cfg(test)]
+mod tests;
