@@ -310,7 +310,7 @@ fn neighbours(survey: &Survey, roots: &Roots, widest_m: f32, i: usize) -> Vec<Ne
 }
 
 /// Buttresses and finer rings are for trees that are seen from near.
-pub(super) fn mesh_options(triangles: usize) -> MeshOptions {
+pub fn mesh_options(triangles: usize) -> MeshOptions {
     let preset = if triangles < 10_000 { MeshOptions::FOREST } else { MeshOptions::HERO };
     MeshOptions { triangle_budget: Some(triangles), ..preset }
 }
@@ -551,6 +551,17 @@ pub(super) fn prototype(name: String, species: &Species, mesh: TreeMesh, look: L
         colliders: Vec::new(),
         octahedral: None,
     }
+}
+
+/// Models of one species with its textures, none of them in a place.
+pub fn model_scene(species: &Species, meshes: Vec<TreeMesh>, textures: TreeTextures) -> Scene {
+    let name = identifier(&species.name);
+    let mut scene = Scene::empty(name.clone(), Frame::local(glam::DVec3::ZERO));
+    let look = add_materials(&mut scene, species, textures);
+    for (k, mesh) in meshes.into_iter().enumerate() {
+        scene.prototypes.push(prototype(format!("{name}_{:02}", k + 1), species, mesh, look));
+    }
+    scene
 }
 
 pub(super) fn parts_of(mesh: TreeMesh, look: Look) -> Vec<Part> {
