@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::forest::{Look, coarser, parts_of};
 use crate::diagnostic::Result;
-use crate::lod::{self, Silhouettes, impostor};
+use crate::lod::{self, From, Silhouettes, impostor};
 use crate::mesh::{self, MeshOptions, TreeMesh, WindProfile};
 use crate::raster::Picture;
 use crate::render::capture::Sitter;
@@ -31,6 +31,9 @@ pub struct LevelsJob {
 
 /// Triangles of LOD1, LOD2, LOD3 over those of the finest form: 20,000 give 8,000, 3,000 and 500.
 pub const SHARES: [f32; 3] = [0.4, 0.15, 0.025];
+
+/// The name of the last form.
+const IMPOSTOR: &str = "impostor";
 
 impl LevelsJob {
     pub fn is_empty(&self) -> bool {
@@ -120,7 +123,7 @@ pub fn add(
             double_sided: true,
         });
         scene.prototypes[p].levels.push(Level {
-            name: "impostor".into(),
+            name: IMPOSTOR.into(),
             parts: vec![Part { material: first_material as u32, ..part }],
             silhouette: Apart { worst_m: 0.0, rms_m: 0.0 },
             octahedral,
@@ -177,9 +180,14 @@ fn measure(scene: &mut Scene) -> Result<()> {
         .zip(&first)
         .map(|(p, &first)| {
             let all = p.levels.iter().map(|l| bounds(&l.parts)).fold(bounds(&p.parts), union);
-            let finest = Silhouettes::of(&sitter, first, all)?;
-            (0..p.levels.len() as u32)
-                .map(|k| Ok(finest.apart(&Silhouettes::of(&sitter, first + 1 + k, all)?)))
+            let finest = Silhouettes::of(&sitter, first, all, From::All)?;
+            (first + 1..)
+                .zip(&p.levels)
+                .map(|(model, level)| {
+                    let is_sheets = level.name == IMPOSTOR;
+                    let from = if is_sheets { From::Sides } else { From::All };
+                    Ok(finest.apart(&Silhouettes::of(&sitter, model, all, from)?))
+                })
                 .collect()
         })
         .collect::<Result<_>>()?;
