@@ -78,6 +78,15 @@ pub enum Ground {
     File,
 }
 
+/// How branches join their parents.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum JoinedBy {
+    /// Out of holes in the parent's bark.
+    Weld,
+    /// Closed tubes pass through each other.
+    Intersect,
+}
+
 /// Time against error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Effort {
@@ -140,6 +149,13 @@ fn unique(text: &str) -> Result<Unique, String> {
             Ok(n @ 1..=1000) => Ok(Unique::Shared(n)),
             _ => Err("give `all` or a number of models a species from 1 to 1000".into()),
         },
+    }
+}
+
+fn tolerance(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if (1e-5..=1.0).contains(&v) => Ok(v),
+        _ => Err("give a length from 0.00001 to 1, in metres".into()),
     }
 }
 
@@ -301,6 +317,8 @@ pub struct SceneArgs {
     /// What stands for the leaves.
     #[arg(long, value_enum, value_name = "LEVEL", default_value = "cards")]
     pub foliage: Foliage,
+    #[command(flatten)]
+    pub wood: WoodArgs,
     /// How near the terrain's triangles keep to its heights, in metres.
     #[arg(long, value_name = "M", default_value = "0.05", allow_negative_numbers = true, value_parser = positive)]
     pub terrain_error: f32,
@@ -312,6 +330,19 @@ pub struct SceneArgs {
     /// Files to write, comma separated.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "glb,usda")]
     pub format: Vec<Format>,
+}
+
+/// How the wood is meshed.
+#[derive(Debug, Args)]
+pub struct WoodArgs {
+    /// How branches join: `weld` makes one closed surface, `intersect` is cheaper: tubes pass
+    /// through each other.
+    #[arg(long, value_enum, value_name = "HOW", default_value = "weld")]
+    pub junctions: JoinedBy,
+    /// How near the wood's facets keep to its roundness, in metres; 0.0015, and 0.004 for less than
+    /// 10000 triangles. A budget of triangles may ask for more.
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = tolerance)]
+    pub tolerance: Option<f32>,
 }
 
 #[derive(Debug, Args)]
@@ -401,6 +432,8 @@ pub struct Tree {
     /// Without leaves: --foliage none.
     #[arg(long, conflicts_with = "foliage")]
     pub bare: bool,
+    #[command(flatten)]
+    pub wood: WoodArgs,
     #[command(flatten)]
     pub levels: LevelArgs,
     /// .glb, .gltf, .usda or .png (a picture)

@@ -11,10 +11,10 @@ use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, OutputFile};
 use crate::ground::Method;
 use crate::lod;
-use crate::mesh::{FoliageLevel, WindProfile};
+use crate::mesh::{FoliageLevel, Junctions, WindProfile};
 use crate::pipeline::tree::Grown;
 use crate::pipeline::{
-    self, Effort, Forest, ForestJob, LevelsJob, Sharing, SurveyJob, TreeJob, levels,
+    self, Effort, Forest, ForestJob, LevelsJob, Sharing, SurveyJob, TreeJob, WoodJob, levels,
 };
 use crate::raster::{GridGeometry, cog};
 use crate::report::{self, Outcome, Recorder, Silent};
@@ -165,6 +165,14 @@ fn triangles(typed: Option<u32>, usual: [usize; 2], level: FoliageLevel) -> usiz
     typed.map_or(usual[usize::from(level == FoliageLevel::Geometry)], |n| n as usize)
 }
 
+fn wood(a: &args::WoodArgs) -> WoodJob {
+    let junctions = match a.junctions {
+        args::JoinedBy::Weld => Junctions::Welded,
+        args::JoinedBy::Intersect => Junctions::Intersecting,
+    };
+    WoodJob { junctions, tolerance_m: a.tolerance }
+}
+
 fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
     let sharing = match scene.unique {
         args::Unique::All => Sharing::None,
@@ -175,6 +183,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
         sharing,
         triangles: triangles(scene.triangles, FOREST_TRIANGLES, level(scene.foliage)),
         foliage: level(scene.foliage),
+        wood: wood(&scene.wood),
         texture_px: scene.texture,
         cache,
         levels: levels_job(&scene.levels),
@@ -376,6 +385,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         neighbours: a.neighbour.clone(),
         seed: seed(a.seed),
         triangles: triangles(a.triangles, TREE_TRIANGLES, foliage),
+        wood: wood(&a.wood),
         texture_px: a.texture,
         foliage,
         levels: levels_job(&a.levels),

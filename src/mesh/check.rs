@@ -69,10 +69,62 @@ impl Surface {
     }
 }
 
+/// Connected parts, corners in one place taken for one.
+#[cfg(test)]
+pub fn parts(surfaces: &[&Surface]) -> usize {
+    // Adding zero makes −0 the same place as 0.
+    let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
+    let mut place = std::collections::HashMap::new();
+    let mut part: Vec<u32> = Vec::new();
+    for s in surfaces {
+        let ids: Vec<u32> = s
+            .position
+            .iter()
+            .map(|&p| {
+                let next = part.len() as u32;
+                let id = *place.entry(key(p)).or_insert(next);
+                if id == next {
+                    part.push(id);
+                }
+                id
+            })
+            .collect();
+        for t in s.index.chunks_exact(3) {
+            let [a, b, c] = [0, 1, 2].map(|k| ids[t[k] as usize]);
+            for other in [b, c] {
+                let (a, b) = (root(&mut part, a), root(&mut part, other));
+                part[b as usize] = a;
+            }
+        }
+    }
+    (0..part.len()).filter(|&i| part[i] == i as u32).count()
+}
+
+fn root(part: &mut [u32], mut i: u32) -> u32 {
+    while part[i as usize] != i {
+        part[i as usize] = part[part[i as usize] as usize];
+        i = part[i as usize];
+    }
+    i
+}
+
 /// Directed edges without exactly one partner in the other direction, after corners in one place
-/// are welded within each connected part; 0 where every part is closed and wound one way.
+/// are welded; 0 where all is closed and wound one way. Tubes that pass through each other may have
+/// edges in one place: then corners are welded within each connected part alone.
 pub fn open_edges(surfaces: &[&Surface]) -> usize {
-    let (index, welded) = weld(surfaces);
+    match open_edges_of(weld(surfaces, false)) {
+        0 => 0,
+        n => n.min(open_edges_of(weld(surfaces, true))),
+    }
+}
+
+/// As [`open_edges`], all corners in one place welded.
+#[cfg(test)]
+pub fn open_edges_welded(surfaces: &[&Surface]) -> usize {
+    open_edges_of(weld(surfaces, false))
+}
+
+fn open_edges_of((index, welded): (Vec<u32>, Vec<u32>)) -> usize {
     let mut edges: Vec<(u32, u32)> = index
         .chunks_exact(3)
         .flat_map(|t| {
@@ -97,8 +149,9 @@ pub fn open_edges(surfaces: &[&Surface]) -> usize {
 }
 
 /// The surfaces' indices as one list, and for every vertex one that stands for all in its place
-/// and connected part. Parts of two surfaces are connected where corners agree in place and normal.
-fn weld(surfaces: &[&Surface]) -> (Vec<u32>, Vec<u32>) {
+/// (and connected part: parts of two surfaces are connected where corners agree in place and
+/// normal).
+fn weld(surfaces: &[&Surface], by_part: bool) -> (Vec<u32>, Vec<u32>) {
     let (mut index, mut position, mut normal, mut owner) = (vec![], vec![], vec![], vec![]);
     for (k, s) in surfaces.iter().enumerate() {
         let base = position.len() as u32;
@@ -109,14 +162,7 @@ fn weld(surfaces: &[&Surface]) -> (Vec<u32>, Vec<u32>) {
     }
     let n = position.len();
     let mut part: Vec<u32> = (0..n as u32).collect();
-    fn root(part: &mut [u32], mut i: u32) -> u32 {
-        while part[i as usize] != i {
-            part[i as usize] = part[part[i as usize] as usize];
-            i = part[i as usize];
-        }
-        i
-    }
-    for t in index.chunks_exact(3) {
+    for t in index.chunks_exact(3).filter(|_| by_part) {
         for &k in &t[1..] {
             let (a, b) = (root(&mut part, t[0]), root(&mut part, k));
             part[b as usize] = a;
@@ -126,7 +172,7 @@ fn weld(surfaces: &[&Surface]) -> (Vec<u32>, Vec<u32>) {
     let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
     let mut order: Vec<u32> = (0..n as u32).collect();
     let place = |i: u32| (key(position[i as usize]), key(normal[i as usize]));
-    if surfaces.len() > 1 {
+    if by_part && surfaces.len() > 1 {
         order.sort_unstable_by_key(|&i| (place(i), i));
         for w in order.windows(2) {
             if place(w[0]) == place(w[1]) && owner[w[0] as usize] != owner[w[1] as usize] {
@@ -135,7 +181,8 @@ fn weld(surfaces: &[&Surface]) -> (Vec<u32>, Vec<u32>) {
             }
         }
     }
-    let parts: Vec<u32> = (0..n as u32).map(|i| root(&mut part, i)).collect();
+    let parts: Vec<u32> =
+        (0..n as u32).map(|i| if by_part { root(&mut part, i) } else { 0 }).collect();
     let place = |i: u32| (parts[i as usize], key(position[i as usize]));
     order.sort_unstable_by_key(|&i| (place(i), i));
     let mut welded = vec![0; n];

@@ -4,6 +4,7 @@
 mod card;
 mod check;
 mod foliage;
+mod junction;
 mod leaf;
 mod path;
 mod piece;
@@ -59,8 +60,8 @@ impl Surface {
 /// A tree's mesh; tree-local metres, root collar at the origin, Z up.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TreeMesh {
-    /// One closed tube an axis; stems go on below ground. u counts whole tiles of bark around,
-    /// v is arc length over [`crate::texture::BARK_REPEAT_M`].
+    /// One closed surface, or one closed tube an axis ([`Junctions`]); stems go on below ground. u
+    /// counts whole tiles of bark around; v goes up along each axis, as fast as the tiles are wide.
     pub wood: Surface,
     /// The part of the wood with the bark of the upper stem and the branches; empty where the
     /// species has none. Closed only together with `wood`.
@@ -186,6 +187,17 @@ pub struct MeshOptions {
     pub wind: Option<WindProfile>,
     /// Buttresses at the ground, cards of more rows.
     pub detail: bool,
+    pub junctions: Junctions,
+}
+
+/// How a branch joins its parent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Junctions {
+    /// Out of a hole in the parent's bark: all wood is one closed surface.
+    #[default]
+    Welded,
+    /// Tubes closed each for itself pass through each other: fewer triangles.
+    Intersecting,
 }
 
 impl MeshOptions {
@@ -196,6 +208,7 @@ impl MeshOptions {
         foliage: FoliageLevel::Cards,
         wind: None,
         detail: false,
+        junctions: Junctions::Welded,
     };
     /// A tree seen from near.
     pub const HERO: MeshOptions = MeshOptions {
@@ -204,6 +217,7 @@ impl MeshOptions {
         foliage: FoliageLevel::Cards,
         wind: None,
         detail: true,
+        junctions: Junctions::Welded,
     };
 }
 

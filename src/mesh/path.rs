@@ -4,6 +4,8 @@
 //! Departures from P18: cones share their rings, so that an axis is one smooth tube; the radius
 //! at a shared base is the mean of the two nodes, as there. Limits: at a bend sharper than the
 //! radius, rings may pass through each other (the tube stays closed).
+//!
+//! Frames go by parallel transport (Bishop 1975: There is more than one way to frame a curve).
 
 use glam::{Quat, Vec3};
 
@@ -37,6 +39,33 @@ pub struct Ring {
     pub sides: u32,
     /// Amplitude of buttress lobes, share of the radius.
     pub lobe: f32,
+    /// Whole tiles of bark around.
+    pub repeats: f32,
+    /// Tiles of bark along, from the base.
+    pub v: f32,
+}
+
+impl Ring {
+    /// Unit; at right angles to `tangent` and `normal`.
+    pub fn binormal(&self) -> Vec3 {
+        self.tangent.cross(self.normal)
+    }
+}
+
+/// What f32 still tells apart at this distance from the origin.
+#[derive(Debug, Clone, Copy)]
+pub struct Least {
+    pub radius_m: f32,
+    pub step_m: f32,
+}
+
+impl Least {
+    pub fn within(reach_m: f32) -> Least {
+        Least {
+            radius_m: LEAST_RADIUS_M.max(reach_m * 1e-5),
+            step_m: LEAST_STEP_M.max(reach_m * 2e-5),
+        }
+    }
 }
 
 /// How an axis begins.
@@ -44,8 +73,27 @@ pub struct Ring {
 pub enum Foot {
     /// In the ground; rings enough between these heights, where one bark gives way to another.
     Ground { mixed_m: Option<[f32; 2]> },
-    /// On the axis of a parent of this radius and direction.
-    Branch { parent_radius_m: f32, parent_direction: Vec3 },
+    /// On the axis of a parent of this radius and direction; the tubes pass through each other.
+    Inside { parent_radius_m: f32, parent_direction: Vec3 },
+    /// Out of a hole in the parent's bark.
+    Collar(Start),
+}
+
+/// Where a branch leaves the bark of its parent.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Start {
+    pub at: Vec3,
+    /// Unit; the way around the parent here.
+    pub around: Vec3,
+    /// Arc length of the branch up to here, from its parent's axis.
+    pub arc_m: f32,
+    pub radius_m: f32,
+    /// Half the width of the hole.
+    pub wide_m: f32,
+    /// How far out a ring stands clear of the bark; 0 for a twig, which has no collar.
+    pub rise_m: f32,
+    /// Corners of the hole.
+    pub sides: u32,
 }
 
 /// A point of the path before it is a ring.
@@ -68,57 +116,111 @@ pub fn sides(radius_m: f32, tolerance_m: f32) -> u32 {
 /// Reused between axes.
 #[derive(Default)]
 pub struct Scratch {
-    kept: Vec<Knot>,
+    path: Vec<Knot>,
     lobes: Vec<f32>,
 }
 
-/// Turns the knots of one axis into rings, appended to `out`; the last ring is the apex, a point.
-/// Appends nothing where the axis has no length.
+/// Turns the knots of one axis, as [`simplify`] leaves them, into rings, appended to `out`; the
+/// last ring is the apex, a point. Returns the arc length from the first ring to the first knot,
+/// negative where the axis starts past it. Appends nothing where the axis has no length.
 pub fn rings(
-    knots: &[Knot],
+    kept: &[Knot],
     foot: Foot,
+    least: Least,
     tolerance_m: f32,
     detail: bool,
     scratch: &mut Scratch,
     out: &mut Vec<Ring>,
-) {
-    let reach = knots.iter().map(|k| k.at.abs().max_element()).fold(0.0, f32::max);
-    let least_radius = LEAST_RADIUS_M.max(reach * 1e-5);
-    let least_step = LEAST_STEP_M.max(reach * 2e-5);
-    let kept = &mut scratch.kept;
-    simplify(knots, tolerance_m, least_step, kept);
+) -> f32 {
     if kept.len() < 2 {
-        return;
+        return 0.0;
     }
-    let lobes = &mut scratch.lobes;
+    let Scratch { path, lobes } = scratch;
+    path.clear();
     lobes.clear();
+    let (mut shift, mut around, mut most_sides) = (0.0, None, MAX_SIDES);
     match foot {
         Foot::Ground { mixed_m } => {
+            path.extend_from_slice(kept);
             if let Some([low, high]) = mixed_m {
                 for k in 0..MIXED_RINGS {
                     let t = (k as f32 + 0.5) / MIXED_RINGS as f32;
-                    insert(kept, low + (high - low) * t, least_step, |r| r);
+                    insert(path, low + (high - low) * t, least.step_m, |r| r);
                 }
             }
-            flare(kept, lobes, tolerance_m, least_step, detail);
+            flare(path, lobes, tolerance_m, least.step_m, detail);
+            shift = path[0].at.distance(path[1].at);
         }
-        Foot::Branch { parent_radius_m, parent_direction } => {
-            collar(kept, parent_radius_m, parent_direction, tolerance_m, least_step);
+        Foot::Inside { parent_radius_m, parent_direction } => {
+            path.extend_from_slice(kept);
+            collar(path, parent_radius_m, parent_direction, tolerance_m, least.step_m);
+        }
+        Foot::Collar(start) => {
+            leave(kept, &start, least.step_m, path);
+            shift = -start.arc_m;
+            around = Some(start.around);
+            most_sides = start.sides;
         }
     }
-    for k in kept.iter_mut() {
-        k.radius_m = k.radius_m.max(least_radius);
+    for k in path.iter_mut() {
+        k.radius_m = k.radius_m.max(least.radius_m);
     }
-    blunt(kept, tolerance_m, least_step);
-    frames(kept, lobes, tolerance_m, out);
+    blunt(path, tolerance_m, least.step_m);
+    let start = out.len();
+    frames(path, lobes, tolerance_m, around, out);
+    if around.is_some() {
+        out[start..].iter_mut().for_each(|r| r.sides = r.sides.min(most_sides));
+        out[start].sides = most_sides;
+    }
+    shift
+}
+
+/// The path of a branch from its hole on, with a collar where it has one.
+fn leave(kept: &[Knot], start: &Start, least_step: f32, path: &mut Vec<Knot>) {
+    let r = start.radius_m;
+    path.push(Knot { at: start.at, radius_m: start.wide_m });
+    let length: f32 = kept.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
+    let mut from = start.arc_m;
+    if start.rise_m > 0.0 {
+        for (rise, wide) in [(start.rise_m, 1.1), (start.rise_m + 1.6 * r, 1.0)] {
+            let arc = start.arc_m + rise;
+            let Some((_, k)) = locate(kept, arc).filter(|_| arc + r < length) else { continue };
+            if k.at.distance(path[path.len() - 1].at) > 2.0 * least_step {
+                path.push(Knot { at: k.at, radius_m: k.radius_m * wide });
+                from = arc;
+            }
+        }
+    }
+    let mut walked = 0.0;
+    for w in kept.windows(2) {
+        walked += w[0].at.distance(w[1].at);
+        let room = w[1].at.distance(path[path.len() - 1].at);
+        if walked > from + least_step && room > least_step {
+            path.push(w[1]);
+        }
+    }
+    if let ([only], Some(tip)) = (&path[..], kept.last()) {
+        let outward = (tip.at - only.at).try_normalize().unwrap_or(start.around.cross(Vec3::Z));
+        let at = only.at + outward.normalize_or(Vec3::X) * (2.0 * least_step);
+        path.push(Knot { at, radius_m: tip.radius_m });
+    }
 }
 
 /// Leaves out knots that lie within the tolerance of a straight cone, and knots too close to tell
-/// apart. First and last stay.
-fn simplify(knots: &[Knot], tolerance_m: f32, least_step: f32, kept: &mut Vec<Knot>) {
-    kept.clear();
+/// apart. First and last stay. Appends the rest to `kept`, and to `arc` how far along them each
+/// knot lies.
+pub fn simplify(
+    knots: &[Knot],
+    tolerance_m: f32,
+    least_step: f32,
+    kept: &mut Vec<Knot>,
+    arc: &mut Vec<f32>,
+) {
     let Some(&first) = knots.first() else { return };
+    let start = kept.len();
     kept.push(first);
+    arc.push(0.0);
+    let mut walked = 0.0;
     let mut from = 0;
     while from + 1 < knots.len() {
         let mut to = from + 1;
@@ -126,19 +228,27 @@ fn simplify(knots: &[Knot], tolerance_m: f32, least_step: f32, kept: &mut Vec<Kn
         {
             to += 1;
         }
+        let before = kept[kept.len() - 1];
+        let chord = knots[to].at - before.at;
+        let length = chord.length();
+        let along = |k: &Knot| (k.at - before.at).dot(chord) / length.max(1e-12);
+        arc.extend(knots[from + 1..=to].iter().map(|k| walked + along(k).clamp(0.0, length)));
         let last = to + 1 == knots.len();
-        let near = kept.last().is_some_and(|k| k.at.distance(knots[to].at) < least_step);
-        if !near {
+        if length >= least_step {
             kept.push(knots[to]);
-        } else if last && kept.len() > 1 {
+            walked += length;
+        } else if last && kept.len() > start + 1 {
             // The tip wins over the knot before it, where that leaves room.
-            let before = kept[kept.len() - 2];
-            if before.at.distance(knots[to].at) >= least_step {
+            let earlier = kept[kept.len() - 2];
+            if earlier.at.distance(knots[to].at) >= least_step {
                 kept.pop();
                 kept.push(knots[to]);
             }
         }
         from = to;
+    }
+    if kept.len() == start + 1 {
+        kept.pop();
     }
 }
 
@@ -263,12 +373,23 @@ fn blunt(kept: &mut Vec<Knot>, tolerance_m: f32, least_step: f32) {
 
 /// Tangents as bisectors, normals by the least turn from ring to ring (parallel transport). A
 /// reversal turns in two steps of a right angle, so that no ring is mirrored.
-fn frames(kept: &[Knot], lobes: &[f32], tolerance_m: f32, out: &mut Vec<Ring>) {
+fn frames(
+    kept: &[Knot],
+    lobes: &[f32],
+    tolerance_m: f32,
+    around: Option<Vec3>,
+    out: &mut Vec<Ring>,
+) {
     let n = kept.len();
     let start = out.len();
     let step = |i: usize| (kept[i + 1].at - kept[i].at).normalize_or(Vec3::Z);
     let mut tangent = step(0);
-    let mut normal = tangent.any_orthonormal_vector();
+    // A branch's corners begin at the upper end of its hole.
+    let side = around.and_then(|e| (tangent * tangent.dot(e) - e).try_normalize());
+    let mut normal = match side {
+        Some(side) => side.cross(tangent),
+        None => tangent.any_orthonormal_vector(),
+    };
     let mut arc = 0.0;
     for i in 0..n {
         let next = if i == 0 {
@@ -305,6 +426,8 @@ fn frames(kept: &[Knot], lobes: &[f32], tolerance_m: f32, out: &mut Vec<Ring>) {
             slope: 0.0,
             sides: sides(kept[i].radius_m, tolerance_m),
             lobe: lobes.get(i).copied().unwrap_or(0.0),
+            repeats: 1.0,
+            v: 0.0,
         });
     }
     let rings = &mut out[start..];
@@ -350,9 +473,12 @@ mod tests {
 
     fn path(points: &[Vec3], tolerance: f32) -> Vec<Ring> {
         let knots: Vec<Knot> = points.iter().map(|&at| Knot { at, radius_m: 0.02 }).collect();
-        let mut out = Vec::new();
-        let foot = Foot::Branch { parent_radius_m: 0.02, parent_direction: Vec3::X };
-        rings(&knots, foot, tolerance, true, &mut Scratch::default(), &mut out);
+        let (mut kept, mut arc, mut out) = (Vec::new(), Vec::new(), Vec::new());
+        let foot = Foot::Inside { parent_radius_m: 0.02, parent_direction: Vec3::X };
+        let least = Least::within(0.0);
+        simplify(&knots, tolerance, least.step_m, &mut kept, &mut arc);
+        assert_eq!(arc.len(), knots.len());
+        rings(&kept, foot, least, tolerance, true, &mut Scratch::default(), &mut out);
         out
     }
 

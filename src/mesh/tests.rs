@@ -27,8 +27,7 @@ fn bare(tolerance_m: f32) -> MeshOptions {
         tolerance_m,
         triangle_budget: None,
         foliage: FoliageLevel::None,
-        wind: None,
-        detail: true,
+        ..MeshOptions::HERO
     }
 }
 
@@ -82,18 +81,26 @@ proptest! {
         radius in prop::sample::select(vec![1e-6f32, 1e-3, 0.05, 0.3, 2.0]),
         tolerance in prop::sample::select(vec![1e-4f32, 2e-3, 0.05]),
         has_young in any::<bool>(),
+        junctions in prop::sample::select(vec![Junctions::Welded, Junctions::Intersecting]),
     ) {
         let s = skeleton(&steps, radius);
         let mut species = oak();
         species.bark.upper = has_young.then_some([200, 120, 70]);
         prop_assume!(s.len() > 1);
         s.check().unwrap();
-        let options = MeshOptions { foliage: FoliageLevel::Cards, ..bare(tolerance) };
+        let options = MeshOptions { foliage: FoliageLevel::Cards, junctions, ..bare(tolerance) };
         let tree = build(&s, &species, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
         tree.wood.check().unwrap();
         tree.upper_wood.check().unwrap();
         tree.foliage.check().unwrap();
-        prop_assert_eq!(check::open_edges(&[&tree.wood, &tree.upper_wood]), 0);
+        let wood = [&tree.wood, &tree.upper_wood];
+        match junctions {
+            Junctions::Welded => {
+                prop_assert_eq!(check::open_edges_welded(&wood), 0);
+                prop_assert_eq!(check::parts(&wood), 1);
+            }
+            Junctions::Intersecting => prop_assert_eq!(check::open_edges(&wood), 0),
+        }
     }
 }
 
@@ -103,18 +110,21 @@ fn cone(radius: f32, height: f32, tolerance: f32) -> Surface {
         path::Knot { at: Vec3::ZERO, radius_m: radius },
         path::Knot { at: Vec3::Z * height, radius_m: 0.0 },
     ];
-    let foot = path::Foot::Branch { parent_radius_m: radius, parent_direction: Vec3::X };
+    let foot = path::Foot::Inside { parent_radius_m: radius, parent_direction: Vec3::X };
     let mut rings = Vec::new();
-    path::rings(&knots, foot, tolerance, false, &mut path::Scratch::default(), &mut rings);
+    let least = path::Least::within(height);
+    let scratch = &mut path::Scratch::default();
+    path::rings(&knots, foot, least, tolerance, false, scratch, &mut rings);
+    tube::lay_bark(&mut rings, 1.0);
     let mut out = Surface::default();
     let mut none = Surface::default();
     let mut barks = tube::Barks {
         surface: [&mut out, &mut none],
         young: &|_| 0.0,
         draws: Seed::new(1).draws(),
-        repeat_m: 1.0,
     };
-    tube::tube(&rings, &tube::Circles::new(), &mut barks);
+    let mut joints = tube::Joints { base: &[], is_collar: false, holes: &[], rims: &mut [] };
+    tube::tube(&rings, &tube::Circles::new(), &mut joints, &mut barks);
     out
 }
 
@@ -139,7 +149,7 @@ fn a_cone_has_the_volume_and_area_of_its_prism() {
 }
 
 #[test]
-fn seams_repeat_whole_tiles_and_v_is_arc_length() {
+fn seams_repeat_whole_tiles_and_a_taper_does_not_stretch_the_bark() {
     let c = cone(0.5, 3.0, 0.01);
     let n = path::sides(0.5, 0.01) as usize;
     assert_eq!(c.position[0], c.position[n], "the seam closes to the bit");
@@ -147,7 +157,29 @@ fn seams_repeat_whole_tiles_and_v_is_arc_length() {
     assert_eq!(u, u.round());
     assert!(u >= 1.0);
     assert_eq!(c.uv[0].y, 0.0);
-    assert!((c.uv.last().unwrap().y - 3.0).abs() < 1e-6);
+    // A stem that tapers to a fiftieth: tiles as wide as they are high, within what sides allow.
+    let knots: Vec<path::Knot> = (0..40)
+        .map(|k| path::Knot { at: Vec3::Z * k as f32 * 0.5, radius_m: 0.5 * 0.905f32.powi(k) })
+        .collect();
+    let foot = path::Foot::Inside { parent_radius_m: 0.5, parent_direction: Vec3::X };
+    let (least, mut rings) = (path::Least::within(20.0), Vec::new());
+    path::rings(&knots, foot, least, 0.001, true, &mut path::Scratch::default(), &mut rings);
+    tube::lay_bark(&mut rings, 1.0);
+    rings.pop();
+    for w in rings.windows(2) {
+        let around = |r: &path::Ring| r.repeats / (r.radius_m * std::f32::consts::TAU);
+        let along = (w[1].v - w[0].v) / (w[1].arc_m - w[0].arc_m);
+        let mean = (around(&w[0]) * around(&w[1])).sqrt();
+        let girth = w[1].radius_m * std::f32::consts::TAU;
+        if girth > 0.13 {
+            assert!((0.65..1.5).contains(&(along / mean)), "{along} {mean}");
+        }
+        if girth > 0.7 {
+            assert!((0.65..1.5).contains(&mean), "{mean} tiles a metre");
+        }
+        assert_eq!(w[1].repeats, w[1].repeats.round());
+    }
+    assert!(rings[0].repeats >= 3.0 && rings[rings.len() - 1].repeats == 1.0);
 }
 
 #[test]
@@ -169,6 +201,42 @@ fn grown_trees_are_sound_closed_and_within_budget() {
             let low = tree.wood.bounds().0.z;
             assert!((-0.5..0.0).contains(&low), "{name}: goes on below ground, {low}");
             assert_eq!(tree, build(&skeleton, &s, &atlas, &options, Seed::new(3)).unwrap());
+        }
+    }
+}
+
+/// Every edge of the wood in two triangles, wound one way; one part, of positive volume.
+fn assert_one_solid(tree: &TreeMesh, what: &str) {
+    let wood = [&tree.wood, &tree.upper_wood];
+    tree.wood.check().unwrap_or_else(|e| panic!("{what}: {e}"));
+    tree.upper_wood.check().unwrap_or_else(|e| panic!("{what}: {e}"));
+    assert_eq!(check::open_edges_welded(&wood), 0, "{what}");
+    assert_eq!(check::parts(&wood), 1, "{what}");
+    let volume = tree.wood.volume_m3() + tree.upper_wood.volume_m3();
+    assert!(volume > 0.0, "{what}: {volume} m³");
+}
+
+#[test]
+fn the_wood_of_every_species_is_one_solid() {
+    for name in species::builtin_names() {
+        let s = species::load(name).unwrap();
+        for seed in 1..=3 {
+            for (detail, options) in
+                [(Detail::FOREST, MeshOptions::FOREST), (Detail::HERO, MeshOptions::HERO)]
+            {
+                let target = Target::FromSpecies { height_m: None };
+                let skeleton = grow(&s, target, detail, Seed::new(seed)).unwrap();
+                for budget in [None, options.triangle_budget, Some(1000)] {
+                    let options = MeshOptions {
+                        triangle_budget: budget,
+                        foliage: FoliageLevel::None,
+                        ..options
+                    };
+                    let atlas = Atlas::whole(0.4);
+                    let tree = build(&skeleton, &s, &atlas, &options, Seed::new(seed)).unwrap();
+                    assert_one_solid(&tree, &format!("{name} {seed} {budget:?}"));
+                }
+            }
         }
     }
 }

@@ -1,13 +1,18 @@
 //! Rings to triangles: one closed tube an axis, P18's truncated cones with shared rings.
 //!
 //! The rings' circles come from tables, so a vertex costs no trigonometry. A ring of N sides has
-//! N + 1 vertices: the first and the last lie in one place and part the texture.
+//! N + 1 vertices: the first and the last lie in one place and part the texture. The foot of a
+//! branch is a hole in the facets of one band (see `junction`); its corners are the first ring of
+//! the branch.
 //! Where old bark gives way to young bark, facets of both mix and their rings are in both
 //! surfaces; together the two are closed.
 
-use glam::Vec2;
+use std::f32::consts::TAU;
+
+use glam::{Vec2, Vec3};
 
 use super::Surface;
+use super::junction::{Hole, mask};
 use super::path::{MAX_SIDES, Ring};
 use crate::seed::Draws;
 
@@ -23,7 +28,7 @@ impl Circles {
                         .map(|k| {
                             // The last corner is the first, to the bit.
                             let turn = (k % n.max(1)) as f32 / n.max(1) as f32;
-                            let (s, c) = (turn * std::f32::consts::TAU).sin_cos();
+                            let (s, c) = (turn * TAU).sin_cos();
                             Vec2::new(c, s)
                         })
                         .collect()
@@ -37,16 +42,46 @@ impl Circles {
     }
 }
 
-/// Triangles and vertices that [`tube`] makes of these rings.
-pub fn count(rings: &[Ring]) -> (usize, usize) {
+/// Triangles and vertices that [`tube`] makes of these rings and holes.
+pub fn count(rings: &[Ring], holes: &[Hole], is_welded: bool) -> (usize, usize) {
     let n = rings.len();
     if n < 2 {
         return (0, 0);
     }
     let bands: usize = rings[..n - 1].windows(2).map(|w| (w[0].sides + w[1].sides) as usize).sum();
-    let triangles = bands + rings[0].sides as usize - 2 + rings[n - 2].sides as usize;
+    let base = if is_welded { 0 } else { rings[0].sides as usize - 2 };
+    let around: usize = holes.iter().map(|h| h.start.sides as usize + 2).sum();
+    let triangles = bands + base + rings[n - 2].sides as usize + around;
     let vertices = rings[..n - 1].iter().map(|r| r.sides as usize + 1).sum::<usize>() + 1;
-    (triangles, vertices)
+    (triangles, vertices + around)
+}
+
+/// Texel density, as tiles a tile's length: where thin wood cannot have fewer than one tile
+/// around, the tiles grow smaller both ways, down to an eighth.
+const DENSITY: [f32; 2] = [0.7, 8.0];
+/// Tiles around change where the density is off by more than this factor.
+const OFF: f32 = 1.45;
+
+/// Lays bark along a tube: whole tiles around, so that it closes on itself, and as many along as
+/// there are around a metre, so that a taper does not stretch it. Where the number around changes,
+/// a band shears the bark by half a tile at its seam.
+pub fn lay_bark(rings: &mut [Ring], repeat_m: f32) {
+    let Some(first) = rings.first() else { return };
+    let girth = |radius_m: f32| (radius_m * TAU).max(1e-6) / repeat_m;
+    let whole = |girth: f32| girth.round().clamp(1.0, 1024.0);
+    let mut below = *first;
+    below.repeats = whole(girth(below.radius_m));
+    for ring in rings {
+        let off = below.repeats / girth(ring.radius_m);
+        // The apex is a point.
+        let stays = ring.radius_m == 0.0 || off.max(1.0 / off) < OFF;
+        ring.repeats = if stays { below.repeats } else { whole(girth(ring.radius_m)) };
+        let mean_m = 0.5 * (below.radius_m + ring.radius_m);
+        let repeats = 0.5 * (below.repeats + ring.repeats);
+        let density = (repeats / girth(mean_m)).clamp(DENSITY[0], DENSITY[1]) / repeat_m;
+        ring.v = below.v + (ring.arc_m - below.arc_m) * density;
+        below = *ring;
+    }
 }
 
 /// Where a tube goes: old bark and young bark.
@@ -56,22 +91,30 @@ pub struct Barks<'a> {
     pub young: &'a dyn Fn(&Ring) -> f32,
     /// Draws for that mixing, and the phase of buttresses.
     pub draws: Draws,
-    /// Metres a tile of bark.
-    pub repeat_m: f32,
+}
+
+/// How a tube is joined to others.
+pub struct Joints<'a> {
+    /// Corners of the hole it comes out of, with the parent's normals; empty where its base is
+    /// closed by a fan.
+    pub base: &'a [(Vec3, Vec3)],
+    /// Whether that hole goes over into the tube by a collar.
+    pub is_collar: bool,
+    /// Its own holes, in the order of their bands.
+    pub holes: &'a [Hole],
+    /// The corners of these holes, one after the other.
+    pub rims: &'a mut [(Vec3, Vec3)],
 }
 
 /// Appends the tube of one axis; the last ring is the apex.
-pub fn tube(rings: &[Ring], circles: &Circles, barks: &mut Barks) {
+pub fn tube(rings: &[Ring], circles: &Circles, joints: &mut Joints, barks: &mut Barks) {
     let n = rings.len();
     if n < 2 {
         return;
     }
-    // Whole tiles around, by the mean girth, so that the bark closes on itself.
-    let girth = rings[..n - 1].iter().map(|r| r.radius_m).sum::<f32>() / (n - 1) as f32
-        * std::f32::consts::TAU;
-    let repeats = (girth / barks.repeat_m).round().clamp(1.0, 1024.0);
-    let phase = barks.draws.between(0.0, std::f32::consts::TAU);
-    let repeat_m = barks.repeat_m;
+    let phase = barks.draws.between(0.0, TAU);
+    let (base, is_collar) = (joints.base, joints.is_collar);
+    let (mut holes, mut rims) = (joints.holes, &mut *joints.rims);
     // Where the corners of the last ring start in each surface, once they are there.
     let mut below = [None; 2];
     for i in 0..n - 1 {
@@ -81,7 +124,11 @@ pub fn tube(rings: &[Ring], circles: &Circles, barks: &mut Barks) {
             *slot[b].get_or_insert_with(|| {
                 let start = out.position.len() as u32;
                 let ring = &rings[i];
-                corners(ring, circles.of(ring.sides), repeats, repeat_m, phase, out);
+                if i == 0 && !base.is_empty() {
+                    rim(ring, circles.of(ring.sides), base, is_collar, out);
+                } else {
+                    corners(ring, circles.of(ring.sides), phase, out);
+                }
                 start
             })
         };
@@ -90,25 +137,40 @@ pub fn tube(rings: &[Ring], circles: &Circles, barks: &mut Barks) {
             let b = usize::from(share >= 0.5);
             let out = &mut *barks.surface[b];
             let first = corners_in(b, 0, &mut here, out);
-            for k in 1..rings[0].sides - 1 {
-                out.index.extend([first, first + k + 1, first + k]);
+            if base.is_empty() {
+                for k in 1..rings[0].sides - 1 {
+                    out.index.extend([first, first + k + 1, first + k]);
+                }
             }
         } else {
             let (sides, next) = (rings[i - 1].sides, rings[i].sides);
-            if share > 0.0 && share < 1.0 && sides == next {
-                for k in 0..sides {
-                    let b = usize::from(barks.draws.unit() < share);
+            let mixes = share > 0.0 && share < 1.0;
+            let side = usize::from(share >= 0.5);
+            let count = holes.iter().take_while(|h| h.band as usize == i - 1).count();
+            let (opened, rest) = holes.split_at(count);
+            holes = rest;
+            if count == 0 && !(mixes && sides == next) {
+                let out = &mut *barks.surface[side];
+                let p = corners_in(side, i - 1, &mut below, out);
+                let q = corners_in(side, i, &mut here, out);
+                band(p, sides, q, next, &mut out.index);
+            } else {
+                let taken = opened.iter().fold(0, |m, h| m | mask(h.facet, h.facets, sides));
+                for k in (0..sides).filter(|k| taken >> k & 1 == 0) {
+                    let b = if mixes { usize::from(barks.draws.unit() < share) } else { side };
                     let out = &mut *barks.surface[b];
                     let p = corners_in(b, i - 1, &mut below, out) + k;
                     let q = corners_in(b, i, &mut here, out) + k;
                     out.index.extend([p, p + 1, q + 1, p, q + 1, q]);
                 }
-            } else {
-                let b = usize::from(share >= 0.5);
-                let out = &mut *barks.surface[b];
-                let p = corners_in(b, i - 1, &mut below, out);
-                let q = corners_in(b, i, &mut here, out);
-                band(p, sides, q, next, &mut out.index);
+                for hole in opened {
+                    let out = &mut *barks.surface[side];
+                    let p = corners_in(side, i - 1, &mut below, out);
+                    let q = corners_in(side, i, &mut here, out);
+                    let (own, others) = rims.split_at_mut(hole.start.sides as usize);
+                    fill(hole, [&rings[i - 1], &rings[i]], [p, q], circles, own, out);
+                    rims = others;
+                }
             }
         }
         if i == n - 2 {
@@ -119,7 +181,7 @@ pub fn tube(rings: &[Ring], circles: &Circles, barks: &mut Barks) {
             let tip = out.position.len() as u32;
             out.position.push(apex.centre);
             out.normal.push(apex.tangent);
-            out.uv.push(Vec2::new(0.5 * repeats, apex.arc_m / repeat_m));
+            out.uv.push(Vec2::new(0.0, apex.v));
             for k in 0..rings[i].sides {
                 out.index.extend([last + k, last + k + 1, tip]);
             }
@@ -128,19 +190,117 @@ pub fn tube(rings: &[Ring], circles: &Circles, barks: &mut Barks) {
     }
 }
 
-fn corners(
-    ring: &Ring,
-    circle: &[Vec2],
-    repeats: f32,
-    repeat_m: f32,
-    lobe_phase: f32,
+/// Texture coordinate around, of a corner (or a place between corners).
+fn around(ring: &Ring, corner: f32) -> f32 {
+    (corner / ring.sides as f32 - 0.5) * ring.repeats
+}
+
+/// The first ring of a branch: the corners of its hole. A collar goes over into the parent's
+/// bark; a twig keeps its own roundness.
+fn rim(ring: &Ring, circle: &[Vec2], base: &[(Vec3, Vec3)], is_collar: bool, out: &mut Surface) {
+    let binormal = ring.binormal();
+    for (k, c) in circle.iter().enumerate() {
+        let (position, parent) = base[k % base.len()];
+        let own = ring.normal * c.x + binormal * c.y;
+        // In a crotch the branch's side faces the parent: there both count alike.
+        let weight = if is_collar { 0.5 - 0.5 * parent.dot(own) } else { 2.0 };
+        let normal = (parent + own * weight).normalize_or(own);
+        out.position.push(position);
+        out.normal.push(normal);
+        out.uv.push(Vec2::new(around(ring, k as f32), ring.v));
+    }
+}
+
+/// Fills a block of facets but for the foot of a branch, whose corners go to `rim`. Both edges are
+/// walked in step, each edge taking the corner opposite that lies nearest in angle about the
+/// foot's middle: all of it lies in the parent's facets.
+fn fill(
+    hole: &Hole,
+    [low, high]: [&Ring; 2],
+    [p, q]: [u32; 2],
+    circles: &Circles,
+    rim: &mut [(Vec3, Vec3)],
     out: &mut Surface,
 ) {
-    let binormal = ring.tangent.cross(ring.normal);
+    let (sides, facets) = (low.sides, hole.facets);
+    // Across the seam the block has corners of its own, whose texture goes on.
+    let wraps = hole.facet + facets > sides;
+    let mut edge = |from: u32, ring: &Ring| -> u32 {
+        if !wraps {
+            return from + hole.facet;
+        }
+        let start = out.position.len() as u32;
+        for k in 0..=facets {
+            let i = (from + (hole.facet + k) % sides) as usize;
+            out.position.push(out.position[i]);
+            out.normal.push(out.normal[i]);
+            out.uv.push(Vec2::new(around(ring, (hole.facet + k) as f32), ring.v));
+        }
+        start
+    };
+    let (p, q) = (edge(p, low), edge(q, high));
+    let first = out.position.len() as u32;
+    let circle = circles.of(hole.start.sides);
+    for (corner, c) in rim.iter_mut().zip(circle) {
+        let x = hole.x - hole.half_x * c.y;
+        let t = hole.t + hole.half_t * c.x;
+        let k = (x as u32).min(facets - 1);
+        let share = x - k as f32;
+        let across = |column: &[Vec3]| {
+            let at = |i: u32| column[i as usize];
+            let (a, b) =
+                (at(p + k).lerp(at(p + k + 1), share), at(q + k).lerp(at(q + k + 1), share));
+            a.lerp(b, t)
+        };
+        let position = across(&out.position);
+        let normal = across(&out.normal);
+        let normal = normal.try_normalize().unwrap_or(out.normal[(p + k) as usize]);
+        *corner = (position, normal);
+        let place = hole.facet as f32 + x;
+        let u = around(low, place) + (around(high, place) - around(low, place)) * t;
+        out.position.push(position);
+        out.normal.push(normal);
+        out.uv.push(Vec2::new(u, low.v + (high.v - low.v) * t));
+    }
+    // Counter-clockwise both, from the top; angles in turns.
+    let outer = 2 * (facets + 1);
+    let corner = |j: u32| {
+        let j = j % outer;
+        if j <= facets { q + facets - j } else { p + j - facets - 1 }
+    };
+    let angle = |j: u32| {
+        let k = j % outer;
+        let (x, t) =
+            if k <= facets { ((facets - k) as f32, 1.0) } else { ((k - facets - 1) as f32, 0.0) };
+        let (x, t) = ((x - hole.x) / hole.half_x, (t - hole.t) / hole.half_t);
+        // The first corner, upper right, lies before the top.
+        let turn = (-x).atan2(t) / TAU;
+        let turn = if j >= outer { turn + 1.0 } else { turn };
+        if k > 0 && turn < 0.0 && k > facets { turn + 1.0 } else { turn }
+    };
+    let inner = hole.start.sides;
+    let turn = |i: u32| i as f32 / inner as f32;
+    // The inner edge starts at the corner nearest to the outer's first.
+    let offset = (angle(0) * inner as f32).round() as i32;
+    let at = |i: u32| first + (i as i32 + offset).rem_euclid(inner as i32) as u32;
+    let (mut i, mut j) = (0, 0);
+    while i < inner || j < outer {
+        let middle_in = turn(i) + turn(i + 1) + 2.0 * offset as f32 / inner as f32;
+        let goes_out = i == inner || (j < outer && angle(j) + angle(j + 1) <= middle_in);
+        if goes_out {
+            out.index.extend([corner(j), corner(j + 1), at(i)]);
+            j += 1;
+        } else {
+            out.index.extend([corner(j), at(i + 1), at(i)]);
+            i += 1;
+        }
+    }
+}
+
+fn corners(ring: &Ring, circle: &[Vec2], lobe_phase: f32, out: &mut Surface) {
+    let binormal = ring.binormal();
     let lift = 1.0 / (1.0 + ring.slope * ring.slope).sqrt();
     let (flat, rise) = (lift, ring.tangent * (-ring.slope * lift));
-    let per_side = repeats / ring.sides as f32;
-    let v = ring.arc_m / repeat_m;
     if ring.lobe == 0.0 {
         out.position.extend(
             circle
@@ -163,7 +323,7 @@ fn corners(
             out.normal.push(normal.normalize_or(out_dir));
         }
     }
-    out.uv.extend((0..circle.len()).map(|k| Vec2::new(k as f32 * per_side, v)));
+    out.uv.extend((0..circle.len()).map(|k| Vec2::new(around(ring, k as f32), ring.v)));
 }
 
 /// Joins two rings; where their sides differ, by walking both around in step.

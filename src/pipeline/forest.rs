@@ -19,7 +19,7 @@ use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::lod::Kind;
 use crate::lod::collision::collision;
-use crate::mesh::{FoliageLevel, MeshOptions, Surface, TreeMesh};
+use crate::mesh::{FoliageLevel, Junctions, MeshOptions, Surface, TreeMesh};
 use crate::raster::{Image, Picture};
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
@@ -58,6 +58,7 @@ pub struct ForestJob {
     /// Where the scene will be looked at from; from everywhere where `None`.
     pub eye: Option<Eye>,
     pub foliage: FoliageLevel,
+    pub wood: WoodJob,
     pub texture_px: u32,
     pub levels: LevelsJob,
     pub cache: Cache,
@@ -78,6 +79,7 @@ impl ForestJob {
             clip: None,
             eye: None,
             foliage: FoliageLevel::Cards,
+            wood: WoodJob::default(),
             texture_px: 512,
             levels: LevelsJob::default(),
             cache: Cache::off(),
@@ -315,6 +317,22 @@ pub fn mesh_options(triangles: usize) -> MeshOptions {
     MeshOptions { triangle_budget: Some(triangles), ..preset }
 }
 
+/// How wood is meshed.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct WoodJob {
+    pub junctions: Junctions,
+    /// That of the number of triangles where `None`.
+    pub tolerance_m: Option<f32>,
+}
+
+impl WoodJob {
+    pub(super) fn options(&self, triangles: usize, foliage: FoliageLevel) -> MeshOptions {
+        let preset = mesh_options(triangles);
+        let tolerance_m = self.tolerance_m.unwrap_or(preset.tolerance_m);
+        MeshOptions { foliage, tolerance_m, junctions: self.junctions, ..preset }
+    }
+}
+
 /// The same with fewer triangles; with hardly any, few enlarged cards.
 pub(super) fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
     const HARDLY_ANY: usize = 1_000;
@@ -372,9 +390,8 @@ fn build_meshes(
             .filter_map(|((m, b), s)| textures[m.species].as_ref().map(|t| (m, *b, s, t)))
             .map(|(m, triangles, s, t)| {
                 let options = MeshOptions {
-                    foliage: job.foliage,
                     wind: job.levels.wind,
-                    ..mesh_options(triangles)
+                    ..job.wood.options(triangles, job.foliage)
                 };
                 let crown = &survey.trees[m.exemplar].crown;
                 let seed = job.survey.seed.derive("mesh", crown.key);
@@ -386,8 +403,12 @@ fn build_meshes(
         let nodes = skeletons.iter().map(Skeleton::len).sum();
         let triangles = meshes.iter().flatten().map(TreeMesh::triangles).sum();
         let most = budgets.iter().copied().max().unwrap_or(job.triangles);
-        let outcome = Outcome::items(nodes, "nodes", triangles, "triangles")
-            .error(ErrorMeasure::new("sagitta bound", mesh_options(most).tolerance_m.into(), "m"));
+        let outcome =
+            Outcome::items(nodes, "nodes", triangles, "triangles").error(ErrorMeasure::new(
+                "sagitta bound",
+                job.wood.options(most, job.foliage).tolerance_m.into(),
+                "m",
+            ));
         Ok((meshes, outcome))
     })
 }

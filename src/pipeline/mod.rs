@@ -16,7 +16,7 @@ pub mod tree;
 pub mod view;
 
 pub use effort::Effort;
-pub use forest::{Forest, ForestJob, Sharing};
+pub use forest::{Forest, ForestJob, Sharing, WoodJob};
 pub use levels::LevelsJob;
 pub use sheet::{Sheet, SheetJob};
 pub use survey::{Survey, SurveyJob};

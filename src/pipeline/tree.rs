@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::forest::{add_materials, detail, mesh_options, prototype};
+use super::forest::{WoodJob, add_materials, detail, prototype};
 use super::levels::{self, LevelsJob};
 use super::paint::paint;
 use crate::cache::Cache;
@@ -39,6 +39,7 @@ pub struct TreeJob {
     pub triangles: usize,
     pub texture_px: u32,
     pub foliage: FoliageLevel,
+    pub wood: WoodJob,
     pub levels: LevelsJob,
     pub cache: Cache,
     /// The scan of one tree to fit to, instead of growing one.
@@ -168,11 +169,8 @@ fn stand(
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mut meshes = run.stage("mesh", |_| {
-        let options = MeshOptions {
-            foliage: job.foliage,
-            wind: job.levels.wind,
-            ..mesh_options(job.triangles)
-        };
+        let options =
+            MeshOptions { wind: job.levels.wind, ..job.wood.options(job.triangles, job.foliage) };
         let seed = job.seed.derive("mesh", 0);
         // Wood fitted to a cloud stays where it is.
         let height_m = job.cloud.is_none().then(|| skeleton.height_m());

@@ -1,0 +1,411 @@
+//! Where branches leave their parent: each through a hole of its own in the parent's grid of
+//! facets, so that a tree's wood is one closed surface.
+//!
+//! A parent's tube is bands of facets between rings. A branch's foot is an ellipse about the place
+//! where the branch's line passes through the bark; a block of facets of one band that holds it is
+//! left out, and the surface between the block's edge and the ellipse is filled flat with the
+//! parent's own facets (see `tube`). So the blocks of a tube must not share a facet:
+//! - feet that overlap along the tube lie side by side in one band, shifted around where needed;
+//! - where there is no room, the later one goes up the tube into a band of its own;
+//! - where a tube is too short for that, all its feet are spread evenly and made smaller;
+//! - a branch that never leaves the bark, or finds no room that f32 can tell apart, has no mesh.
+//!
+//! A ring that would cut through a foot moves to its edge, and a foot's band keeps its sides.
+
+use std::f32::consts::TAU;
+
+use glam::Vec3;
+
+use super::path::{Knot, Least, Ring, Start};
+
+/// Flare of a collar, and of a twig too thin for one: width of the hole over the branch's.
+const COLLAR: f32 = 1.45;
+const NO_COLLAR: f32 = 1.1;
+/// Room about a foot within its block: along, share of its length; around, in facets.
+const ROOM_ALONG: f32 = 1.2;
+const ROOM_AROUND: f32 = 0.08;
+
+/// A branch's foot on its parent's path.
+#[derive(Debug, Clone, Copy)]
+pub struct Branch {
+    pub child: u32,
+    /// Middle and half length of the foot along the parent.
+    arc_m: f32,
+    half_m: f32,
+    /// Angle of the middle from the frame's normal, and half width as an angle.
+    turn: f32,
+    half_turn: f32,
+    start: Start,
+}
+
+/// A foot in its block of facets.
+#[derive(Debug, Clone, Copy)]
+pub struct Hole {
+    pub child: u32,
+    /// The ring below, counted from the tube's first.
+    pub band: u32,
+    /// The block's first facet and how many it has.
+    pub facet: u32,
+    pub facets: u32,
+    /// Middle and half width in facets from the block's first; middle and half height as shares
+    /// of the band.
+    pub x: f32,
+    pub half_x: f32,
+    pub t: f32,
+    pub half_t: f32,
+    pub start: Start,
+    arc_m: f32,
+    half_m: f32,
+}
+
+/// The nearest place on a path: segment, share of it, distance, radius there; from the segment
+/// given, downhill.
+fn nearest(path: &[Ring], mut segment: usize, p: Vec3) -> (usize, f32, f32, f32) {
+    let last = path.len() - 2;
+    let mut came = 0;
+    let mut share = 0.0;
+    for _ in 0..64 {
+        let (a, b) = (path[segment].centre, path[segment + 1].centre);
+        let chord = b - a;
+        share = (p - a).dot(chord) / chord.length_squared().max(1e-20);
+        if share > 1.0 && segment < last && came >= 0 {
+            (segment, came) = (segment + 1, 1);
+        } else if share < 0.0 && segment > 0 && came <= 0 {
+            (segment, came) = (segment - 1, -1);
+        } else {
+            break;
+        }
+    }
+    let share = share.clamp(0.0, 1.0);
+    let (a, b) = (&path[segment], &path[segment + 1]);
+    let radius = a.radius_m + (b.radius_m - a.radius_m) * share;
+    (segment, share, p.distance(a.centre.lerp(b.centre, share)), radius)
+}
+
+/// The foot of a branch whose knots begin near `base_arc_m` of the parent's path; `None` where it
+/// stays within the bark.
+pub fn leave(
+    path: &[Ring],
+    base_arc_m: f32,
+    knots: &[Knot],
+    child: u32,
+    least: Least,
+    sides: impl Fn(f32) -> u32,
+    tolerance_m: f32,
+) -> Option<Branch> {
+    if path.len() < 2 || knots.len() < 2 {
+        return None;
+    }
+    let first = path.partition_point(|r| r.arc_m <= base_arc_m).clamp(1, path.len() - 1) - 1;
+    let mut segment = first;
+    let depth = |segment: usize, p: Vec3| {
+        let (s, _, distance, radius) = nearest(path, segment, p);
+        (s, radius - distance)
+    };
+    let (s, mut inner) = depth(segment, knots[0].at);
+    segment = s;
+    let mut walked = 0.0;
+    let mut found = None;
+    for w in knots.windows(2) {
+        let step = w[0].at.distance(w[1].at);
+        let (s, mut outer) = depth(segment, w[1].at);
+        if outer < 0.0 {
+            // False position, every other time by halves.
+            let (mut lo, mut hi) = (0.0f32, 1.0f32);
+            for k in 0..6 {
+                if inner <= 0.0 {
+                    break;
+                }
+                let t = if k % 2 == 0 { inner / (inner - outer) } else { 0.5 };
+                let middle = lo + (hi - lo) * t.clamp(0.02, 0.98);
+                let (_, d) = depth(segment, w[0].at.lerp(w[1].at, middle));
+                if d > 0.0 { (lo, inner) = (middle, d) } else { (hi, outer) = (middle, d) }
+            }
+            let out = if inner <= 0.0 { lo } else { hi };
+            let radius = w[0].radius_m + (w[1].radius_m - w[0].radius_m) * out;
+            found =
+                Some((walked + step * out, w[0].at.lerp(w[1].at, out), w[1].at - w[0].at, radius));
+            break;
+        }
+        (segment, inner) = (s, outer);
+        walked += step;
+    }
+    let (on_branch_m, at, direction, radius) = found?;
+    let length: f32 = knots.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
+    if length - on_branch_m < 2.0 * least.step_m {
+        return None;
+    }
+    let (segment, share, _, parent_radius) = nearest(path, segment, at);
+    let ring = between(&path[segment], &path[segment + 1], share);
+    let direction = direction.normalize_or(Vec3::Z);
+    let away = at - ring.centre;
+    let across = away - ring.tangent * ring.tangent.dot(away);
+    let radial = across
+        .try_normalize()
+        .or_else(|| (direction - ring.tangent * ring.tangent.dot(direction)).try_normalize())
+        .unwrap_or(ring.normal);
+    let host = parent_radius.max(least.radius_m);
+    let r = radius.max(least.radius_m).min(host);
+    let has_collar = r * (COLLAR - 1.0) > 0.5 * tolerance_m;
+    let wide = r * if has_collar { COLLAR } else { NO_COLLAR };
+    let lean = direction.dot(radial).clamp(0.45, 1.0);
+    let rise_m = if has_collar { r * (0.5 + (1.0 - lean * lean).sqrt() / lean) } else { 0.0 };
+    Some(Branch {
+        child,
+        arc_m: ring.arc_m,
+        half_m: wide / lean,
+        turn: radial.dot(ring.binormal()).atan2(radial.dot(ring.normal)),
+        half_turn: (wide / host).min(0.94).asin(),
+        start: Start {
+            at,
+            around: ring.tangent.cross(radial),
+            arc_m: on_branch_m,
+            radius_m: r,
+            wide_m: wide,
+            rise_m,
+            sides: sides(r),
+        },
+    })
+}
+
+/// A ring of the path between two others.
+fn between(a: &Ring, b: &Ring, t: f32) -> Ring {
+    let tangent = a.tangent.lerp(b.tangent, t).normalize_or(a.tangent);
+    let normal = a.normal.lerp(b.normal, t);
+    let normal = (normal - tangent * tangent.dot(normal))
+        .try_normalize()
+        .unwrap_or_else(|| tangent.any_orthonormal_vector());
+    let mix = |a: f32, b: f32| a + (b - a) * t;
+    Ring {
+        centre: a.centre.lerp(b.centre, t),
+        tangent,
+        normal,
+        radius_m: mix(a.radius_m, b.radius_m),
+        arc_m: mix(a.arc_m, b.arc_m),
+        slope: mix(a.slope, b.slope),
+        lobe: mix(a.lobe, b.lobe),
+        ..*a
+    }
+}
+
+/// The ring at an arc length of the path.
+fn at(path: &[Ring], arc_m: f32, least: Least) -> Ring {
+    let i = path.partition_point(|r| r.arc_m <= arc_m).clamp(1, path.len() - 1);
+    let (a, b) = (&path[i - 1], &path[i]);
+    let t = (arc_m - a.arc_m) / (b.arc_m - a.arc_m).max(1e-9);
+    let ring = between(a, b, t.clamp(0.0, 1.0));
+    Ring { radius_m: ring.radius_m.max(least.radius_m), arc_m, ..ring }
+}
+
+/// Appends the rings of a tube with feet, and its holes. Takes the path of [`super::path::rings`]
+/// and sorts the branches; the thinnest are dropped where f32 leaves no room.
+pub fn open(
+    path: &[Ring],
+    branches: &mut Vec<Branch>,
+    least: Least,
+    rings: &mut Vec<Ring>,
+    holes: &mut Vec<Hole>,
+) {
+    if branches.is_empty() || path.len() < 2 {
+        rings.extend_from_slice(path);
+        return;
+    }
+    let apex_m = path[path.len() - 1].arc_m;
+    // A branch's own collar stays whole.
+    let is_collar = path.len() > 2 && path[1].arc_m < (0.3 * apex_m).min(4.0 * path[0].radius_m);
+    let low = if is_collar { path[1].arc_m } else { 0.0 };
+    let high = apex_m - (0.1 * (apex_m - low)).min(least.step_m);
+    let room = high - low;
+    let most = (2.0 * room / least.step_m).floor().max(1.0) as usize;
+    if branches.len() > most {
+        branches.sort_by(|a, b| {
+            b.start.radius_m.total_cmp(&a.start.radius_m).then(a.child.cmp(&b.child))
+        });
+        branches.truncate(most);
+    }
+    for b in branches.iter_mut() {
+        b.half_m = b.half_m.min(0.3 * room);
+        let block = b.half_m * ROOM_ALONG;
+        b.arc_m = b.arc_m.clamp(low + block, high - block);
+    }
+    sort(branches);
+    let start = (rings.len(), holes.len());
+    if !sweep(path, branches, high, least, rings, holes) {
+        rings.truncate(start.0);
+        holes.truncate(start.1);
+        let each = room / branches.len() as f32;
+        for (k, b) in branches.iter_mut().enumerate() {
+            b.half_m = b.half_m.min(0.3 * each);
+            b.arc_m = low + each * (k as f32 + 0.5);
+        }
+        sort(branches);
+        sweep(path, branches, f32::INFINITY, least, rings, holes);
+    }
+    settle(&rings[start.0..], &mut holes[start.1..]);
+}
+
+fn sort(branches: &mut [Branch]) {
+    let low = |b: &Branch| b.arc_m - b.half_m * ROOM_ALONG;
+    branches.sort_by(|a, b| low(a).total_cmp(&low(b)).then(a.child.cmp(&b.child)));
+}
+
+/// The feet of the band that is being built: the facets taken, and how far up they reach.
+struct Band {
+    taken: u32,
+    high_m: f32,
+}
+
+/// One pass from base to tip; false where the feet do not fit below `high_m`.
+fn sweep(
+    path: &[Ring],
+    branches: &[Branch],
+    high_m: f32,
+    least: Least,
+    rings: &mut Vec<Ring>,
+    holes: &mut Vec<Hole>,
+) -> bool {
+    let start = rings.len();
+    let last = path.len() - 1;
+    let step = least.step_m;
+    rings.push(path[0]);
+    let mut next = 1;
+    let mut band: Option<Band> = None;
+    for b in branches {
+        let half = b.half_m * ROOM_ALONG;
+        let mut arc = b.arc_m;
+        // Each turn takes a ring, starts a band or settles the foot.
+        loop {
+            let below = rings[rings.len() - 1];
+            // Only what has been added tells how far a foot had to move.
+            arc = arc.max(below.arc_m + half);
+            let (lo, hi) = (arc - half, arc + half);
+            if hi > high_m {
+                return false;
+            }
+            let ring = (next < last).then(|| path[next]);
+            let Some(open) = &mut band else {
+                match ring {
+                    Some(r) if r.arc_m <= lo => {
+                        rings.push(Ring { sides: r.sides.min(below.sides), ..r });
+                        next += 1;
+                        continue;
+                    }
+                    // A ring that would cut the foot moves down to its edge; fewer sides begin
+                    // below the foot where there is room.
+                    Some(r) if lo - below.arc_m > 2.0 * step => {
+                        if r.arc_m < hi {
+                            next += 1;
+                        }
+                        if r.arc_m < hi || r.sides < below.sides {
+                            let sides = r.sides.min(below.sides);
+                            rings.push(Ring { sides, ..at(path, lo, least) });
+                        }
+                    }
+                    _ => {}
+                }
+                band = Some(Band { taken: 0, high_m: lo });
+                continue;
+            };
+            if let Some(r) = ring.filter(|r| r.arc_m >= open.high_m && r.arc_m <= lo)
+                && open.taken != 0
+            {
+                rings.push(Ring { sides: below.sides, ..r });
+                next += 1;
+                band = None;
+                continue;
+            }
+            if let Some(hole) = block(b, arc, below.sides, open.taken, open.taken == 0) {
+                open.taken |= mask(hole.facet, hole.facets, below.sides);
+                open.high_m = open.high_m.max(hi);
+                let band = (rings.len() - 1 - start) as u32;
+                holes.push(Hole { band, ..hole });
+                while next < last && path[next].arc_m < open.high_m {
+                    next += 1;
+                }
+                break;
+            }
+            let split = if lo > open.high_m { 0.5 * (lo + open.high_m) } else { open.high_m };
+            rings.push(Ring { sides: below.sides, ..at(path, split, least) });
+            while next < last && path[next].arc_m < split + step {
+                next += 1;
+            }
+            band = None;
+        }
+    }
+    if let Some(open) = band {
+        let below = rings[rings.len() - 1];
+        if next < last {
+            rings.push(Ring { sides: below.sides, ..path[next] });
+            next += 1;
+        } else {
+            rings.push(Ring { sides: below.sides, ..at(path, open.high_m, least) });
+        }
+    }
+    while next < last {
+        let below = rings[rings.len() - 1];
+        if path[next].arc_m >= below.arc_m + step {
+            rings.push(Ring { sides: path[next].sides.min(below.sides), ..path[next] });
+        }
+        next += 1;
+    }
+    rings.push(path[last]);
+    true
+}
+
+/// Bits of the facets of a block; a ring has at most 32.
+pub fn mask(facet: u32, facets: u32, sides: u32) -> u32 {
+    (0..facets).fold(0, |m, k| m | 1 << ((facet + k) % sides).min(31))
+}
+
+/// A block of free facets for a foot: those about its place, else as few as hold it, else the same
+/// shifted around; in an empty band always.
+fn block(b: &Branch, arc_m: f32, sides: u32, taken: u32, is_empty: bool) -> Option<Hole> {
+    let n = sides as i32;
+    let per_turn = sides as f32 / TAU;
+    let x = b.turn.rem_euclid(TAU) * per_turn;
+    let half = b.half_turn * per_turn;
+    let most = (n / 2).max(1);
+    let reach = half + ROOM_AROUND;
+    let wide = ((x + reach).ceil() - (x - reach).floor()) as i32;
+    let narrow = ((2.0 * reach).ceil() as i32).clamp(1, most);
+    let centred = |count: i32| (x - 0.5 * count as f32).round() as i32;
+    let shifts = (n / 6).max(1);
+    let natural = (wide <= most).then(|| ((x - reach).floor() as i32, wide));
+    let around = (0..=shifts).flat_map(|d| [d, -d]).map(|d| (centred(narrow) + d, narrow));
+    let mut tries = natural.into_iter().chain(around);
+    let (first, count) = tries.find(|&(first, count)| {
+        is_empty || taken & mask(first.rem_euclid(n) as u32, count as u32, sides) == 0
+    })?;
+    let half_x = half.min(0.42 * count as f32);
+    let edge = half_x + ROOM_AROUND;
+    let x = (x - first as f32).min(count as f32 - edge).max(edge);
+    Some(Hole {
+        child: b.child,
+        band: 0,
+        facet: first.rem_euclid(n) as u32,
+        facets: count as u32,
+        x,
+        half_x,
+        t: 0.5,
+        half_t: 0.3,
+        start: b.start,
+        arc_m,
+        half_m: b.half_m,
+    })
+}
+
+/// Where feet lie within their bands, now that the rings stand; and where their branches begin.
+fn settle(rings: &[Ring], holes: &mut [Hole]) {
+    for hole in holes {
+        let (a, b) = (&rings[hole.band as usize], &rings[hole.band as usize + 1]);
+        let height = (b.arc_m - a.arc_m).max(1e-9);
+        hole.half_t = (hole.half_m / height).clamp(0.02, 0.4);
+        let edge = hole.half_t + 0.06;
+        hole.t = ((hole.arc_m - a.arc_m) / height).min(1.0 - edge).max(edge);
+        let ring = between(a, b, hole.t);
+        let (s, c) = ((hole.facet as f32 + hole.x) / a.sides as f32 * TAU).sin_cos();
+        let radial = ring.normal * c + ring.binormal() * s;
+        hole.start.at = ring.centre + radial * ring.radius_m;
+        hole.start.around = ring.tangent.cross(radial);
+    }
+}
