@@ -251,14 +251,16 @@ pub fn build(
         FoliageLevel::None => b,
         _ => (b as f32 * WOOD_SHARE) as usize,
     });
-    let plan = wood::plan(skeleton, &axes, options, wood_budget, has_young);
+    let chains = wood::Chains::new(skeleton, &axes);
+    let plan = wood::plan(skeleton, &chains, options, wood_budget, has_young);
     if plan.triangles == 0 {
         return Err(Error::new(format!("a skeleton of {} nodes has no wood", skeleton.len()))
             .remedy("give the species a greater height"));
     }
-    let [wood, upper_wood] = plan.surfaces(skeleton, has_young, seed);
-    let budget = options.triangle_budget.map(|b| b.saturating_sub(plan.triangles));
     let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
+    let swaying = wind.as_ref().map(|w| (w, &chains));
+    let [wood, upper_wood] = plan.surfaces(skeleton, has_young, swaying, seed);
+    let budget = options.triangle_budget.map(|b| b.saturating_sub(plan.triangles));
     let order = foliage::Order {
         species,
         atlas,

@@ -43,7 +43,7 @@ pub struct Wind {
     seed: Seed,
     height_m: f32,
     /// Distance along the wood from the stem over the longest such, and phase; one a node.
-    branch: Vec<[f32; 2]>,
+    out: Vec<[f32; 2]>,
 }
 
 impl Wind {
@@ -62,15 +62,26 @@ impl Wind {
             branch[i] = [branch[parent][0] + skeleton.internode_m(i as u32), phase];
         }
         let longest = branch.iter().map(|b| b[0]).fold(1e-6, f32::max);
-        for b in &mut branch {
-            b[0] = (b[0] / longest).powi(2);
-        }
-        Wind { profile, seed, height_m: skeleton.height_m().max(1e-6), branch }
+        branch.iter_mut().for_each(|b| b[0] /= longest);
+        Wind { profile, seed, height_m: skeleton.height_m().max(1e-6), out: branch }
     }
 
-    /// A vertex of the wood at a node.
-    pub fn wood(&self, at: Vec3, node: u32) -> [u8; 4] {
-        self.channels(&Motion { flutter: 0.0, leaf_phase: 0.0, ..self.motion(at, node) })
+    /// A vertex of the tube along a line of nodes, from the one it springs from to its tip.
+    pub fn wood(&self, at: Vec3, skeleton: &Skeleton, line: &[u32]) -> [u8; 4] {
+        let place = |i: u32| skeleton.position[i as usize];
+        let mut nearest = (f32::INFINITY, 0.0, [0.0; 2]);
+        for w in line.windows(2) {
+            let (a, b) = (place(w[0]), place(w[1]));
+            let chord = b - a;
+            let share = ((at - a).dot(chord) / chord.length_squared().max(1e-12)).clamp(0.0, 1.0);
+            let distance_sq = at.distance_squared(a + chord * share);
+            if distance_sq < nearest.0 {
+                let [from, to] = [w[0], w[1]].map(|i| self.out[i as usize]);
+                nearest = (distance_sq, from[0] + (to[0] - from[0]) * share, to);
+            }
+        }
+        let (_, out, [_, phase]) = nearest;
+        self.channels(&self.motion(at, [out, phase]))
     }
 
     /// A vertex of a leaf or twig that hangs on a node; `out`: its distance from there over the
@@ -78,13 +89,13 @@ impl Wind {
     pub fn leaf(&self, at: Vec3, node: u32, out: f32, key: u64) -> [u8; 4] {
         let leaf_phase = self.seed.derive("leaf", key).draws().unit();
         let flutter = out.clamp(0.0, 1.0).powi(2);
-        self.channels(&Motion { flutter, leaf_phase, ..self.motion(at, node) })
+        let here = self.out.get(node as usize).copied().unwrap_or_default();
+        self.channels(&Motion { flutter, leaf_phase, ..self.motion(at, here) })
     }
 
-    fn motion(&self, at: Vec3, node: u32) -> Motion {
-        let [branch, branch_phase] = self.branch.get(node as usize).copied().unwrap_or_default();
+    fn motion(&self, at: Vec3, [out, branch_phase]: [f32; 2]) -> Motion {
         let tree = (at.z / self.height_m).clamp(0.0, 1.0).powi(2);
-        Motion { tree, branch, branch_phase, flutter: 0.0, leaf_phase: 0.0 }
+        Motion { tree, branch: out * out, branch_phase, flutter: 0.0, leaf_phase: 0.0 }
     }
 
     fn channels(&self, m: &Motion) -> [u8; 4] {
@@ -129,11 +140,17 @@ mod tests {
         let s = tree();
         s.check().unwrap();
         let wind = Wind::new(&s, WindProfile::Unity, Seed::new(1));
-        let wood = |i: u32| wind.wood(s.position[i as usize], i);
+        let lines: [&[u32]; 4] = [&[0, 1, 2], &[1, 3], &[1, 4], &[4, 5]];
+        let wood = |i: u32| {
+            let line = lines.iter().find(|l| l.iter().skip(1).any(|&k| k == i));
+            wind.wood(s.position[i as usize], &s, line.unwrap_or(&lines[0]))
+        };
         assert_eq!(wood(0), [0, 0, 0, 0], "the foot stands still");
         assert_eq!(wood(2), [0, 0, 255, 0], "the top sways, and is no branch");
         assert_eq!((wood(3)[2], wood(3)[3]), (64, 64), "half as far: a quarter");
         assert_eq!(wood(5)[3], 255);
+        let half = wind.wood(Vec3::new(-3.0, 0.1, 5.0), &s, lines[3]);
+        assert_eq!(half[3], (0.75f32 * 0.75 * 255.0).round() as u8, "between nodes, in between");
         assert_eq!(wood(5)[0], wood(4)[0], "a twig swings with its branch");
         assert_ne!(wood(3)[0], wood(4)[0], "and branches out of step");
         let leaf = |out: f32| wind.leaf(s.position[5], 5, out, 7);
