@@ -6,6 +6,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::Vec2;
 
 use crate::skeleton::STAGES;
+use crate::species::state::{Condition, Season};
 
 /// From a laser scan of a forest to a forest scene an artist can open.
 #[derive(Debug, Parser)]
@@ -208,6 +209,13 @@ pub struct SceneArgs {
     /// Side of the tree textures in pixels.
     #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
+    /// Condition of the trees on the sanitary scale: I healthy, II and III weakened, IV dying, V dead
+    /// this year, VI dead for long. Numbers do as well.
+    #[arg(long, value_name = "I…VI", default_value = "I", allow_negative_numbers = true)]
+    pub condition: Condition,
+    /// spring, summer, autumn or winter.
+    #[arg(long, value_name = "SEASON", default_value = "summer")]
+    pub season: Season,
     /// Files to write, comma separated.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "glb,usda")]
     pub format: Vec<Format>,
@@ -294,6 +302,13 @@ pub struct Tree {
     /// Side of the textures in pixels.
     #[arg(long, value_name = "PX", default_value_t = 1024, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
+    /// Condition of the tree on the sanitary scale: I healthy, II and III weakened, IV dying, V dead
+    /// this year, VI dead for long. Numbers do as well.
+    #[arg(long, value_name = "I…VI", default_value = "I", allow_negative_numbers = true)]
+    pub condition: Condition,
+    /// spring, summer, autumn or winter.
+    #[arg(long, value_name = "SEASON", default_value = "summer")]
+    pub season: Season,
     /// Without leaves.
     #[arg(long)]
     pub bare: bool,

@@ -17,6 +17,7 @@ use crate::scene::ValidScene;
 use crate::seed::Seed;
 use crate::simulate::StandOptions;
 use crate::species::assign::SpeciesBy;
+use crate::species::state::State;
 use crate::species::{self, Species};
 
 /// Species to choose among where none are named.
@@ -154,6 +155,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
         sharing,
         triangles: scene.triangles.map_or(FOREST_TRIANGLES, |n| n as usize),
         texture_px: scene.texture,
+        state: State { condition: scene.condition, season: scene.season },
         cache,
         terrain_error_m: scene.terrain_error,
         name: "forest".into(),
@@ -326,6 +328,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         seed: seed(a.seed),
         triangles: a.triangles as usize,
         texture_px: a.texture,
+        state: State { condition: a.condition, season: a.season },
         cache,
         is_bare: a.bare,
         cloud: a.cloud.clone(),

@@ -10,8 +10,8 @@
 
 use glam::{Quat, Vec3};
 
-use super::Surface;
 use super::card::{Card, Shape, emit};
+use super::{MeshOptions, Surface};
 use crate::seed::Seed;
 use crate::skeleton::{Axis, Skeleton};
 use crate::species::Species;
@@ -71,26 +71,31 @@ impl Hull {
     }
 }
 
-/// Cards for a tree. `budget`: triangles they may take; `detail`: bent cards of more rows.
+/// Cards for a tree. `budget`: triangles they may take.
 pub fn foliage(
     skeleton: &Skeleton,
     axes: &[Axis],
     species: &Species,
     atlas: &Atlas,
     budget: Option<usize>,
-    detail: bool,
+    options: &MeshOptions,
     seed: Seed,
 ) -> Surface {
-    let shape = shape_of(species, detail);
-    let spots = spots(skeleton, axes, species);
+    let shape = shape_of(species, options.detail);
+    let mut spots = spots(skeleton, axes, species);
+    // The crown is that of all spots, however few bear leaves; the same ones at any budget.
+    let hull = Hull::around(&spots);
+    let share = options.leaf_share.clamp(0.0, 1.0);
+    if share < 1.0 {
+        spots.retain(|s| seed.derive("borne", s.key).draws().unit() < share);
+    }
     let mut out = Surface::default();
     if spots.is_empty() {
         return out;
     }
-    let hull = Hull::around(&spots);
     let most = budget.map_or(MOST_CARDS, |b| b / shape.triangles()).min(MOST_CARDS);
     let kept = spots.len().min(most);
-    let enlarge = enlarged(&hull, species, atlas, kept, spots.len());
+    let enlarge = enlarged(&hull, species, atlas, kept, spots.len(), share);
     // Cards deep inside the crown go first; where they are small more stay, so that a spire is as
     // full at its tip as below.
     let weight = |s: &Spot| {
@@ -121,7 +126,14 @@ pub fn foliage(
 
 /// How much larger than a twig cards are, so that the leaves cover as much of the crown's hull as the
 /// species' do; bounded by what thinning took away.
-fn enlarged(hull: &Hull, species: &Species, atlas: &Atlas, kept: usize, all: usize) -> f32 {
+fn enlarged(
+    hull: &Hull,
+    species: &Species,
+    atlas: &Atlas,
+    kept: usize,
+    all: usize,
+    share: f32,
+) -> f32 {
     let cells = atlas.cells();
     let coverage = cells.iter().map(|c| c.coverage).sum::<f32>() / cells.len() as f32;
     // Area of an ellipsoid (Thomsen), near enough.
@@ -130,7 +142,7 @@ fn enlarged(hull: &Hull, species: &Species, atlas: &Atlas, kept: usize, all: usi
     let area = 4.0 * std::f32::consts::PI * ((a * b + a * c + b * c) / 3.0).powf(1.0 / p);
     let twig = species.foliage.twig_length_m.max(1e-3);
     let one = coverage.max(0.05) * twig * twig * 0.8;
-    let wanted = species.foliage.cover.clamp(0.0, 1.0) * area / (kept.max(1) as f32 * one);
+    let wanted = share * species.foliage.cover.clamp(0.0, 1.0) * area / (kept.max(1) as f32 * one);
     let thinned = all as f32 / kept.max(1) as f32;
     wanted.min(thinned.max(3.0) * 2.0).max(1.0).sqrt().clamp(1.0, MOST_ENLARGED)
 }

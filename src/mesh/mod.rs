@@ -164,6 +164,8 @@ pub struct MeshOptions {
     /// Triangles of the whole tree, wood and foliage; a stem alone may exceed a tiny budget.
     pub triangle_budget: Option<usize>,
     pub foliage: bool,
+    /// Share of the places for leaves that bear them, 0…1.
+    pub leaf_share: f32,
     /// Buttresses at the ground, cards of more rows.
     pub detail: bool,
 }
@@ -174,6 +176,7 @@ impl MeshOptions {
         tolerance_m: 0.004,
         triangle_budget: Some(5_000),
         foliage: true,
+        leaf_share: 1.0,
         detail: false,
     };
     /// A tree seen from near.
@@ -181,6 +184,7 @@ impl MeshOptions {
         tolerance_m: 0.0015,
         triangle_budget: Some(20_000),
         foliage: true,
+        leaf_share: 1.0,
         detail: true,
     };
 }
@@ -219,9 +223,9 @@ pub fn build(
             .remedy("give the species a greater height"));
     }
     let [wood, upper_wood] = plan.surfaces(skeleton, has_young, seed);
-    let foliage = if options.foliage {
+    let foliage = if options.foliage && options.leaf_share > 0.0 {
         let left = options.triangle_budget.map(|b| b.saturating_sub(plan.triangles));
-        foliage::foliage(skeleton, &axes, species, atlas, left, options.detail, seed)
+        foliage::foliage(skeleton, &axes, species, atlas, left, options, seed)
     } else {
         Surface::default()
     };

@@ -18,8 +18,9 @@ use crate::scene::{Instance, Scene, TreeFacts, ValidScene, identifier};
 use crate::seed::Seed;
 use crate::skeleton::envelope::Envelope;
 use crate::skeleton::surroundings::{Neighbour, Surroundings, Wall};
-use crate::skeleton::{self, STAGES, Skeleton, Target, cloud};
+use crate::skeleton::{self, STAGES, Skeleton, Target, cloud, decline};
 use crate::species::Species;
+use crate::species::state::State;
 
 /// What to grow.
 #[derive(Debug, Clone)]
@@ -38,6 +39,7 @@ pub struct TreeJob {
     pub texture_px: u32,
     pub cache: Cache,
     pub is_bare: bool,
+    pub state: State,
     /// The scan of one tree to fit to, instead of growing one.
     pub cloud: Option<PathBuf>,
 }
@@ -48,16 +50,21 @@ pub struct TreeJob {
 /// # Errors
 /// A rule that grows beyond its limits; a scan that can't be read or is no single tree.
 pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<(ValidScene, Option<cloud::Report>)> {
+    let leaf_share = job.state.leaf_share(&job.species);
+    let job = &TreeJob { species: job.state.look(&job.species, job.seed), ..job.clone() };
     match &job.cloud {
         Some(path) => {
             let (skeleton, frame, report) = fitted(job, path, run)?;
             let stem_m = report.stem_diameter_m;
-            Ok((stand(job, &skeleton, stem_m, frame, run)?, Some(report)))
+            let skeleton = decline::in_condition(&skeleton, job.state.condition, job.seed);
+            Ok((stand(job, &skeleton, leaf_share, stem_m, frame, run)?, Some(report)))
         }
         None => {
             let skeleton = grown(job, run)?;
             let stem_m = job.species.size.stem_diameter_at(skeleton.height_m());
-            Ok((stand(job, &skeleton, stem_m, Frame::local(DVec3::ZERO), run)?, None))
+            let skeleton = decline::in_condition(&skeleton, job.state.condition, job.seed);
+            let frame = Frame::local(DVec3::ZERO);
+            Ok((stand(job, &skeleton, leaf_share, stem_m, frame, run)?, None))
         }
     }
 }
@@ -142,6 +149,7 @@ fn surroundings(job: &TreeJob) -> Surroundings<'static> {
 fn stand(
     job: &TreeJob,
     skeleton: &Skeleton,
+    leaf_share: f32,
     stem_diameter_m: f32,
     frame: Frame,
     run: &mut Recorder,
@@ -153,7 +161,8 @@ fn stand(
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mesh = run.stage("mesh", |_| {
-        let options = MeshOptions { foliage: !job.is_bare, ..mesh_options(job.triangles) };
+        let options =
+            MeshOptions { foliage: !job.is_bare, leaf_share, ..mesh_options(job.triangles) };
         let seed = job.seed.derive("mesh", 0);
         let mut mesh = mesh::build(skeleton, species, &textures.atlas, &options, seed)?;
         // Wood fitted to a cloud stays where it is.
