@@ -7,6 +7,7 @@ use glam::{DVec3, Vec2};
 
 use crate::pipeline::view::{Clip, Eye};
 use crate::skeleton::STAGES;
+use crate::species::state::{Condition, Season};
 
 /// Vertical angle of view of `--camera`.
 const FOV_DEG: f32 = 40.0;
@@ -325,6 +326,13 @@ pub struct SceneArgs {
     /// Side of the tree textures in pixels.
     #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
+    /// Condition of the trees on the sanitary scale: I healthy, II and III weakened, IV dying, V dead
+    /// this year, VI dead for long. Numbers do as well.
+    #[arg(long, value_name = "I…VI", default_value = "I", allow_negative_numbers = true)]
+    pub condition: Condition,
+    /// spring, summer, autumn or winter.
+    #[arg(long, value_name = "SEASON", default_value = "summer")]
+    pub season: Season,
     #[command(flatten)]
     pub levels: LevelArgs,
     /// Files to write, comma separated.
@@ -426,6 +434,13 @@ pub struct Tree {
     /// Side of the textures in pixels.
     #[arg(long, value_name = "PX", default_value_t = 1024, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
+    /// Condition of the tree on the sanitary scale: I healthy, II and III weakened, IV dying, V dead
+    /// this year, VI dead for long. Numbers do as well.
+    #[arg(long, value_name = "I…VI", default_value = "I", allow_negative_numbers = true)]
+    pub condition: Condition,
+    /// spring, summer, autumn or winter.
+    #[arg(long, value_name = "SEASON", default_value = "summer")]
+    pub season: Season,
     /// What stands for the leaves.
     #[arg(long, value_enum, value_name = "LEVEL", default_value = "cards")]
     pub foliage: Foliage,

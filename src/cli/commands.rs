@@ -22,6 +22,7 @@ use crate::scene::{ColliderShape, ValidScene};
 use crate::seed::Seed;
 use crate::simulate::StandOptions;
 use crate::species::assign::SpeciesBy;
+use crate::species::state::State;
 use crate::species::{self, Species};
 
 /// Species to choose among where none are named.
@@ -185,6 +186,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
         foliage: level(scene.foliage),
         wood: wood(&scene.wood),
         texture_px: scene.texture,
+        state: State { condition: scene.condition, season: scene.season },
         cache,
         levels: levels_job(&scene.levels),
         scene_triangles: scene.scene_triangles.map(|n| n as usize),
@@ -389,6 +391,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         texture_px: a.texture,
         foliage,
         levels: levels_job(&a.levels),
+        state: State { condition: a.condition, season: a.season },
         cache,
         cloud: a.cloud.clone(),
     };

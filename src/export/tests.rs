@@ -98,6 +98,7 @@ fn names_of_files_and_textures_shared_by_formats() {
             "textures/two_trees_Larix_sibirica_bark.png",
             "textures/two_trees_Larix_sibirica_bark_normal.png",
             "textures/two_trees_Larix_sibirica_leaf.png",
+            "textures/two_trees_Larix_sibirica_bark_orm.png",
         ]
     );
     let glb_alone = files(&two_trees(), "two trees", &[Format::Glb]).unwrap();

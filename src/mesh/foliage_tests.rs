@@ -20,8 +20,16 @@ fn leaves(
     level: FoliageLevel,
     budget: Option<usize>,
 ) -> Surface {
-    let order =
-        Order { species, atlas, level, budget, detail: true, wind: None, seed: Seed::new(1) };
+    let order = Order {
+        species,
+        atlas,
+        level,
+        budget,
+        detail: true,
+        share: 1.0,
+        wind: None,
+        seed: Seed::new(1),
+    };
     foliage(skeleton, &skeleton.axes(), &order).unwrap()
 }
 
@@ -157,6 +165,7 @@ fn a_user_s_model_stands_where_twigs_stand() {
         level: FoliageLevel::Cards,
         budget: Some(0),
         detail: false,
+        share: 1.0,
         wind: None,
         seed: Seed::new(1),
     };

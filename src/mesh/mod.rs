@@ -185,6 +185,8 @@ pub struct MeshOptions {
     pub foliage: FoliageLevel,
     /// Vertex colours that say how vertices move; made for none where `None`.
     pub wind: Option<WindProfile>,
+    /// Share of the places for leaves that bear them, 0…1.
+    pub leaf_share: f32,
     /// Buttresses at the ground, cards of more rows.
     pub detail: bool,
     pub junctions: Junctions,
@@ -207,6 +209,7 @@ impl MeshOptions {
         triangle_budget: Some(5_000),
         foliage: FoliageLevel::Cards,
         wind: None,
+        leaf_share: 1.0,
         detail: false,
         junctions: Junctions::Welded,
     };
@@ -216,6 +219,7 @@ impl MeshOptions {
         triangle_budget: Some(20_000),
         foliage: FoliageLevel::Cards,
         wind: None,
+        leaf_share: 1.0,
         detail: true,
         junctions: Junctions::Welded,
     };
@@ -267,6 +271,7 @@ pub fn build(
         level,
         budget,
         detail: options.detail,
+        share: options.leaf_share,
         wind: wind.as_ref(),
         seed,
     };

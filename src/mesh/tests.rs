@@ -44,6 +44,7 @@ fn skeleton(steps: &[(usize, [i8; 3], f32, bool)], radius: f32) -> Skeleton {
         axis: vec![0],
         order: vec![0],
         birth: vec![0],
+        dead: Vec::new(),
     };
     let mut tips = vec![0usize];
     for &(pick, step, shrink, branch) in steps {
@@ -402,6 +403,7 @@ fn speed() {
         level,
         budget: None,
         detail: true,
+        share: 1.0,
         wind: None,
         seed,
     };

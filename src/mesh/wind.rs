@@ -132,6 +132,7 @@ mod tests {
             axis: vec![0, 0, 0, 1, 2, 3],
             order: vec![0, 0, 0, 1, 1, 2],
             birth: vec![0; 6],
+            dead: Vec::new(),
         }
     }
 

@@ -30,8 +30,9 @@ use crate::scene::{
 };
 use crate::seed::Seed;
 use crate::skeleton::surroundings::{Neighbour, Surroundings};
-use crate::skeleton::{self, Detail, Skeleton, Target};
+use crate::skeleton::{self, Detail, Skeleton, Target, decline};
 use crate::species::Species;
+use crate::species::state::State;
 use crate::terrain::{Facets, Terrain};
 use crate::texture::{self, BarkTextures, TreeTextures};
 
@@ -62,6 +63,8 @@ pub struct ForestJob {
     pub texture_px: u32,
     pub levels: LevelsJob,
     pub cache: Cache,
+    /// Of every tree.
+    pub state: State,
     /// The terrain's triangles keep this near to its heights, as far as their number allows.
     pub terrain_error_m: f32,
     /// Identifier of the scene.
@@ -83,6 +86,7 @@ impl ForestJob {
             texture_px: 512,
             levels: LevelsJob::default(),
             cache: Cache::off(),
+            state: State::default(),
             terrain_error_m: 0.05,
             name: "forest".into(),
         }
@@ -248,23 +252,10 @@ fn grow(
             .par_iter()
             .zip(budgets)
             .map(|(m, &triangles)| {
-                let crown = &survey.trees[m.exemplar].crown;
-                let seed = job.survey.seed.derive("tree", crown.key);
+                let seed = job.survey.seed.derive("tree", survey.trees[m.exemplar].crown.key);
                 let detail = detail(triangles, job.foliage);
-                let species = &job.survey.species[m.species];
-                let target = Target::FromCrown(crown);
-                // A model that several trees share stands in no one place.
-                if m.members.len() > 1 {
-                    return skeleton::grow(species, target, detail, seed);
-                }
-                let ground =
-                    |p: Vec2| survey.terrain.height_at(p + crown.root.truncate()) - crown.root.z;
-                let around = Surroundings {
-                    ground: Some(&ground),
-                    neighbours: neighbours(survey, &roots, widest_m, m.exemplar),
-                    ..Surroundings::none()
-                };
-                skeleton::grow_among(species, target, detail, &around, seed)
+                let skeleton = grow_one(job, survey, &roots, widest_m, m, detail, seed)?;
+                Ok(decline::in_condition(&skeleton, job.state.condition, seed))
             })
             .collect::<Result<_>>()?;
         let nodes = skeletons.iter().map(Skeleton::len).sum();
@@ -283,6 +274,31 @@ fn grow(
         }
         Ok((skeletons, outcome))
     })
+}
+
+fn grow_one(
+    job: &ForestJob,
+    survey: &Survey,
+    roots: &Roots,
+    widest_m: f32,
+    model: &Model,
+    detail: Detail,
+    seed: Seed,
+) -> Result<Skeleton> {
+    let crown = &survey.trees[model.exemplar].crown;
+    let species = &job.survey.species[model.species];
+    let target = Target::FromCrown(crown);
+    // A model that several trees share stands in no one place.
+    if model.members.len() > 1 {
+        return skeleton::grow(species, target, detail, seed);
+    }
+    let ground = |p: Vec2| survey.terrain.height_at(p + crown.root.truncate()) - crown.root.z;
+    let around = Surroundings {
+        ground: Some(&ground),
+        neighbours: neighbours(survey, roots, widest_m, model.exemplar),
+        ..Surroundings::none()
+    };
+    skeleton::grow_among(species, target, detail, &around, seed)
 }
 
 /// Horizontal places of all roots, with the numbers of their trees.
@@ -396,6 +412,8 @@ fn build_meshes(
                 let crown = &survey.trees[m.exemplar].crown;
                 let seed = job.survey.seed.derive("mesh", crown.key);
                 let species = &job.survey.species[m.species];
+                let leaf_share = job.state.leaf_share(species);
+                let options = MeshOptions { leaf_share, ..options };
                 let height_m = Some(crown.height_m);
                 levels::meshes(s, species, &t.atlas, &options, meshed, height_m, seed)
             })
@@ -426,7 +444,10 @@ fn paint_all(
         let textures: Vec<Option<TreeTextures>> = species
             .par_iter()
             .zip(&is_used)
-            .map(|(s, &used)| used.then(|| paint(s, size_px, seed, &job.cache)).transpose())
+            .map(|(s, &used)| {
+                let look = || job.state.look(s, seed);
+                used.then(|| paint(&look(), size_px, seed, &job.cache)).transpose()
+            })
             .collect::<Result<_>>()?;
         for (s, _) in species.iter().zip(&is_used).filter(|(_, used)| **used) {
             warnings.extend(s.remarks.iter().cloned());

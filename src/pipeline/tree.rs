@@ -20,8 +20,9 @@ use crate::scene::{Instance, Scene, TreeFacts, ValidScene, identifier};
 use crate::seed::Seed;
 use crate::skeleton::envelope::Envelope;
 use crate::skeleton::surroundings::{Neighbour, Surroundings, Wall};
-use crate::skeleton::{self, STAGES, Skeleton, Target, cloud};
+use crate::skeleton::{self, STAGES, Skeleton, Target, cloud, decline};
 use crate::species::Species;
+use crate::species::state::State;
 
 /// What to grow.
 #[derive(Debug, Clone)]
@@ -42,6 +43,7 @@ pub struct TreeJob {
     pub wood: WoodJob,
     pub levels: LevelsJob,
     pub cache: Cache,
+    pub state: State,
     /// The scan of one tree to fit to, instead of growing one.
     pub cloud: Option<PathBuf>,
 }
@@ -63,17 +65,21 @@ pub struct Grown {
 /// # Errors
 /// A rule that grows beyond its limits; a scan that can't be read or is no single tree.
 pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<Grown> {
+    let leaf_share = job.state.leaf_share(&job.species);
+    let job = &TreeJob { species: job.state.look(&job.species, job.seed), ..job.clone() };
     match &job.cloud {
         Some(path) => {
             let (skeleton, frame, report) = fitted(job, path, run)?;
             let stem_m = report.stem_diameter_m;
-            let grown = stand(job, &skeleton, stem_m, frame, run)?;
+            let skeleton = decline::in_condition(&skeleton, job.state.condition, job.seed);
+            let grown = stand(job, &skeleton, leaf_share, stem_m, frame, run)?;
             Ok(Grown { fit: Some(report), ..grown })
         }
         None => {
             let skeleton = grown(job, run)?;
             let stem_m = job.species.size.stem_diameter_at(skeleton.height_m());
-            stand(job, &skeleton, stem_m, Frame::local(DVec3::ZERO), run)
+            let skeleton = decline::in_condition(&skeleton, job.state.condition, job.seed);
+            stand(job, &skeleton, leaf_share, stem_m, Frame::local(DVec3::ZERO), run)
         }
     }
 }
@@ -158,6 +164,7 @@ fn surroundings(job: &TreeJob) -> Surroundings<'static> {
 fn stand(
     job: &TreeJob,
     skeleton: &Skeleton,
+    leaf_share: f32,
     stem_diameter_m: f32,
     frame: Frame,
     run: &mut Recorder,
@@ -169,8 +176,11 @@ fn stand(
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mut meshes = run.stage("mesh", |_| {
-        let options =
-            MeshOptions { wind: job.levels.wind, ..job.wood.options(job.triangles, job.foliage) };
+        let options = MeshOptions {
+            wind: job.levels.wind,
+            leaf_share,
+            ..job.wood.options(job.triangles, job.foliage)
+        };
         let seed = job.seed.derive("mesh", 0);
         // Wood fitted to a cloud stays where it is.
         let height_m = job.cloud.is_none().then(|| skeleton.height_m());

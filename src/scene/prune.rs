@@ -178,7 +178,7 @@ mod tests {
     #[test]
     fn what_nothing_uses_goes_and_the_rest_still_refers_right() {
         let mut scene = forest(&["Larix", "Betula", "Pinus"], 4, 20.0);
-        // No birches: their two models, two materials and three textures go with them.
+        // No birches: their two models, two materials and four textures go with them.
         scene.instances.retain(|i| i.facts.species != "Betula");
         let wood = &mut scene.prototypes[0].parts[0].surface;
         let triangles = wood.triangles();
@@ -201,11 +201,11 @@ mod tests {
         };
         let before = names(&scene);
         let left_out = scene.prune();
-        let expected = LeftOut { triangles: 1, parts: 1, prototypes: 2, materials: 2, textures: 3 };
+        let expected = LeftOut { triangles: 1, parts: 1, prototypes: 2, materials: 2, textures: 4 };
         assert_eq!(left_out, expected);
         assert_eq!(
             left_out.to_string(),
-            "1 triangle, 1 part, 2 prototypes, 2 materials, 3 textures"
+            "1 triangle, 1 part, 2 prototypes, 2 materials, 4 textures"
         );
         assert_eq!(names(&scene), before);
         assert_eq!(scene.prototypes[0].parts[0].surface.triangles(), triangles);
