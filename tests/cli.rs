@@ -448,19 +448,24 @@ fn a_box_and_a_camera_leave_out_what_they_do_not_show() {
     let middle = [0, 1, 2].map(|i| 0.5 * (low[i] + high[i]));
     let half = format!("{},{},{},{}", low[0] - 9.0, low[1] - 9.0, middle[0], high[1] + 9.0);
     let clipped = small_demo(dir.path(), &["--clip", &half]);
-    let left_out = clipped["left_out"]["clipped"].as_u64().unwrap();
+    let saved = |report: &serde_json::Value, what: &str| {
+        let lines = report["left_out"].as_array().unwrap();
+        lines.iter().find(|l| l["what"] == what).map_or(0, |l| l["count"].as_u64().unwrap())
+    };
+    let left_out = saved(&clipped, "trees outside the box");
     assert!(left_out > 0 && trees(&clipped) > 0);
     assert_eq!(trees(&clipped) + left_out, trees(&whole));
 
     let place = |p: [f64; 3]| format!("{},{},{}", p[0], p[1], p[2]);
     let far = [middle[0], low[1] - 200.0, high[2] + 150.0];
     let seen = small_demo(dir.path(), &["--camera", &format!("{},{}", place(far), place(middle))]);
-    assert_eq!(seen["left_out"]["camera"]["outside"], 0);
-    let before = seen["left_out"]["camera"]["triangles_before"].as_u64().unwrap();
-    assert!(seen["left_out"]["camera"]["triangles"].as_u64().unwrap() < before / 2, "{seen:#}");
+    assert_eq!(seen["camera"]["outside"], 0);
+    let before = seen["camera"]["triangles_before"].as_u64().unwrap();
+    assert!(seen["camera"]["triangles"].as_u64().unwrap() < before / 2, "{seen:#}");
     let behind = [far[0], 2.0 * far[1] - middle[1], far[2]];
     let none = small_demo(dir.path(), &["--camera", &format!("{},{}", place(far), place(behind))]);
-    assert_eq!((trees(&none), &none["left_out"]["camera"]["hidden"]), (0, &serde_json::json!(0)));
+    assert_eq!(saved(&none, "trees the camera does not see"), trees(&whole));
+    assert_eq!((trees(&none), &none["camera"]["hidden"]), (0, &serde_json::json!(0)));
 
     let elsewhere =
         ["demo", "--trees", "12", "--clip", "0,0,1,1", "-o", dir.path().to_str().unwrap()];

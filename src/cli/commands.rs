@@ -12,6 +12,7 @@ use crate::export::{self, Format, OutputFile};
 use crate::ground::Method;
 use crate::lod;
 use crate::mesh::{FoliageLevel, Junctions, WindProfile};
+use crate::pipeline::left_out::{self, Saved};
 use crate::pipeline::tree::Grown;
 use crate::pipeline::{
     self, Effort, Forest, ForestJob, LevelsJob, Sharing, SurveyJob, TreeJob, WoodJob, levels,
@@ -222,10 +223,10 @@ fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&dir)?;
     let forest = pipeline::forest::forest(&job, run)?;
     let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
-    let summary = forest_summary("forest", a.tree.seed, &forest, run);
+    let summary = forest_summary("forest", a.tree.seed, &forest, &a.scene, run);
     files.push(report_file(&summary));
     export::write_all(&dir, &files)?;
-    Ok(Told { lines: forest_lines(&forest, run, &dir), json: summary })
+    Ok(Told { lines: forest_lines(&forest, &a.scene, run, &dir), json: summary })
 }
 
 /// Everything a forest run writes but its report.
@@ -397,7 +398,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     };
     let (dir, name) = place(&a.output)?;
     export::check_writable(&dir)?;
-    let Grown { scene, levels, rows, fit } = pipeline::tree::tree(&job, run)?;
+    let Grown { scene, levels, rows, pruned, fit } = pipeline::tree::tree(&job, run)?;
     let stem = stem(&a.output);
     let files = match extension {
         "glb" => export_scene(&scene, &levels, &stem, &[Format::Glb], run)?,
@@ -421,6 +422,15 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     lines.extend(level_lines(&rows));
     let mut summary = summary("tree", Some(a.seed), run, Some(&scene));
     summary["levels"] = json!(rows);
+    summary["left_out"] = json!(left_out::table(&left_out::Told {
+        scene: &scene,
+        levels: &job.levels,
+        has_forms: false,
+        pruned,
+        clipped: 0,
+        chosen: None,
+        stages: &run.stages,
+    }));
     if let Some(fit) = fit {
         summary["fit"] = json!(fit);
         lines.splice(0..0, fit_lines(&fit));
@@ -512,12 +522,12 @@ fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let forest = pipeline::forest::forest(&job, run)?;
     let truth = pipeline::demo::compare(&survey.stand, &forest.survey);
     let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
-    let mut summary = forest_summary("demo", a.seed, &forest, run);
+    let mut summary = forest_summary("demo", a.seed, &forest, &a.scene, run);
     summary["truth"] = json!(truth);
     files.push(report_file(&summary));
     files.extend(inputs);
     export::write_all(&a.output, &files)?;
-    let mut lines = forest_lines(&forest, run, &a.output);
+    let mut lines = forest_lines(&forest, &a.scene, run, &a.output);
     lines.splice(0..0, pipeline::demo::lines(&truth));
     Ok(Told { lines, json: summary })
 }
@@ -535,10 +545,11 @@ pub(super) fn print(lines: &[String]) -> Result<bool> {
     }
 }
 
-fn forest_lines(forest: &Forest, run: &Recorder, dir: &Path) -> Vec<String> {
+fn forest_lines(forest: &Forest, typed: &SceneArgs, run: &Recorder, dir: &Path) -> Vec<String> {
     let stats = crate::scene::statistics(&forest.scene);
     let mut lines: Vec<String> = report::table(&run.stages).lines().map(str::to_owned).collect();
     lines.extend(level_lines(&forest.rows));
+    lines.extend(left_out::lines(&forest_left_out(forest, typed, run)));
     lines.push(format!(
         "{} trees of {} models, {} triangles in place, {} unique; {:.1} s, {} MB at most",
         stats.trees,
@@ -584,10 +595,29 @@ fn summary(command: &str, seed: Option<u64>, run: &Recorder, scene: Option<&Vali
     v
 }
 
-fn forest_summary(command: &str, seed: u64, forest: &Forest, run: &Recorder) -> Value {
+fn forest_left_out(forest: &Forest, typed: &SceneArgs, run: &Recorder) -> Vec<Saved> {
+    left_out::table(&left_out::Told {
+        scene: &forest.scene,
+        levels: &levels_job(&typed.levels),
+        has_forms: typed.camera.is_some(),
+        pruned: forest.pruned,
+        clipped: forest.clipped,
+        chosen: forest.chosen.as_ref(),
+        stages: &run.stages,
+    })
+}
+
+fn forest_summary(
+    command: &str,
+    seed: u64,
+    forest: &Forest,
+    scene: &SceneArgs,
+    run: &Recorder,
+) -> Value {
     let mut summary = summary(command, Some(seed), run, Some(&forest.scene));
     summary["levels"] = json!(forest.rows);
-    summary["left_out"] = json!({ "clipped": forest.clipped, "camera": forest.chosen });
+    summary["camera"] = json!(forest.chosen);
+    summary["left_out"] = json!(forest_left_out(forest, scene, run));
     summary
 }
 

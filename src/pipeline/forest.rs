@@ -25,8 +25,8 @@ use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scene::sharing::{Build, Model, share};
 use crate::scene::{
-    Alpha, Colorspace, Instance, Material, Part, Prototype, Scene, Texture, TreeFacts, ValidScene,
-    identifier,
+    Alpha, Colorspace, Instance, LeftOut, Material, Part, Prototype, Scene, Texture, TreeFacts,
+    ValidScene, identifier,
 };
 use crate::seed::Seed;
 use crate::skeleton::surroundings::{Neighbour, Surroundings};
@@ -112,10 +112,11 @@ pub struct Forest {
     pub levels: Vec<(String, ValidScene)>,
     /// What the forms of every model are.
     pub rows: Vec<levels::Row>,
-    /// Trees outside the box that was asked for.
-    pub clipped: usize,
     /// What the camera made of it.
     pub chosen: Option<Chosen>,
+    /// Trees outside the box that was asked for.
+    pub clipped: usize,
+    pub pruned: LeftOut,
     pub survey: Survey,
 }
 
@@ -173,7 +174,7 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
             Ok((chosen, outcome))
         })?);
     }
-    let (scene, levels) = run.stage("scene", |warnings| {
+    let (scene, levels, pruned) = run.stage("scene", |warnings| {
         let (mut scene, levels) = levels::split(scene)?;
         let left_out = scene.prune();
         let scene = scene.validate()?;
@@ -193,9 +194,9 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
         if let Some(stretch) = stretch {
             outcome = outcome.error(ErrorMeasure::new("model stretch RMS", stretch, "%"));
         }
-        Ok(((scene, levels), outcome))
+        Ok(((scene, levels, left_out), outcome))
     })?;
-    Ok(Forest { scene, levels, rows, clipped, chosen, survey })
+    Ok(Forest { scene, levels, rows, chosen, clipped, pruned, survey })
 }
 
 fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {

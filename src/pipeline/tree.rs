@@ -16,7 +16,7 @@ use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scan;
-use crate::scene::{Instance, Scene, TreeFacts, ValidScene, identifier};
+use crate::scene::{Instance, LeftOut, Scene, TreeFacts, ValidScene, identifier};
 use crate::seed::Seed;
 use crate::skeleton::envelope::Envelope;
 use crate::skeleton::surroundings::{Neighbour, Surroundings, Wall};
@@ -56,6 +56,7 @@ pub struct Grown {
     pub levels: Vec<(String, ValidScene)>,
     /// What these forms are.
     pub rows: Vec<levels::Row>,
+    pub pruned: LeftOut,
     /// How the tree fits the scan, where there is one.
     pub fit: Option<cloud::Report>,
 }
@@ -223,7 +224,7 @@ fn stand(
         let scene = scene.validate()?;
         let triangles = crate::scene::statistics(&scene).unique_triangles as usize;
         Ok((
-            Grown { scene, levels, rows, fit: None },
+            Grown { scene, levels, rows, pruned: left_out, fit: None },
             Outcome::items(1, "model", triangles, "triangles")
                 .note(format!("left out: {left_out}")),
         ))
