@@ -148,12 +148,12 @@ pub fn leave(
     let r = radius.max(least.radius_m).min(host);
     let has_collar = r * (COLLAR - 1.0) > 0.5 * tolerance_m;
     let wide = r * if has_collar { COLLAR } else { NO_COLLAR };
-    let lean = direction.dot(radial).clamp(0.45, 1.0);
-    let rise_m = if has_collar { r * (0.5 + (1.0 - lean * lean).sqrt() / lean) } else { 0.0 };
+    let lean = direction.dot(radial).clamp(0.22, 1.0);
+    let rise_m = r * (0.5 + (1.0 - lean * lean).sqrt() / lean);
     Some(Branch {
         child,
         arc_m: ring.arc_m,
-        half_m: wide / lean,
+        half_m: wide / lean.max(0.45),
         turn: radial.dot(ring.binormal()).atan2(radial.dot(ring.normal)),
         half_turn: (wide / host).min(0.94).asin(),
         start: Start {
@@ -163,6 +163,7 @@ pub fn leave(
             radius_m: r,
             wide_m: wide,
             rise_m,
+            has_collar,
             sides: sides(r),
         },
     })
@@ -369,7 +370,8 @@ fn block(b: &Branch, arc_m: f32, sides: u32, taken: u32, is_empty: bool) -> Opti
     let wide = ((x + reach).ceil() - (x - reach).floor()) as i32;
     let narrow = ((2.0 * reach).ceil() as i32).clamp(1, most);
     let centred = |count: i32| (x - 0.5 * count as f32).round() as i32;
-    let shifts = (n / 6).max(1);
+    // By no more than its half width: then it moves less by going up the tube.
+    let shifts = (half.round() as i32).min(n);
     let natural = (wide <= most).then(|| ((x - reach).floor() as i32, wide));
     let around = (0..=shifts).flat_map(|d| [d, -d]).map(|d| (centred(narrow) + d, narrow));
     let mut tries = natural.into_iter().chain(around);

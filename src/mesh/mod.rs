@@ -6,6 +6,7 @@ mod check;
 mod foliage;
 mod junction;
 mod leaf;
+pub mod p18;
 mod path;
 mod piece;
 mod shell;

@@ -90,8 +90,10 @@ pub struct Start {
     pub radius_m: f32,
     /// Half the width of the hole.
     pub wide_m: f32,
-    /// How far out a ring stands clear of the bark; 0 for a twig, which has no collar.
+    /// How far out a ring stands clear of the bark.
     pub rise_m: f32,
+    /// A twig goes straight into its parent.
+    pub has_collar: bool,
     /// Corners of the hole.
     pub sides: u32,
 }
@@ -180,13 +182,21 @@ fn leave(kept: &[Knot], start: &Start, least_step: f32, path: &mut Vec<Knot>) {
     let r = start.radius_m;
     path.push(Knot { at: start.at, radius_m: start.wide_m });
     let length: f32 = kept.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
-    let mut from = start.arc_m;
-    if start.rise_m > 0.0 {
+    let mut from = start.arc_m + start.rise_m;
+    // A foot that gave way to another takes the branch along, less and less.
+    let moved = locate(kept, start.arc_m).map_or(Vec3::ZERO, |(_, k)| start.at - k.at);
+    let reach = (8.0 * moved.length()).max(1e-9);
+    let shifted = |at: Vec3, arc: f32| {
+        let left = (1.0 - (arc - start.arc_m) / reach).clamp(0.0, 1.0);
+        at + moved * (left * left)
+    };
+    if start.has_collar {
         for (rise, wide) in [(start.rise_m, 1.1), (start.rise_m + 1.6 * r, 1.0)] {
             let arc = start.arc_m + rise;
             let Some((_, k)) = locate(kept, arc).filter(|_| arc + r < length) else { continue };
-            if k.at.distance(path[path.len() - 1].at) > 2.0 * least_step {
-                path.push(Knot { at: k.at, radius_m: k.radius_m * wide });
+            let at = shifted(k.at, arc);
+            if at.distance(path[path.len() - 1].at) > 2.0 * least_step {
+                path.push(Knot { at, radius_m: k.radius_m * wide });
                 from = arc;
             }
         }
@@ -194,9 +204,10 @@ fn leave(kept: &[Knot], start: &Start, least_step: f32, path: &mut Vec<Knot>) {
     let mut walked = 0.0;
     for w in kept.windows(2) {
         walked += w[0].at.distance(w[1].at);
-        let room = w[1].at.distance(path[path.len() - 1].at);
+        let at = shifted(w[1].at, walked);
+        let room = at.distance(path[path.len() - 1].at);
         if walked > from + least_step && room > least_step {
-            path.push(w[1]);
+            path.push(Knot { at, ..w[1] });
         }
     }
     if let ([only], Some(tip)) = (&path[..], kept.last()) {

@@ -415,7 +415,7 @@ impl Wood {
             let own = first[t.holes.end] - first[t.holes.start];
             let mut joints = Joints {
                 base,
-                is_collar: t.out_of.is_some_and(|h| self.hole[h].start.rise_m > 0.0),
+                is_collar: t.out_of.is_some_and(|h| self.hole[h].start.has_collar),
                 holes: &self.hole[t.holes.clone()],
                 rims: &mut rest[..own],
             };

@@ -1,0 +1,209 @@
+//! The scheme of a tree for forestry (P18, fig. 1): two cones imitate the crown, a cylinder the
+//! stem.
+//!
+//! h1 is the free stem, h4 the cylinder from the ground to the crown's widest part, h2 the upper
+//! cone of base R2 and h3 the lower cone, which narrows from R3 to R4 downward; R5 is the
+//! cylinder's radius. Where the source leaves it open: the cylinder ends where the cones meet, so
+//! R3 = R2 = CW / 2, and R4 is the share of R3 that the caller gives, at least R5. The cones are one
+//! closed surface, the cylinder another that goes into it. Limit: crowns of one height round about.
+
+use std::f32::consts::TAU;
+
+use glam::{Vec2, Vec3};
+
+use super::{Surface, TreeMesh};
+use crate::diagnostic::{Error, Result};
+
+/// The measures of a tree, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measures {
+    /// H.
+    pub height_m: f32,
+    /// D, at breast height.
+    pub stem_diameter_m: f32,
+    /// CW, the greatest.
+    pub crown_width_m: f32,
+    /// CL, from the lowest branch to the top.
+    pub crown_length_m: f32,
+    /// CH, height of the widest part above ground.
+    pub widest_m: f32,
+    /// R4 over R3.
+    pub lower_share: f32,
+}
+
+/// The parameters of the scheme, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scheme {
+    /// Free stem.
+    pub h1_m: f32,
+    /// Upper cone.
+    pub h2_m: f32,
+    /// Lower cone.
+    pub h3_m: f32,
+    /// Cylinder.
+    pub h4_m: f32,
+    /// Base of the upper cone.
+    pub r2_m: f32,
+    /// Bases of the lower cone, upper and lower.
+    pub r3_m: f32,
+    pub r4_m: f32,
+    /// Cylinder.
+    pub r5_m: f32,
+}
+
+impl Scheme {
+    /// # Errors
+    /// A measure that is not above zero or not finite; a crown longer than the tree, whose widest
+    /// part is not within it, or that is narrower than the stem.
+    pub fn new(m: &Measures) -> Result<Scheme> {
+        let wrong = |what: String| Err(Error::new(format!("no scheme of a tree: {what}")));
+        let named = [
+            ("height", m.height_m),
+            ("stem diameter", m.stem_diameter_m),
+            ("crown width", m.crown_width_m),
+            ("crown length", m.crown_length_m),
+        ];
+        for (name, value) in named {
+            if !(value > 0.0 && value < 1e4) {
+                return wrong(format!("its {name} is {value} m"));
+            }
+        }
+        let h1_m = m.height_m - m.crown_length_m;
+        if h1_m < 0.0 {
+            return wrong(format!("a crown of {} m on {} m", m.crown_length_m, m.height_m));
+        }
+        if !(m.widest_m > h1_m && m.widest_m < m.height_m) {
+            return wrong(format!("its widest part at {} m is not in its crown", m.widest_m));
+        }
+        let (r3_m, r5_m) = (0.5 * m.crown_width_m, 0.5 * m.stem_diameter_m);
+        if r3_m <= r5_m {
+            return wrong(format!("its crown of {} m is no wider than its stem", m.crown_width_m));
+        }
+        Ok(Scheme {
+            h1_m,
+            h2_m: m.height_m - m.widest_m,
+            h3_m: m.widest_m - h1_m,
+            h4_m: m.widest_m,
+            r2_m: r3_m,
+            r3_m,
+            r4_m: (m.lower_share.clamp(0.0, 1.0) * r3_m).max(r5_m),
+            r5_m,
+        })
+    }
+
+    /// Volume of both cones, cubic metres.
+    pub fn crown_volume_m3(&self) -> f64 {
+        let [h2, h3, r2, r3, r4] =
+            [self.h2_m, self.h3_m, self.r2_m, self.r3_m, self.r4_m].map(f64::from);
+        std::f64::consts::PI / 3.0 * (h2 * r2 * r2 + h3 * (r3 * r3 + r3 * r4 + r4 * r4))
+    }
+
+    /// Volume of the cylinder, cubic metres.
+    pub fn stem_volume_m3(&self) -> f64 {
+        std::f64::consts::PI * f64::from(self.r5_m).powi(2) * f64::from(self.h4_m)
+    }
+
+    /// The cylinder as wood and the cones as foliage, of so many sides (3 to 64), with hard edges;
+    /// root collar at the origin.
+    pub fn mesh(&self, sides: u32) -> TreeMesh {
+        let n = sides.clamp(3, 64);
+        let stem = [(0.0, 0.0), (self.r5_m, 0.0), (self.r5_m, self.h4_m), (0.0, self.h4_m)];
+        let (low, wide, top) = (self.h1_m, self.h4_m, self.h4_m + self.h2_m);
+        let crown = [(0.0, low), (self.r4_m, low), (self.r3_m, wide), (0.0, top)];
+        TreeMesh { wood: turned(&stem, n), foliage: turned(&crown, n), ..TreeMesh::default() }
+    }
+}
+
+/// The surface of a profile of (radius, height) from the axis up and back to it, turned about the
+/// axis; u goes around once, v up in metres.
+fn turned(profile: &[(f32, f32)], sides: u32) -> Surface {
+    let mut out = Surface::default();
+    for w in profile.windows(2) {
+        let [(r0, z0), (r1, z1)] = [w[0], w[1]];
+        let slope = Vec2::new(z1 - z0, r0 - r1).normalize_or(Vec2::X);
+        let first = out.position.len() as u32;
+        for k in 0..=sides {
+            let share = k as f32 / sides as f32;
+            // The last corner is the first, to the bit.
+            let (s, c) = ((k % sides) as f32 / sides as f32 * TAU).sin_cos();
+            for (r, z) in [(r0, z0), (r1, z1)] {
+                out.position.push(Vec3::new(r * c, r * s, z));
+                out.normal.push(Vec3::new(slope.x * c, slope.x * s, slope.y));
+                out.uv.push(Vec2::new(share, z));
+            }
+        }
+        for k in 0..sides {
+            let p = first + 2 * k;
+            if r0 > 0.0 {
+                out.index.extend([p, p + 2, p + 3]);
+            }
+            if r1 > 0.0 {
+                out.index.extend([p, p + 3, p + 1]);
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::check::open_edges_welded;
+    use super::*;
+
+    const PINE: Measures = Measures {
+        height_m: 20.0,
+        stem_diameter_m: 0.3,
+        crown_width_m: 5.0,
+        crown_length_m: 12.0,
+        widest_m: 11.0,
+        lower_share: 0.4,
+    };
+
+    #[test]
+    fn the_scheme_has_the_measures_of_the_tree() {
+        let s = Scheme::new(&PINE).unwrap();
+        assert_eq!((s.h1_m, s.h2_m, s.h3_m, s.h4_m), (8.0, 9.0, 3.0, 11.0));
+        assert_eq!((s.r2_m, s.r3_m, s.r4_m, s.r5_m), (2.5, 2.5, 1.0, 0.15));
+        let mesh = s.mesh(16);
+        let (low, high) = mesh.bounds();
+        assert_eq!((low.z, high.z, high.x), (0.0, 20.0, 2.5));
+        // By hand: π/3 (9·6.25 + 3·(6.25 + 2.5 + 1)) and π·0.0225·11.
+        assert!((s.crown_volume_m3() - 89.535_390_627).abs() < 1e-4);
+        assert!((s.stem_volume_m3() - 0.777_544_181).abs() < 1e-6);
+    }
+
+    #[test]
+    fn both_bodies_are_closed_and_have_the_volume_of_their_prisms() {
+        let s = Scheme::new(&PINE).unwrap();
+        for sides in [3u32, 6, 16, 64] {
+            let mesh = s.mesh(sides);
+            let n = f64::from(sides);
+            // An N-gon's area over its circle's.
+            let share = n / std::f64::consts::TAU * (std::f64::consts::TAU / n).sin();
+            let bodies = [(&mesh.wood, s.stem_volume_m3()), (&mesh.foliage, s.crown_volume_m3())];
+            for (surface, round) in bodies {
+                surface.check().unwrap();
+                assert_eq!(open_edges_welded(&[surface]), 0);
+                let volume = surface.volume_m3();
+                assert!((volume / (round * share) - 1.0).abs() < 1e-5, "{sides}: {volume}");
+            }
+            assert_eq!(mesh.triangles(), 8 * sides as usize);
+        }
+    }
+
+    #[test]
+    fn impossible_measures_say_what_is_wrong() {
+        let refused = |m: Measures| Scheme::new(&m).unwrap_err().message().to_owned();
+        for (m, what) in [
+            (Measures { height_m: f32::NAN, ..PINE }, "its height is NaN m"),
+            (Measures { crown_length_m: 30.0, ..PINE }, "a crown of 30 m on 20 m"),
+            (Measures { widest_m: 7.0, ..PINE }, "its widest part at 7 m is not in its crown"),
+            (
+                Measures { crown_width_m: 0.2, ..PINE },
+                "its crown of 0.2 m is no wider than its stem",
+            ),
+        ] {
+            assert_eq!(refused(m), format!("no scheme of a tree: {what}"));
+        }
+    }
+}
