@@ -101,7 +101,7 @@ fn a_larch_has_every_needle() {
     let needles: Vec<f32> = s
         .index
         .chunks_exact(6)
-        .filter(|t| t[0] == t[3] && t[2] == t[4] && t[5] == t[0] + 3)
+        .filter(|t| t[0] == t[3] && t[2] == t[4] && t[2] == t[0] + 2)
         .map(|t| s.position[t[0] as usize].distance(s.position[t[2] as usize]))
         .collect();
     assert!(needles.len() > 2_000 && needles.len().is_multiple_of(30), "{}", needles.len());
