@@ -13,7 +13,7 @@ use std::ops::Range;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::raster::{Grid, GridGeometry};
+use crate::raster::{Grid, GridGeometry, scatter};
 
 /// Rings of empty cells that are filled from their neighbours; cells farther out are bare.
 const FILL_RINGS: usize = 3;
@@ -78,8 +78,8 @@ pub(super) struct Canopy {
 /// grids, each shifted by that part of a cell: where the cells happen to lie then matters less.
 pub(super) fn build(
     geometry: GridGeometry,
-    points: impl Iterator<Item = (Vec3, f32)> + Clone,
-    bare: impl Iterator<Item = Vec3> + Clone,
+    points: impl ParallelIterator<Item = (Vec3, f32)> + Clone,
+    bare: impl ParallelIterator<Item = Vec3> + Clone,
     grids: usize,
 ) -> Canopy {
     let mut canopy = on_grid(geometry, points.clone(), bare.clone());
@@ -105,20 +105,15 @@ pub(super) fn build(
 
 fn on_grid(
     geometry: GridGeometry,
-    points: impl Iterator<Item = (Vec3, f32)>,
-    bare: impl Iterator<Item = Vec3>,
+    points: impl ParallelIterator<Item = (Vec3, f32)>,
+    bare: impl ParallelIterator<Item = Vec3>,
 ) -> Canopy {
-    let mut top = Grid::filled(geometry, f32::NEG_INFINITY);
-    for p in bare {
-        if let Some((c, r)) = geometry.cell_of(f64::from(p.x), f64::from(p.y)) {
-            top.set(c, r, top.at(c, r).max(0.0));
-        }
-    }
-    for (p, height) in points {
-        if let Some((c, r)) = geometry.cell_of(f64::from(p.x), f64::from(p.y)) {
-            top.set(c, r, top.at(c, r).max(height).max(0.0));
-        }
-    }
+    let heights = bare.map(|p| (p, 0.0)).chain(points).filter_map(|(p, height)| {
+        let (c, r) = geometry.cell_of(f64::from(p.x), f64::from(p.y))?;
+        Some((geometry.index(c, r), f32::max(height, 0.0)))
+    });
+    let data = scatter::greatest(geometry.len(), f32::NEG_INFINITY, heights);
+    let mut top = Grid { geometry, data };
     fill_voids(&mut top);
     fill_pits(&mut top);
     let smooth = smoothed(&top);
@@ -140,6 +135,7 @@ fn for_neighbours(grid: &Grid<f32>, col: usize, row: usize, mut f: impl FnMut(f3
 fn fill_voids(grid: &mut Grid<f32>) {
     let g = grid.geometry;
     let mut empty: Vec<(usize, usize)> = (0..g.len())
+        .into_par_iter()
         .filter(|&i| grid.data[i] == f32::NEG_INFINITY)
         .map(|i| (i % g.cols, i / g.cols))
         .collect();

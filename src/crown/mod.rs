@@ -18,6 +18,7 @@ mod outline;
 mod tests;
 
 use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -27,7 +28,7 @@ use crate::ground::{Classified, Kind};
 use crate::raster::{Grid, GridGeometry};
 use crate::scan::PointCloud;
 use crate::terrain::Terrain;
-use crate::voxel::VoxelOctree;
+use crate::voxel;
 
 /// One tree as the scan shows it. Coordinates are local metres with absolute heights.
 #[derive(Debug, Clone, PartialEq)]
@@ -132,13 +133,6 @@ impl Default for CrownOptions {
 
 impl CrownOptions {
     fn check(&self) -> Result<()> {
-        let length = |name: &str, value: f32| {
-            if value.is_finite() && value > 0.0 {
-                return Ok(());
-            }
-            Err(Error::new(format!("{name} is {value}, which is no length"))
-                .remedy("give a number of metres greater than 0"))
-        };
         length("the least tree height", self.min_height_m)?;
         if !(0.0..=1.0).contains(&self.min_confidence) {
             return Err(Error::new(format!("the least confidence is {}", self.min_confidence))
@@ -152,6 +146,14 @@ impl CrownOptions {
     }
 }
 
+fn length(name: &str, value: f32) -> Result<()> {
+    if value.is_finite() && value > 0.0 {
+        return Ok(());
+    }
+    Err(Error::new(format!("{name} is {value}, which is no length"))
+        .remedy("give a number of metres greater than 0"))
+}
+
 /// The cell of the canopy surface for so many points per occupied square of 2 m, metres.
 pub fn cell_m(density_per_sq_m: f64) -> f32 {
     canopy::cell_for_density(density_per_sq_m) as f32
@@ -160,8 +162,8 @@ pub fn cell_m(density_per_sq_m: f64) -> f32 {
 /// The tallest tree known stands 116 m high.
 const TALLEST_M: f32 = 120.0;
 
-/// Finds the trees, sorted by key. `voxels` are those of the vegetation: each belongs to the tree
-/// over which its centre of mass lies, and so to one tree at most.
+/// Finds the trees, sorted by key. A point belongs to the tree over which it lies; the points of a
+/// tree are gathered in voxels of edge `voxel_m` (see [`voxel::choose_size_m`]).
 ///
 /// A key that two trees would share (roots in the same quarter metre) goes to the taller; the
 /// other takes the next greater key that is free. The same points give the same crowns on any
@@ -169,10 +171,11 @@ const TALLEST_M: f32 = 120.0;
 pub fn detect(
     classified: &Classified,
     terrain: &Terrain,
-    voxels: &VoxelOctree,
+    voxel_m: f32,
     options: &CrownOptions,
 ) -> Result<Warned<Vec<Crown>>> {
     options.check()?;
+    length("the edge of a voxel", voxel_m)?;
     let cloud = &classified.cloud;
     if classified.kind.len() != cloud.len() {
         return Err(Error::new(format!(
@@ -195,50 +198,50 @@ pub fn detect(
             },
         )
         .collect();
-    let vegetation = || (0..cloud.len()).filter(|&i| is_vegetation(i) && height[i].is_finite());
-    let tall = || vegetation().filter(|&i| height[i] >= options.min_height_m);
-    if tall().next().is_none() {
+    let (all, bare) = rayon::join(
+        || -> Vec<u32> {
+            let points = height.par_iter().enumerate();
+            points.filter(|(_, h)| h.is_finite()).map(|(i, _)| i as u32).collect()
+        },
+        || -> Vec<u32> {
+            let points = classified.kind.par_iter().enumerate();
+            points.filter(|(_, k)| **k == Kind::Ground).map(|(i, _)| i as u32).collect()
+        },
+    );
+    let none = (Vec2::INFINITY, Vec2::NEG_INFINITY, 0usize);
+    let add = |(low, high, n): (Vec2, Vec2, usize), (a, b, more): (Vec2, Vec2, usize)| {
+        (low.min(a), high.max(b), n + more)
+    };
+    let (low, high, tall) = (all.par_iter())
+        .filter(|&&i| height[i as usize] >= options.min_height_m)
+        .map(|&i| cloud.position[i as usize].truncate())
+        .fold(|| none, |sum, p| add(sum, (p, p, 1)))
+        .reduce(|| none, add);
+    if tall == 0 {
         warnings.push(format!(
             "no tree found: none of the {} vegetation points is {} m above the ground",
-            vegetation().count(),
+            all.len(),
             options.min_height_m
         ));
         return Ok(Warned::with(Vec::new(), warnings));
     }
 
-    let density = canopy::density_per_sq_m(&cloud.position);
-    let cell = f64::from(options.cell_m.unwrap_or_else(|| cell_m(density)));
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for i in tall() {
-        let p = cloud.position[i].as_dvec3();
-        low = [low[0].min(p.x), low[1].min(p.y)];
-        high = [high[0].max(p.x), high[1].max(p.y)];
-    }
-    let stand = Stand {
-        cloud,
-        height: &height,
-        terrain,
-        centres: voxels.centres_of_mass(),
-        centre_height: (voxels.centres_of_mass().par_iter())
-            .map(|p| p.z - terrain.height_at(p.truncate()))
-            .collect(),
-        voxel_m: voxels.size_m(),
-        bare: (0..cloud.len() as u32)
-            .filter(|&i| classified.kind[i as usize] == Kind::Ground)
-            .collect(),
-        geometry: canopy::geometry(low, high, cell, cloud.len()),
-        options,
+    let cell = f64::from(
+        options.cell_m.unwrap_or_else(|| cell_m(canopy::density_per_sq_m(&cloud.position))),
+    );
+    let grid = |cell: f64| {
+        let [low, high] = [low, high].map(|p| p.to_array().map(f64::from));
+        canopy::geometry(low, high, cell, cloud.len())
     };
-    let all: Vec<u32> = vegetation().map(|i| i as u32).collect();
-    let every_voxel: Vec<u32> = (0..stand.centres.len() as u32).collect();
+    let stand = Stand { cloud, height: &height, terrain, voxel_m, bare, options };
     let upper = Evidence { points: 1, confidence: options.min_confidence, may_stand_alone: true };
-    let upper = stand.layer(&all, &every_voxel, upper);
+    let upper = stand.layer(grid(cell), &all, upper);
     let left = match options.has_understory {
-        true => upper.left(&stand, &all, &every_voxel),
-        false => Left { points: Vec::new(), voxels: Vec::new() },
+        true => upper.left(&stand, &all),
+        false => Vec::new(),
     };
     let lower = Evidence { confidence: LOWER.confidence.max(options.min_confidence), ..LOWER };
-    let lower = stand.layer(&left.points, &left.voxels, lower);
+    let lower = stand.layer(grid(LOWER_CELLS * cell), &left, lower);
     if upper.left_out > 0 {
         warnings.push(format!(
             "{} of {} places in the canopy look too little like one tree and are left out",
@@ -257,16 +260,15 @@ pub fn detect(
         ));
     }
 
-    let outside =
-        vegetation().count() - crowns.iter().map(|c| c.point_count as usize).sum::<usize>();
+    let outside = all.len() - crowns.iter().map(|c| c.point_count as usize).sum::<usize>();
     if crowns.is_empty() {
         warnings.push("no tree found".to_owned());
     }
     if outside > 0 {
-        let lower = vegetation().filter(|&i| height[i] < options.min_height_m).count();
+        let lower = all.len() - tall;
         warnings.push(format!(
             "{outside} of {} vegetation points belong to no tree; of all points {lower} are lower than {} m",
-            vegetation().count(),
+            all.len(),
             options.min_height_m
         ));
     }
@@ -278,6 +280,8 @@ pub fn detect(
 /// from above: the annotated plots mark crowns seen from above alone, and F1 there falls by 0.02 for
 /// every 40 places that pass.
 const LOWER: Evidence = Evidence { points: 10, confidence: 0.55, may_stand_alone: false };
+/// Cells of the lower storey, which fewer points show, in those of the canopy.
+const LOWER_CELLS: f64 = 2.0;
 /// A lower tree ends this far below the crown over it, metres and part of that tree's height.
 const CLEARANCE_M: f32 = 1.0;
 const CLEARANCE_RELATIVE: f32 = 0.05;
@@ -285,20 +289,15 @@ const CLEARANCE_RELATIVE: f32 = 0.05;
 const STEM_M: f32 = 0.3;
 const STEM_RELATIVE: f32 = 0.02;
 
-/// What crowns are looked for in. Numbers are those of points and voxels.
+/// What crowns are looked for in.
 struct Stand<'a> {
     cloud: &'a PointCloud,
     /// Above the terrain, by point.
     height: &'a [f32],
     terrain: &'a Terrain,
-    /// Of the voxels.
-    centres: &'a [Vec3],
-    /// Of those centres, above the terrain.
-    centre_height: Vec<f32>,
     voxel_m: f32,
-    /// Ground points.
+    /// Numbers of ground points.
     bare: Vec<u32>,
-    geometry: GridGeometry,
     options: &'a CrownOptions,
 }
 
@@ -324,20 +323,16 @@ struct Layer {
 
 const LEFT_OUT: u32 = basins::NONE - 1;
 
-struct Left {
-    points: Vec<u32>,
-    voxels: Vec<u32>,
+/// The cell of a grid over which a point lies.
+fn cell_over(g: &GridGeometry, p: Vec3) -> Option<usize> {
+    let (c, r) = g.cell_of(f64::from(p.x), f64::from(p.y))?;
+    Some(g.index(c, r))
 }
 
 impl Stand<'_> {
-    fn cell_of(&self, p: Vec3) -> Option<usize> {
-        let (c, r) = self.geometry.cell_of(f64::from(p.x), f64::from(p.y))?;
-        Some(self.geometry.index(c, r))
-    }
-
-    /// The trees that the given points and voxels show.
-    fn layer(&self, points: &[u32], voxels: &[u32], least: Evidence) -> Layer {
-        let (g, cell_m) = (self.geometry, self.geometry.cell_x as f32);
+    /// The trees that the points of given numbers show, by a canopy on the grid `g`.
+    fn layer(&self, g: GridGeometry, points: &[u32], least: Evidence) -> Layer {
+        let cell_m = g.cell_x as f32;
         let at = |i: &u32| self.cloud.position[*i as usize];
         if points.len() < least.points {
             return Layer {
@@ -347,9 +342,9 @@ impl Stand<'_> {
                 left_out: 0,
             };
         }
-        let heights = points.iter().map(|i| (at(i), self.height[*i as usize]));
+        let heights = points.par_iter().map(|i| (at(i), self.height[*i as usize]));
         let grids = self.options.grids;
-        let canopy = canopy::build(g, heights, self.bare.iter().map(at), grids);
+        let canopy = canopy::build(g, heights, self.bare.par_iter().map(at), grids);
         let basins = basins::find(&canopy, self.options.min_height_m);
         let regions = hierarchy::merge(&basins, g.cols, cell_m);
         let mut chosen = hierarchy::choose(&regions, g.cols, cell_m);
@@ -357,7 +352,7 @@ impl Stand<'_> {
         chosen.retain(|c| c.chance >= least.confidence || least.may_stand_alone && c.is_alone);
         let left_out = candidates - chosen.len();
         let tree_of_basin = regions.tree_of_basin(&chosen, basins.extent.len());
-        let mut tree_of_cell: Vec<u32> = (basins.of_cell.iter())
+        let mut tree_of_cell: Vec<u32> = (basins.of_cell.par_iter())
             .map(|&basin| match tree_of_basin.get(basin as usize) {
                 None => basins::NONE,
                 Some(&basins::NONE) => LEFT_OUT,
@@ -365,44 +360,42 @@ impl Stand<'_> {
             })
             .collect();
 
-        let cells = Groups::new(chosen.len(), tree_of_cell.par_iter().copied(), |cell| cell);
-        let tree_at = |p: Vec3, height_m: f32| {
-            let tree = self.cell_of(p).map_or(basins::NONE, |cell| tree_of_cell[cell]);
+        let tree_of_point = points.par_iter().map(|i| {
+            let tree = cell_over(&g, at(i)).map_or(basins::NONE, |cell| tree_of_cell[cell]);
             let in_tree = chosen.get(tree as usize).is_some_and(|c| {
                 let top_m = regions.region[c.region as usize].extent.top_m;
-                height_m >= measure::undergrowth_m(top_m).min(self.options.min_height_m)
+                let lowest_m = measure::undergrowth_m(top_m).min(self.options.min_height_m);
+                self.height[*i as usize] >= lowest_m
             });
             if in_tree { tree } else { basins::NONE }
-        };
-        let tree_of_point = points.par_iter().map(|i| tree_at(at(i), self.height[*i as usize]));
-        let members = Groups::new(chosen.len(), tree_of_point, |k| points[k as usize]);
-        let tree_of_voxel = voxels
-            .par_iter()
-            .map(|&i| tree_at(self.centres[i as usize], self.centre_height[i as usize]));
-        let voxels_of_tree = Groups::new(chosen.len(), tree_of_voxel, |k| voxels[k as usize]);
+        });
+        let (members, cells) = rayon::join(
+            || Groups::new(chosen.len(), tree_of_point, |k| points[k as usize]),
+            || Groups::new(chosen.len(), tree_of_cell.par_iter().copied(), |cell| cell),
+        );
         let crowns: Vec<Option<Crown>> = (0..chosen.len())
             .into_par_iter()
             .map(|tree| {
+                let own = members.of(tree);
+                if own.len() < least.points {
+                    return None;
+                }
                 let middle: Vec<Vec2> = (cells.of(tree).iter())
                     .map(|&i| {
                         let [x, y] = g.centre(i as usize % g.cols, i as usize / g.cols);
                         Vec2::new(x as f32, y as f32)
                     })
                     .collect();
-                let points: Vec<Vec3> = members.of(tree).iter().map(at).collect();
-                let heights: Vec<f32> =
-                    members.of(tree).iter().map(|&i| self.height[i as usize]).collect();
-                let own: Vec<Vec3> =
-                    voxels_of_tree.of(tree).iter().map(|&i| self.centres[i as usize]).collect();
+                let points: Vec<Vec3> = own.iter().map(at).collect();
+                let heights: Vec<f32> = own.iter().map(|&i| self.height[i as usize]).collect();
                 let members = measure::Members {
                     points: &points,
                     heights: &heights,
-                    voxels: &own,
+                    voxels: &voxel::centres_of_mass(&points, self.voxel_m),
                     voxel_m: self.voxel_m,
                 };
                 measure::crown(&middle, cell_m, &members, self.terrain, chosen[tree].chance)
                     .filter(|c| c.height_m >= self.options.min_height_m)
-                    .filter(|_| points.len() >= least.points)
             })
             .collect();
 
@@ -423,14 +416,16 @@ impl Stand<'_> {
 }
 
 impl Layer {
-    /// What a lower storey may be made of: what is tall enough and lies under a crown's base with
-    /// some clearance, but is not its stem, or beside the skirts of the crowns.
-    fn left(&self, stand: &Stand<'_>, points: &[u32], voxels: &[u32]) -> Left {
-        let is_left = |p: Vec3, height_m: f32| {
+    /// Numbers of the points that a lower storey may be made of: those that are tall enough and lie
+    /// under a crown's base with some clearance, but are not its stem, or beside the skirts of the
+    /// crowns.
+    fn left(&self, stand: &Stand<'_>, points: &[u32]) -> Vec<u32> {
+        let is_left = |i: u32| {
+            let (p, height_m) = (stand.cloud.position[i as usize], stand.height[i as usize]);
             if height_m < stand.options.min_height_m {
                 return false;
             }
-            let Some(cell) = stand.cell_of(p) else { return false };
+            let Some(cell) = cell_over(&self.top.geometry, p) else { return false };
             let Some(crown) = self.trees.get(self.tree_of_cell[cell] as usize) else {
                 return self.tree_of_cell[cell] == basins::NONE;
             };
@@ -443,14 +438,7 @@ impl Layer {
             let from_stem = (p - crown.root).truncate().distance(lean);
             from_stem > STEM_M + STEM_RELATIVE * crown.height_m
         };
-        Left {
-            points: (points.par_iter().copied())
-                .filter(|&i| is_left(stand.cloud.position[i as usize], stand.height[i as usize]))
-                .collect(),
-            voxels: (voxels.par_iter().copied())
-                .filter(|&i| is_left(stand.centres[i as usize], stand.centre_height[i as usize]))
-                .collect(),
-        }
+        points.par_iter().copied().filter(|&i| is_left(i)).collect()
     }
 }
 
@@ -458,8 +446,7 @@ impl Layer {
 fn join(upper: Layer, lower: Layer) -> Vec<Crown> {
     let Layer { trees, tree_of_cell, top, .. } = upper;
     let over = |p: Vec3| {
-        let (c, r) = top.geometry.cell_of(f64::from(p.x), f64::from(p.y))?;
-        let cell = top.geometry.index(c, r);
+        let cell = cell_over(&top.geometry, p)?;
         Some((tree_of_cell[cell] as usize, top.data[cell]))
     };
     let mut crowns = trees;
@@ -488,27 +475,44 @@ impl Groups {
     fn new(
         groups: usize,
         group: impl IndexedParallelIterator<Item = u32>,
-        member: impl Fn(u32) -> u32,
+        member: impl Fn(u32) -> u32 + Sync,
     ) -> Groups {
+        /// Things that one thread counts at a time.
+        const TOGETHER: usize = 1 << 17;
         let group: Vec<u32> = group.collect();
-        let mut start = vec![0u32; groups + 1];
-        for &k in &group {
-            if let Some(count) = start.get_mut((k as usize).saturating_add(1)) {
-                *count += 1;
-            }
-        }
+        // How many of each group a run holds; then where the run's own begin.
+        let mut counts: Vec<Vec<u32>> = (group.par_chunks(TOGETHER))
+            .map(|run| {
+                let mut count = vec![0u32; groups];
+                for &k in run {
+                    if let Some(n) = count.get_mut(k as usize) {
+                        *n += 1;
+                    }
+                }
+                count
+            })
+            .collect();
+        let mut start = Vec::with_capacity(groups + 1);
+        let mut total = 0;
         for k in 0..groups {
-            start[k + 1] += start[k];
-        }
-        let mut members = vec![0; start[groups] as usize];
-        let mut next = start.clone();
-        next.truncate(groups);
-        for (i, &k) in (0u32..).zip(&group) {
-            if let Some(slot) = next.get_mut(k as usize) {
-                members[*slot as usize] = member(i);
-                *slot += 1;
+            start.push(total);
+            for count in &mut counts {
+                total += std::mem::replace(&mut count[k], total);
             }
         }
+        start.push(total);
+        let members: Vec<AtomicU32> =
+            rayon::iter::repeat_n(0, total as usize).map(AtomicU32::new).collect();
+        let runs = group.par_chunks(TOGETHER).zip(counts).enumerate();
+        runs.for_each(|(run, (group, mut next))| {
+            for (i, &k) in ((run * TOGETHER) as u32..).zip(group) {
+                if let Some(slot) = next.get_mut(k as usize) {
+                    members[*slot as usize].store(member(i), Relaxed);
+                    *slot += 1;
+                }
+            }
+        });
+        let members = members.into_par_iter().map(AtomicU32::into_inner).collect();
         Groups { start, members }
     }
 

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 use rayon::prelude::*;
 
 use super::Effort;
@@ -23,7 +23,7 @@ use crate::species::assign::{How, SpeciesBy, assign};
 use crate::species::look::{self, Looks};
 use crate::species::photo::Photo;
 use crate::terrain::{self, HeldOut, Terrain};
-use crate::voxel::{self, VoxelOctree};
+use crate::voxel;
 
 /// What to read and how.
 #[derive(Debug, Clone)]
@@ -134,8 +134,8 @@ fn place_photo(
 }
 
 fn extent(cloud: &PointCloud) -> (Vec2, Vec2) {
-    let points = cloud.position.iter().map(|p| (p.truncate(), p.truncate()));
-    points.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((Vec2::ZERO, Vec2::ZERO))
+    let points = cloud.position.par_iter().map(|p| (p.truncate(), p.truncate()));
+    points.reduce_with(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((Vec2::ZERO, Vec2::ZERO))
 }
 
 /// Larger scans go by tiles of about so many points, though none is asked for.
@@ -228,24 +228,13 @@ pub(super) fn voxel_m(job: &SurveyJob, density_per_m2: f32) -> f32 {
     job.voxel_m.unwrap_or_else(|| voxel::choose_size_m(density_per_m2, TYPICAL_CROWN_M))
 }
 
-/// The vegetation as voxels, one centre of mass each.
-fn voxelise(
-    job: &SurveyJob,
-    classified: &Classified,
-    density_per_m2: f32,
-    run: &mut Recorder,
-) -> Result<VoxelOctree> {
-    run.stage("voxel", |_| {
-        let points = classified.cloud.position.par_iter().zip(&classified.kind);
-        let vegetation: Vec<Vec3> =
-            points.filter(|(_, k)| **k == Kind::Vegetation).map(|(p, _)| *p).collect();
-        let size_m = voxel_m(job, density_per_m2);
-        let octree = VoxelOctree::build(&vegetation, size_m)?;
-        let outcome = Outcome::items(vegetation.len(), "points", octree.len(), "voxels")
-            .error(ErrorMeasure::new("point to centre RMS", octree.spread_m(), "m"))
-            .note(format!("voxel {size_m:.2} m, {} bytes", octree.memory_bytes()));
-        Ok((octree, outcome))
-    })
+/// What the crown stage tells of itself.
+pub(super) fn crown_outcome(crowns: &[Crown], vegetation: usize, voxel_m: f32) -> Outcome {
+    let inside: usize = crowns.iter().map(|c| c.point_count as usize).sum();
+    let left = 100.0 * (1.0 - inside as f64 / vegetation.max(1) as f64);
+    Outcome::items(vegetation, "points", crowns.len(), "trees")
+        .error(ErrorMeasure::new("vegetation points in no tree", left, "%"))
+        .note(format!("voxel {voxel_m:.2} m"))
 }
 
 /// Scan to trees with species.
@@ -268,15 +257,12 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
     let (classified, density_per_m2) = classify(job, run)?;
     let photo = place_photo(job, run, raster, &classified.cloud.frame, extent(&classified.cloud))?;
     let terrain = build_terrain(job, &classified, run)?;
-    let voxels = voxelise(job, &classified, density_per_m2, run)?;
     let crowns = run.stage("crown", |warnings| {
-        let options = job.effort.crown(job.min_height_m);
-        let crowns = crown::detect(&classified, &terrain, &voxels, &options)?.into_value(warnings);
-        let vegetation = classified.kind.iter().filter(|&&k| k == Kind::Vegetation).count();
-        let inside: usize = crowns.iter().map(|c| c.point_count as usize).sum();
-        let left = 100.0 * (1.0 - inside as f64 / vegetation.max(1) as f64);
-        let outcome = Outcome::items(voxels.len(), "voxels", crowns.len(), "trees");
-        Ok((crowns, outcome.error(ErrorMeasure::new("vegetation points in no tree", left, "%"))))
+        let (options, voxel_m) = (job.effort.crown(job.min_height_m), voxel_m(job, density_per_m2));
+        let crowns = crown::detect(&classified, &terrain, voxel_m, &options)?.into_value(warnings);
+        let vegetation = classified.kind.par_iter().filter(|&&k| k == Kind::Vegetation).count();
+        let outcome = crown_outcome(&crowns, vegetation, voxel_m);
+        Ok((crowns, outcome))
     })?;
     let looks = look::measure(&crowns, &classified, &terrain);
     let frame = classified.cloud.frame;

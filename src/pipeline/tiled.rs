@@ -9,19 +9,21 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
-use super::survey::{SurveyJob, check_ground, scan_outcome, voxel_m, with_held_out};
+use super::survey::{
+    SurveyJob, check_ground, crown_outcome, scan_outcome, voxel_m, with_held_out,
+};
 use crate::crown::{self, Crown, CrownOptions};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::ground::{self, Classified, Floor, GroundOptions, Kind};
 use crate::raster::{Grid, inpaint};
-use crate::report::{ErrorMeasure, Outcome, Recorder};
+use crate::report::{Outcome, Recorder};
 use crate::scan::ReadOptions;
 use crate::scan::tiles::{Tile, TiledScan, Window, tile_of};
 use crate::species::look::{self, GroundIntensity, Looks};
 use crate::terrain::{self, HeldOut, Terrain};
-use crate::voxel::VoxelOctree;
 
 /// Tiles about a block that are worked on with it.
 const MARGIN: i32 = 1;
@@ -233,18 +235,15 @@ impl Tiled {
             };
             let size_m = voxel_m(job, self.scan.density_per_m2 as f32);
             let mut found: BTreeMap<u64, (Crown, Option<look::Look>)> = BTreeMap::new();
-            let (mut vegetation, mut voxels) = (0usize, 0usize);
+            let mut vegetation = 0;
             for core in self.scan.blocks(tiles_a_side) {
                 let window = self.window(&core, MARGIN)?;
                 let core: BTreeSet<Tile> = core.into_iter().collect();
-                let points = window.cloud.position.iter().zip(&window.kind);
-                let leaves: Vec<Vec3> =
-                    points.filter(|(_, k)| **k == Kind::Vegetation).map(|(p, _)| *p).collect();
-                vegetation += leaves.iter().filter(|p| self.is_in(&core, **p)).count();
-                let octree = VoxelOctree::build(&leaves, size_m)?;
-                drop(leaves);
-                voxels += octree.len();
-                let mut crowns = crown::detect(&window, terrain, &octree, &options)?.value;
+                let points = window.cloud.position.par_iter().zip(&window.kind);
+                vegetation += points
+                    .filter(|(p, k)| **k == Kind::Vegetation && self.is_in(&core, **p))
+                    .count();
+                let mut crowns = crown::detect(&window, terrain, size_m, &options)?.value;
                 crowns.retain(|c| self.is_in(&core, c.apex));
                 let looks = look::measure(&crowns, &window, terrain).of_crown;
                 for (mut crown, look) in crowns.into_iter().zip(looks) {
@@ -259,10 +258,7 @@ impl Tiled {
             if crowns.is_empty() {
                 warnings.push("no tree found".to_owned());
             }
-            let inside: usize = crowns.iter().map(|c| c.point_count as usize).sum();
-            let left = 100.0 * (1.0 - inside as f64 / vegetation.max(1) as f64);
-            let outcome = Outcome::items(voxels, "voxels", crowns.len(), "trees")
-                .error(ErrorMeasure::new("vegetation points in no tree", left, "%"));
+            let outcome = crown_outcome(&crowns, vegetation, size_m);
             let looks = Looks { of_crown, ground_intensity: self.ground_intensity };
             Ok(((crowns, looks), outcome))
         })

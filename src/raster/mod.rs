@@ -8,6 +8,7 @@ pub mod geotiff;
 pub mod inpaint;
 mod lzw;
 pub mod picture;
+pub mod scatter;
 pub mod trend;
 mod world_file;
 

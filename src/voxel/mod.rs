@@ -64,8 +64,8 @@ pub fn choose_size_m(density_per_m2: f32, crown_diameter_m: f32) -> f32 {
     }
 }
 
-/// The centre of mass of every occupied voxel of edge `size_m`, in Morton order. Points that are
-/// not finite count for nothing. A size that is not positive, or too small for the extent, is
+/// The centre of mass of every occupied voxel of edge `size_m`, in Morton order, found on the
+/// calling thread: for the points of one tree. Points that are not finite count for nothing. A size that is not positive, or too small for the extent, is
 /// raised to the least that [`MAX_SIDE`] allows.
 pub fn centres_of_mass(points: &[Vec3], size_m: f32) -> Vec<Vec3> {
     let finite: Vec<Vec3>;
@@ -81,7 +81,14 @@ pub fn centres_of_mass(points: &[Vec3], size_m: f32) -> Vec<Vec3> {
     let least_m = (extent_m / f64::from(MAX_SIDE - 2)).max(1e-3) as f32;
     let size_m = if size_m.is_finite() { size_m.max(least_m) } else { least_m };
     let Some(grid) = Grid::over(points, size_m) else { return Vec::new() };
-    grid.occupied(points).centres_of_mass
+    let key = |(i, p): (u32, &Vec3)| Some((morton::encode(grid.index_of(*p)?), i));
+    let mut keys: Vec<(u64, u32)> = (0..).zip(points).filter_map(key).collect();
+    keys.sort_unstable();
+    let centre = |same: &[(u64, u32)]| {
+        let place = |k: &(u64, u32)| points[k.1 as usize].as_dvec3();
+        (same.iter().map(place).sum::<DVec3>() / same.len() as f64).as_vec3()
+    };
+    keys.chunk_by(|a, b| a.0 == b.0).map(centre).collect()
 }
 
 /// Where voxels are: the edge, and the indices of voxel (0, 0, 0) counted from the local origin.
