@@ -44,9 +44,16 @@ pub(super) fn density_per_sq_m(position: &[Vec3]) -> f64 {
     position.len() as f64 / (4 * squares.len().max(1)) as f64
 }
 
-/// Cell that holds about one point, between 0.3 m and 1 m in steps of 5 cm.
+/// Cells that are chosen among, metres. Far apart, so that like densities give one cell; all
+/// divide [`crate::scan::ALIGNMENT_M`] and are exact in binary, so that no point changes its cell
+/// with the origin.
+const CELLS_M: [f64; 6] = [0.3125, 0.375, 0.5, 0.625, 0.75, 1.0];
+
+/// The cell that comes nearest to holding one point.
 pub(super) fn cell_for_density(density_per_sq_m: f64) -> f64 {
-    ((20.0 / density_per_sq_m.max(1e-9).sqrt()).round() / 20.0).clamp(0.3, 1.0)
+    let wanted = 1.0 / density_per_sq_m.max(1e-9).sqrt();
+    let off = |cell: &f64| (cell / wanted).ln().abs();
+    CELLS_M.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(1.0)
 }
 
 /// The smallest covering grid with no more cells than memory in proportion to `count` points

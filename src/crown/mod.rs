@@ -18,14 +18,13 @@ mod outline;
 mod tests;
 
 use std::collections::BTreeSet;
-use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use crate::diagnostic::{Error, Result, Warned};
 use crate::ground::{Classified, Kind};
-use crate::raster::{Grid, GridGeometry};
+use crate::raster::{Grid, GridGeometry, Groups};
 use crate::scan::PointCloud;
 use crate::terrain::Terrain;
 use crate::voxel;
@@ -68,6 +67,17 @@ pub struct Crown {
 }
 
 impl Crown {
+    /// Into another frame.
+    pub fn moved(self, by: Vec3) -> Crown {
+        Crown {
+            root: self.root + by,
+            apex: self.apex + by,
+            outline: self.outline.into_iter().map(|p| p + by.truncate()).collect(),
+            attractors: self.attractors.into_iter().map(|p| p + by).collect(),
+            ..self
+        }
+    }
+
     /// The invariants; the first that does not hold is named.
     pub fn check(&self) -> std::result::Result<(), String> {
         let holds = |ok: bool, what: &str| {
@@ -162,18 +172,102 @@ pub fn cell_m(density_per_sq_m: f64) -> f32 {
 /// The tallest tree known stands 116 m high.
 const TALLEST_M: f32 = 120.0;
 
+/// Trees, sorted by key, and what did not become one.
+pub struct Found {
+    pub crowns: Vec<Crown>,
+    pub tally: Tally,
+}
+
+/// Counts from which warnings follow; those of the pieces of a scan add up to those of the whole.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Tally {
+    /// Points.
+    pub vegetation: usize,
+    /// Of those, lower than the least tree.
+    pub low: usize,
+    /// Places in the canopy that look too little like one tree.
+    pub left_out: usize,
+    /// Higher than any tree.
+    pub too_tall: usize,
+}
+
+impl Tally {
+    pub fn add(&mut self, piece: Tally) {
+        self.vegetation += piece.vegetation;
+        self.low += piece.low;
+        self.left_out += piece.left_out;
+        self.too_tall += piece.too_tall;
+    }
+
+    /// What a user should know.
+    pub fn warnings(&self, crowns: &[Crown], min_height_m: f32) -> Vec<String> {
+        let Tally { vegetation, low, left_out, too_tall } = *self;
+        if low == vegetation && crowns.is_empty() {
+            return vec![format!(
+                "no tree found: none of the {vegetation} vegetation points is {min_height_m} m above \
+                 the ground"
+            )];
+        }
+        let mut warnings = Vec::new();
+        if left_out > 0 {
+            let places = left_out + crowns.iter().filter(|c| !c.is_understory).count();
+            warnings.push(format!(
+                "{left_out} of {places} places in the canopy look too little like one tree and are \
+                 left out"
+            ));
+        }
+        if too_tall > 0 {
+            warnings.push(format!(
+                "higher than {TALLEST_M} m and left out as no trees: {too_tall} (masts, birds, clouds?)"
+            ));
+        }
+        if crowns.is_empty() {
+            warnings.push("no tree found".to_owned());
+        }
+        let inside: usize = crowns.iter().map(|c| c.point_count as usize).sum();
+        let outside = vegetation.saturating_sub(inside);
+        if outside > 0 {
+            warnings.push(format!(
+                "{outside} of {vegetation} vegetation points belong to no tree; of all points {low} \
+                 are lower than {min_height_m} m"
+            ));
+        }
+        warnings
+    }
+}
+
 /// Finds the trees, sorted by key. A point belongs to the tree over which it lies; the points of a
 /// tree are gathered in voxels of edge `voxel_m` (see [`voxel::choose_size_m`]).
 ///
 /// A key that two trees would share (roots in the same quarter metre) goes to the taller; the
 /// other takes the next greater key that is free. The same points give the same crowns on any
 /// number of threads.
+///
+/// # Errors
+/// Kinds that are not as many as the points; options that make no sense.
 pub fn detect(
     classified: &Classified,
     terrain: &Terrain,
     voxel_m: f32,
     options: &CrownOptions,
 ) -> Result<Warned<Vec<Crown>>> {
+    let Found { crowns, tally } = detect_within(classified, terrain, voxel_m, options, |_| true)?;
+    let warnings = tally.warnings(&crowns, options.min_height_m);
+    Ok(Warned::with(crowns, warnings))
+}
+
+/// [`detect`] in a window of a scan: only what has its apex or place where `is_own` holds is given
+/// and counted.
+///
+/// # Errors
+/// Those of [`detect`].
+pub fn detect_within(
+    classified: &Classified,
+    terrain: &Terrain,
+    voxel_m: f32,
+    options: &CrownOptions,
+    is_own: impl Fn(Vec3) -> bool + Sync,
+) -> Result<Found> {
     options.check()?;
     length("the edge of a voxel", voxel_m)?;
     let cloud = &classified.cloud;
@@ -185,7 +279,6 @@ pub fn detect(
         ))
         .remedy("classify the cloud again"));
     }
-    let mut warnings = Vec::new();
     let is_vegetation = |i: usize| classified.kind[i] == Kind::Vegetation;
 
     let height: Vec<f32> = cloud
@@ -217,13 +310,15 @@ pub fn detect(
         .map(|&i| cloud.position[i as usize].truncate())
         .fold(|| none, |sum, p| add(sum, (p, p, 1)))
         .reduce(|| none, add);
+    let own = |i: &&u32| is_own(cloud.position[**i as usize]);
+    let is_low = |i: &&u32| height[**i as usize] < options.min_height_m;
+    let mut tally = Tally {
+        vegetation: all.par_iter().filter(own).count(),
+        low: all.par_iter().filter(is_low).filter(own).count(),
+        ..Tally::default()
+    };
     if tall == 0 {
-        warnings.push(format!(
-            "no tree found: none of the {} vegetation points is {} m above the ground",
-            all.len(),
-            options.min_height_m
-        ));
-        return Ok(Warned::with(Vec::new(), warnings));
+        return Ok(Found { crowns: Vec::new(), tally });
     }
 
     let cell = f64::from(
@@ -242,38 +337,14 @@ pub fn detect(
     };
     let lower = Evidence { confidence: LOWER.confidence.max(options.min_confidence), ..LOWER };
     let lower = stand.layer(grid(LOWER_CELLS * cell), &left, lower);
-    if upper.left_out > 0 {
-        warnings.push(format!(
-            "{} of {} places in the canopy look too little like one tree and are left out",
-            upper.left_out,
-            upper.left_out + upper.trees.len()
-        ));
-    }
-    let crowns = join(upper, lower);
+    tally.left_out = upper.left_out.iter().filter(|p| is_own(**p)).count();
+    let mut crowns = join(upper, lower);
+    crowns.retain(|crown| is_own(crown.apex));
     let found = crowns.len();
-    let mut crowns: Vec<Crown> =
-        crowns.into_iter().filter(|crown| crown.height_m <= TALLEST_M).collect();
-    if crowns.len() < found {
-        warnings.push(format!(
-            "higher than {TALLEST_M} m and left out as no trees: {} (masts, birds, clouds?)",
-            found - crowns.len()
-        ));
-    }
-
-    let outside = all.len() - crowns.iter().map(|c| c.point_count as usize).sum::<usize>();
-    if crowns.is_empty() {
-        warnings.push("no tree found".to_owned());
-    }
-    if outside > 0 {
-        let lower = all.len() - tall;
-        warnings.push(format!(
-            "{outside} of {} vegetation points belong to no tree; of all points {lower} are lower than {} m",
-            all.len(),
-            options.min_height_m
-        ));
-    }
+    crowns.retain(|crown| crown.height_m <= TALLEST_M);
+    tally.too_tall = found - crowns.len();
     give_keys(&mut crowns, |root| cloud.frame.key(root));
-    Ok(Warned::with(crowns, warnings))
+    Ok(Found { crowns, tally })
 }
 
 /// What is taken for a lower tree. Seen through gaps, boughs and undergrowth look more like trees than
@@ -318,7 +389,8 @@ struct Layer {
     tree_of_cell: Vec<u32>,
     /// Greatest height by cell.
     top: Grid<f32>,
-    left_out: usize,
+    /// Tops of the places that look too little like a tree.
+    left_out: Vec<Vec3>,
 }
 
 const LEFT_OUT: u32 = basins::NONE - 1;
@@ -339,7 +411,7 @@ impl Stand<'_> {
                 trees: Vec::new(),
                 tree_of_cell: vec![basins::NONE; g.len()],
                 top: Grid::filled(g, 0.0),
-                left_out: 0,
+                left_out: Vec::new(),
             };
         }
         let heights = points.par_iter().map(|i| (at(i), self.height[*i as usize]));
@@ -347,10 +419,15 @@ impl Stand<'_> {
         let canopy = canopy::build(g, heights, self.bare.par_iter().map(at), grids);
         let basins = basins::find(&canopy, self.options.min_height_m);
         let regions = hierarchy::merge(&basins, g.cols, cell_m);
-        let mut chosen = hierarchy::choose(&regions, g.cols, cell_m);
-        let candidates = chosen.len();
-        chosen.retain(|c| c.chance >= least.confidence || least.may_stand_alone && c.is_alone);
-        let left_out = candidates - chosen.len();
+        let top_of = |c: &hierarchy::Chosen| {
+            let cell = regions.region[c.region as usize].extent.top_cell as usize;
+            let [x, y] = g.centre(cell % g.cols, cell / g.cols);
+            Vec3::new(x as f32, y as f32, canopy.top.data[cell])
+        };
+        let (chosen, out): (Vec<_>, Vec<_>) = (hierarchy::choose(&regions, g.cols, cell_m))
+            .into_iter()
+            .partition(|c| c.chance >= least.confidence || least.may_stand_alone && c.is_alone);
+        let left_out = out.iter().map(top_of).collect();
         let tree_of_basin = regions.tree_of_basin(&chosen, basins.extent.len());
         let mut tree_of_cell: Vec<u32> = (basins.of_cell.par_iter())
             .map(|&basin| match tree_of_basin.get(basin as usize) {
@@ -461,64 +538,6 @@ fn join(upper: Layer, lower: Layer) -> Vec<Crown> {
         crowns.push(crown);
     }
     crowns
-}
-
-/// Members of each group, in order; what is in no group is left out.
-struct Groups {
-    /// Where each group begins in `members`; one more than groups.
-    start: Vec<u32>,
-    members: Vec<u32>,
-}
-
-impl Groups {
-    /// `group` of each thing in turn; `member` is what stands for the thing of that number.
-    fn new(
-        groups: usize,
-        group: impl IndexedParallelIterator<Item = u32>,
-        member: impl Fn(u32) -> u32 + Sync,
-    ) -> Groups {
-        /// Things that one thread counts at a time.
-        const TOGETHER: usize = 1 << 17;
-        let group: Vec<u32> = group.collect();
-        // How many of each group a run holds; then where the run's own begin.
-        let mut counts: Vec<Vec<u32>> = (group.par_chunks(TOGETHER))
-            .map(|run| {
-                let mut count = vec![0u32; groups];
-                for &k in run {
-                    if let Some(n) = count.get_mut(k as usize) {
-                        *n += 1;
-                    }
-                }
-                count
-            })
-            .collect();
-        let mut start = Vec::with_capacity(groups + 1);
-        let mut total = 0;
-        for k in 0..groups {
-            start.push(total);
-            for count in &mut counts {
-                total += std::mem::replace(&mut count[k], total);
-            }
-        }
-        start.push(total);
-        let members: Vec<AtomicU32> =
-            rayon::iter::repeat_n(0, total as usize).map(AtomicU32::new).collect();
-        let runs = group.par_chunks(TOGETHER).zip(counts).enumerate();
-        runs.for_each(|(run, (group, mut next))| {
-            for (i, &k) in ((run * TOGETHER) as u32..).zip(group) {
-                if let Some(slot) = next.get_mut(k as usize) {
-                    members[*slot as usize].store(member(i), Relaxed);
-                    *slot += 1;
-                }
-            }
-        });
-        let members = members.into_par_iter().map(AtomicU32::into_inner).collect();
-        Groups { start, members }
-    }
-
-    fn of(&self, group: usize) -> &[u32] {
-        &self.members[self.start[group] as usize..self.start[group + 1] as usize]
-    }
 }
 
 /// Keys from the roots, the taller first; sorted by key.

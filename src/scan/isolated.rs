@@ -16,12 +16,14 @@ use super::PointCloud;
 use super::part::Part;
 
 /// A neighbourhood with at most this many points, the point itself among them, is noise.
-const MOST_POINTS: u32 = 2;
+pub(super) const MOST_POINTS: u32 = 2;
 /// Voxel edge in units of the mean distance between points.
 const EDGE_IN_SPACINGS: f64 = 8.0;
 /// With 2 m voxels, leaders of spruces 4 m above their crown and the rare ground points under dense
 /// canopy went; with 5 m, none in nine real scans.
 const LEAST_EDGE_M: f64 = 5.0;
+/// Larger edges grow by this factor, so that like densities give equal voxels.
+const EDGE_STEP: f64 = 1.5;
 /// Points whose keys are sorted at a time.
 const RUN_POINTS: usize = 1 << 18;
 const AXIS_BITS: u32 = 21;
@@ -55,7 +57,8 @@ pub(super) struct Keep {
 /// Finds the isolated points; `None` where there are none.
 pub(super) fn keep(parts: &[Part], unit_m: DVec3, density_per_m2: f64) -> Option<Keep> {
     let (min, max) = bounds_m(parts, unit_m)?;
-    let wanted_m = (EDGE_IN_SPACINGS / density_per_m2.sqrt()).max(LEAST_EDGE_M);
+    let least_m = (EDGE_IN_SPACINGS / density_per_m2.sqrt()).max(LEAST_EDGE_M);
+    let wanted_m = LEAST_EDGE_M * EDGE_STEP.powf((least_m / LEAST_EDGE_M).log(EDGE_STEP).ceil());
     let edge_m = wanted_m.max((max - min).max_element() / AXIS_VOXELS);
     let points: usize = parts.iter().map(|part| part.coordinates.len()).sum();
     let grid = Voxels::over(min, max, DVec3::splat(edge_m), points);

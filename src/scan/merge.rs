@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::las_file::io_error;
 use super::part::{ColourScale, Columns, Coordinates, Part};
 use super::{
-    Bounds, Census, PointCloud, ReadOptions, Removed, Scan, crs, isolated, las_file, text,
+    ALIGNMENT_M, Bounds, Census, PointCloud, ReadOptions, Removed, Scan, crs, isolated, las_file, text,
 };
 use crate::diagnostic::{Error, Result, Warned};
 use crate::frame::{Crs, Frame};
@@ -46,7 +46,7 @@ pub(super) fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Sc
             }
         }
     }
-    let (frame, (min_m, max_m)) = frame(paths, &parts, &census)?;
+    let (frame, (min_m, max_m)) = frame(paths, &parts, &census, options)?;
     let cloud = assemble(parts, frame, &mut warnings);
     census.kept = cloud.len() as u64;
     let bounds = Bounds {
@@ -102,6 +102,7 @@ pub(super) fn frame(
     paths: &[PathBuf],
     parts: &[Part],
     census: &Census,
+    options: &ReadOptions,
 ) -> Result<(Frame, (DVec3, DVec3))> {
     let unit_m = unit_m(parts);
     let named = |error: Error| match paths.first() {
@@ -130,7 +131,11 @@ pub(super) fn frame(
             )),
         ));
     }
-    let origin = (min_m / unit_m / ORIGIN_STEP).floor() * ORIGIN_STEP + DVec3::ZERO;
+    let floor = |v: DVec3, step: f64| (v / step).floor() * step + DVec3::ZERO;
+    let origin = match options.is_aligned {
+        true => floor(min_m, ALIGNMENT_M) / unit_m,
+        false => floor(min_m / unit_m, ORIGIN_STEP),
+    };
     let crs = parts.first().and_then(|part| part.crs.clone());
     Ok((Frame { origin, crs }, (min_m, max_m)))
 }
