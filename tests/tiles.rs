@@ -164,3 +164,27 @@ fn neighbouring_files_make_one_forest_without_a_seam() {
     println!("{at} trees within 4 m of the seam, {beside} in six such strips beside it");
     assert!((6 * at).abs_diff(beside) * 3 < beside, "{at} {beside}");
 }
+
+#[test]
+fn a_neighbouring_file_changes_no_id() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/lasR");
+    let files = ["bcts_1.laz", "bcts_2.laz"].map(|name| folder.join(name));
+    if !files.iter().all(|f| f.exists()) {
+        println!("skipped: {} is not here", folder.display());
+        return;
+    }
+    let (alone, both) = (survey(&files[..1], None), survey(&files, None));
+    let g = alone.terrain.heights.geometry;
+    let corner = |x: f64, y: f64| alone.frame.origin.truncate() + glam::DVec2::new(x, y);
+    let (low, high) = (corner(g.west, g.south()), corner(g.east(), g.north));
+    let ids = |s: &Survey| -> std::collections::BTreeSet<u64> {
+        let inside = s.trees.iter().filter(|t| {
+            let p = s.frame.world_from_local(t.crown.root).truncate();
+            (p - low).min(high - p).min_element() > EDGE_M
+        });
+        inside.map(|t| t.crown.key).collect()
+    };
+    let (alone, both) = (ids(&alone), ids(&both));
+    println!("{} trees, {} of the same id", alone.len(), alone.intersection(&both).count());
+    assert_eq!(alone, both);
+}

@@ -556,6 +556,24 @@ mod tests {
     }
 
     #[test]
+    fn a_point_very_far_away_is_dropped_as_isolated() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("scan.laz");
+        let mut with_stray = cloud(false);
+        with_stray.position[7] = Vec3::new(600_000.0, -3.0, 1.0);
+        std::fs::write(&path, encode_laz(&with_stray).unwrap()).unwrap();
+        let paths = [path];
+        let whole = crate::scan::read(&paths, &ReadOptions::default()).unwrap().value;
+        for held_bytes in [0, HELD_BYTES] {
+            let options = ReadOptions::default();
+            let tiled = TiledScan::read_within(held_bytes, &paths, &options).unwrap().value;
+            assert_eq!(tiled.census.removed.isolated, 1);
+            assert_eq!(tiled.census, whole.census);
+            assert_eq!(tiled.frame, whole.cloud.frame);
+        }
+    }
+
+    #[test]
     fn a_window_holds_its_tiles_and_those_about_them() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("scan.laz");
