@@ -31,11 +31,8 @@ fn survey(scans: &[PathBuf], tile_m: Option<f32>) -> Survey {
 
 /// The scan cut in four files through its middle.
 fn quarters(scan: &Path, dir: &Path) -> Vec<PathBuf> {
-    let options = ReadOptions {
-        drop_noise_classes: false,
-        drop_isolated: false,
-        ..ReadOptions::default()
-    };
+    let options =
+        ReadOptions { drop_noise_classes: false, drop_isolated: false, ..ReadOptions::default() };
     let whole = read(&[scan.to_path_buf()], &options).unwrap().value;
     let middle = 0.5 * (whole.bounds.min + whole.bounds.max);
     (0..4)

@@ -39,9 +39,7 @@ impl Lowest {
         let thinned: Vec<Vec3> =
             lowest(candidates, |p| p.z, &covering(0.5)).into_iter().flatten().collect();
         let squares = covering(SQUARE);
-        let trend_of = |points: &[Vec3]| {
-            trend(&lowest(points, |p| p.z, &squares), squares)
-        };
+        let trend_of = |points: &[Vec3]| trend(&lowest(points, |p| p.z, &squares), squares);
         let rough = trend_of(&thinned);
         let points = without_low_outliers(thinned, &rough, squares);
         let trend = trend_of(&points);

@@ -195,8 +195,7 @@ fn smooth(grid: &mut Grid<f32>) {
     let lines = grid.data.par_chunks_mut(cols).enumerate();
     lines.with_min_len(TOGETHER / cols + 1).for_each(|(r, out)| {
         let line = |r: usize| &across[r * cols..(r + 1) * cols];
-        let (above, own, below) =
-            (line(r.saturating_sub(1)), line(r), line((r + 1).min(rows - 1)));
+        let (above, own, below) = (line(r.saturating_sub(1)), line(r), line((r + 1).min(rows - 1)));
         for (c, z) in out.iter_mut().enumerate() {
             *z = mean(above[c], own[c], below[c]);
         }

@@ -162,7 +162,6 @@ fn place_photo(
     Photo::new(&path.display().to_string(), raster, frame, low, high).map(Some)
 }
 
-
 /// Larger scans go by tiles of about so many points, though none is asked for.
 const WHOLE_POINTS: u64 = 30_000_000;
 const TILE_POINTS: f64 = 4_000_000.0;

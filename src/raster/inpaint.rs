@@ -82,7 +82,7 @@ fn coarser(fine: &Level) -> Level {
         (at * 2).saturating_sub(odd)..(at * 2 + 2 - odd).min(end)
     };
     let lines = value.par_chunks_mut(cols).zip(is_known.par_chunks_mut(cols)).enumerate();
-    lines.with_min_len(ROWS).for_each(|(row, (value, is_known))| {
+    lines.with_min_len(rows_together(cols)).for_each(|(row, (value, is_known))| {
         for col in 0..cols {
             let (mut sum, mut count) = (0.0, 0);
             for r in span(row, odd_row, fine.rows) {
@@ -123,23 +123,28 @@ impl Level {
 fn refine(coarse: &Level, fine: &mut Level) {
     let [odd_col, odd_row] = fine.odd();
     let lines = fine.value.par_chunks_mut(fine.cols).zip(fine.is_known.par_chunks(fine.cols));
-    lines.enumerate().with_min_len(ROWS).for_each(|(row, (value, is_known))| {
-        let v = (((row + odd_row) as f32 - 0.5) * 0.5).clamp(0.0, (coarse.rows - 1) as f32);
-        let (r0, fv) = (v as usize, v.fract());
-        let r1 = (r0 + 1).min(coarse.rows - 1);
-        let [top, bottom] = [r0, r1].map(|r| &coarse.value[r * coarse.cols..(r + 1) * coarse.cols]);
-        for (col, value) in value.iter_mut().enumerate().filter(|(col, _)| !is_known[*col]) {
-            let u = (((col + odd_col) as f32 - 0.5) * 0.5).clamp(0.0, (coarse.cols - 1) as f32);
-            let (c0, fu) = (u as usize, u.fract());
-            let c1 = (c0 + 1).min(coarse.cols - 1);
-            let mixed = |line: &[f32]| line[c0] * (1.0 - fu) + line[c1] * fu;
-            *value = mixed(top) * (1.0 - fv) + mixed(bottom) * fv;
-        }
-    });
+    lines.enumerate().with_min_len(rows_together(fine.cols)).for_each(
+        |(row, (value, is_known))| {
+            let v = (((row + odd_row) as f32 - 0.5) * 0.5).clamp(0.0, (coarse.rows - 1) as f32);
+            let (r0, fv) = (v as usize, v.fract());
+            let r1 = (r0 + 1).min(coarse.rows - 1);
+            let [top, bottom] =
+                [r0, r1].map(|r| &coarse.value[r * coarse.cols..(r + 1) * coarse.cols]);
+            for (col, value) in value.iter_mut().enumerate().filter(|(col, _)| !is_known[*col]) {
+                let u = (((col + odd_col) as f32 - 0.5) * 0.5).clamp(0.0, (coarse.cols - 1) as f32);
+                let (c0, fu) = (u as usize, u.fract());
+                let c1 = (c0 + 1).min(coarse.cols - 1);
+                let mixed = |line: &[f32]| line[c0] * (1.0 - fu) + line[c1] * fu;
+                *value = mixed(top) * (1.0 - fv) + mixed(bottom) * fv;
+            }
+        },
+    );
 }
 
-/// Rows that one thread takes at a time.
-const ROWS: usize = 32;
+/// Rows that one thread takes at a time, at least: small grids are done sooner than handed out.
+fn rows_together(cols: usize) -> usize {
+    (1 << 15) / cols.max(1) + 1
+}
 
 /// Gauss–Seidel with over-relaxation, alternating the colours of a chessboard. Cells of one colour
 /// look at those of the other alone, so the order within a colour makes no difference.
@@ -155,7 +160,7 @@ fn relax(level: &mut Level) {
             let first = (row + odd_row + odd_col + colour) % 2;
             (first..cols).step_by(2).filter(|&c| !known[c]).map(|c| c as u32).collect()
         };
-        (0..rows).into_par_iter().with_min_len(ROWS).map(of_row).collect()
+        (0..rows).into_par_iter().with_min_len(rows_together(cols)).map(of_row).collect()
     };
     let colours = [unknown(0), unknown(1)];
     let at = |i: usize| f32::from_bits(value[i].load(Relaxed));
@@ -191,7 +196,7 @@ fn relax(level: &mut Level) {
     };
     for _ in 0..MAX_SWEEPS {
         let change_of = |rows: &Vec<Vec<u32>>| {
-            let changes = rows.par_iter().enumerate().with_min_len(ROWS).map(sweep);
+            let changes = rows.par_iter().enumerate().with_min_len(rows_together(cols)).map(sweep);
             changes.reduce(|| 0.0, f32::max)
         };
         let greatest_change = colours.iter().map(change_of).fold(0.0, f32::max);

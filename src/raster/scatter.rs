@@ -56,7 +56,8 @@ pub fn least_number(
             held.fetch_min(key, Relaxed);
         }
     });
-    let number = |key: AtomicU64| Some(key.into_inner()).filter(|k| *k < u64::MAX).map(|k| k as u32);
+    let number =
+        |key: AtomicU64| Some(key.into_inner()).filter(|k| *k < u64::MAX).map(|k| k as u32);
     keys.into_par_iter().map(number).collect()
 }
 

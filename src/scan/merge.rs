@@ -10,7 +10,8 @@ use rayon::prelude::*;
 use super::las_file::io_error;
 use super::part::{ColourScale, Columns, Coordinates, Part};
 use super::{
-    ALIGNMENT_M, Bounds, Census, PointCloud, ReadOptions, Removed, Scan, crs, isolated, las_file, text,
+    ALIGNMENT_M, Bounds, Census, PointCloud, ReadOptions, Removed, Scan, crs, isolated, las_file,
+    text,
 };
 use crate::diagnostic::{Error, Result, Warned};
 use crate::frame::{Crs, Frame};
@@ -325,7 +326,8 @@ fn local_positions(coordinates: Coordinates, frame: &Frame) -> Vec<Vec3> {
     match coordinates {
         Coordinates::Scaled { mut steps, scale, offset } => {
             steps.par_iter_mut().for_each(|s| {
-                let local = frame.local_from_world(super::part::world_from_steps(*s, scale, offset));
+                let local =
+                    frame.local_from_world(super::part::world_from_steps(*s, scale, offset));
                 *s = local.to_array().map(|v| v.to_bits().cast_signed());
             });
             bytemuck::allocation::cast_vec(steps)

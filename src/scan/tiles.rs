@@ -285,7 +285,8 @@ fn spans_too_much(parts: &[Part]) -> bool {
 /// Drops tiles of so few points that these are isolated whatever the density, with no tile beside
 /// them; gives the number of points. The parts get the bounds of the tiles that stay.
 fn drop_lonely_tiles(tiles: &mut BTreeMap<Tile, Stack>, parts: &mut [Part]) -> u64 {
-    let points = |stack: &Stack| stack.pieces.iter().map(|(_, piece)| piece.points()).sum::<usize>();
+    let points =
+        |stack: &Stack| stack.pieces.iter().map(|(_, piece)| piece.points()).sum::<usize>();
     let is_lonely = |[i, j]: &Tile| {
         let beside = (-1..=1).flat_map(|di| (-1..=1).map(move |dj| [i + di, j + dj]));
         !beside.filter(|t| t != &[*i, *j]).any(|t| tiles.contains_key(&t))
@@ -297,7 +298,8 @@ fn drop_lonely_tiles(tiles: &mut BTreeMap<Tile, Stack>, parts: &mut [Part]) -> u
     if lonely.len() == tiles.len() {
         return 0;
     }
-    let dropped = lonely.iter().filter_map(|tile| tiles.remove(tile)).map(|s| points(&s)).sum::<usize>();
+    let dropped =
+        lonely.iter().filter_map(|tile| tiles.remove(tile)).map(|s| points(&s)).sum::<usize>();
     for (number, part) in parts.iter_mut().enumerate() {
         let unit_m = unit_m(part.crs.as_ref());
         let own = tiles.iter().filter(|(_, s)| s.pieces.iter().any(|(file, _)| *file == number));

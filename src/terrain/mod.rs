@@ -2,8 +2,8 @@
 //! trees.
 //!
 //! Heights are cell-centred: the "cell-centred reading" of the two that T15 allows. A cell takes
-//! the height at its centre of a plane through the ground points about it, in voids of their
-//! Delaunay triangulation; cells outside the hull go on smoothly along the trend of the heights near them. Grids are aligned to multiples of
+//! the height at its centre of the Delaunay triangulation of the ground points, or, where cells are
+//! fine and hold points all around, of a plane through the nearest; cells outside the hull go on smoothly along the trend of the heights near them. Grids are aligned to multiples of
 //! their cell.
 
 mod facets;
@@ -79,15 +79,39 @@ fn from_points(ground: &[Vec3], geometry: GridGeometry) -> Result<Terrain> {
             "give a scan whose lowest returns reach the ground, or try --ground voxel or --ground file",
         ));
     }
-    let (vertices, cells) = tin::thinned(ground, &geometry);
-    let mut heights = planes::heights(&vertices, &cells, geometry);
+    // A cell of the terrain may be parted into more squares of vertices.
+    let parts = if geometry.cell_x <= PLANES_UP_TO_M { 1 } else { 2 };
+    let squares = GridGeometry {
+        cell_x: geometry.cell_x / parts as f64,
+        cell_y: geometry.cell_y / parts as f64,
+        cols: geometry.cols * parts,
+        rows: geometry.rows * parts,
+        ..geometry
+    };
+    let (vertices, square_of_vertex) = tin::thinned(ground, &squares);
     let mut is_observed = vec![false; geometry.len()];
-    for &cell in &cells {
-        is_observed[cell as usize] = true;
+    for &square in &square_of_vertex {
+        let (col, row) = (square as usize % squares.cols, square as usize / squares.cols);
+        is_observed[geometry.index(col / parts, row / parts)] = true;
     }
+    let mut heights = match parts {
+        1 => by_planes(&vertices, &square_of_vertex, geometry),
+        _ => tin::heights(&vertices, geometry),
+    };
+    fill(&mut heights, &vertices);
+    Ok(Terrain { heights, is_observed })
+}
+
+/// Up to this cell, metres, a plane gives the height: terrain hardly bends across a few such cells,
+/// and the scanner's noise is averaged. Across larger ones it bends.
+const PLANES_UP_TO_M: f64 = 0.5;
+
+/// Planes where points lie around, and a triangulation of the rest.
+fn by_planes(vertices: &[Vec3], cell_of_vertex: &[u32], geometry: GridGeometry) -> Grid<f32> {
+    let mut heights = planes::heights(vertices, cell_of_vertex, geometry);
     let open = about_open_cells(&heights);
     if open.contains(&true) {
-        let corners: Vec<Vec3> = (vertices.iter().zip(&cells))
+        let corners: Vec<Vec3> = (vertices.iter().zip(cell_of_vertex))
             .filter(|(_, cell)| open[**cell as usize])
             .map(|(v, _)| *v)
             .collect();
@@ -95,8 +119,7 @@ fn from_points(ground: &[Vec3], geometry: GridGeometry) -> Result<Terrain> {
         let cells = heights.data.par_iter_mut().zip(&drawn.data);
         cells.filter(|(z, _)| z.is_nan()).for_each(|(z, drawn)| *z = *drawn);
     }
-    fill(&mut heights, &vertices);
-    Ok(Terrain { heights, is_observed })
+    heights
 }
 
 /// Cells within so many of one without a height: they hold the corners of the triangles over it.
@@ -302,7 +325,8 @@ fn hash(numbers: &[f32]) -> u64 {
 impl Terrain {
     /// What a user should know.
     pub fn warning(&self) -> Option<String> {
-        let (seen, cells) = (self.is_observed.iter().filter(|&&o| o).count(), self.is_observed.len());
+        let (seen, cells) =
+            (self.is_observed.iter().filter(|&&o| o).count(), self.is_observed.len());
         let share = 100.0 * seen as f64 / cells.max(1) as f64;
         (share < 5.0).then(|| {
             format!(
