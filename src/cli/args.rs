@@ -281,8 +281,9 @@ pub enum Wind {
 /// Forms of the trees beside the finest.
 #[derive(Debug, Args)]
 pub struct LevelArgs {
-    /// Coarser levels of detail, 0 to 3, in files beside: NAME_LOD1, NAME_LOD2, …
-    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(0..=3))]
+    /// Coarser levels of detail, in files beside: NAME_LOD1, NAME_LOD2, NAME_LOD3, and NAME_LOD4,
+    /// which is two cones and a cylinder.
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(0..=4))]
     pub lods: u8,
     /// Each model as pictures of itself, in a file beside: NAME_impostor.
     #[arg(long, value_enum, value_name = "KIND")]

@@ -97,7 +97,7 @@ impl ForestJob {
         match self.eye {
             None => self.levels,
             Some(_) => LevelsJob {
-                meshed: levels::SHARES.len(),
+                meshed: self.levels.meshed.max(levels::SHARES.len()),
                 impostor: self.levels.impostor.or(Some(Kind::Cross)),
                 ..self.levels
             },

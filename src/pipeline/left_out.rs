@@ -68,10 +68,10 @@ pub fn table(told: &Told<'_>) -> Vec<Saved> {
     let still = |p: &crate::scene::Part| p.surface.wind.is_empty() && p.name != "terrain";
     let count = vertices(&still);
     line("vertex colours of wind", count, "vertices", count * WIND, 0.0);
-    let made = if told.has_forms { SHARES.len() } else { told.levels.meshed };
-    let share: f64 = SHARES[made.min(SHARES.len())..].iter().map(|&s| f64::from(s)).sum();
+    let made = if told.has_forms { SHARES.len() } else { told.levels.meshed.min(SHARES.len()) };
+    let share: f64 = SHARES[made..].iter().map(|&s| f64::from(s)).sum();
     let models = told.scene.prototypes().len() as u64;
-    let forms = models * (SHARES.len() - made.min(SHARES.len())) as u64;
+    let forms = models * (SHARES.len() - made) as u64;
     let bytes = (geometry as f64 * share) as u64;
     line("coarser levels", forms, "meshes", bytes, seconds("mesh") * share);
     let p = told.pruned;
