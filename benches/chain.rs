@@ -4,7 +4,7 @@
 
 use larix::export::{self, Format};
 use larix::ground::Method;
-use larix::pipeline::{self, ForestJob, Sharing, SurveyJob};
+use larix::pipeline::{self, ForestJob, SurveyJob};
 use larix::report::{Recorder, Silent};
 use larix::seed::Seed;
 use larix::simulate::StandOptions;
@@ -39,21 +39,7 @@ fn job() -> (tempfile::TempDir, ForestJob) {
         effort: pipeline::Effort::Normal,
         seed,
     };
-    let name = "forest".to_owned();
-    let sharing = Sharing::PerSpecies(5);
-    (
-        dir,
-        ForestJob {
-            survey,
-            sharing,
-            triangles: 5_000,
-            foliage: larix::mesh::FoliageLevel::Cards,
-            wood: pipeline::WoodJob::default(),
-            texture_px: 512,
-            terrain_error_m: 0.05,
-            name,
-        },
-    )
+    (dir, ForestJob::new(survey))
 }
 
 #[divan::bench(sample_count = 10)]

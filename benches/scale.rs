@@ -33,7 +33,7 @@ fn stand(dir: &Path) -> (PointCloud, f32) {
         .expect("a stand");
     let path = dir.join("stand.laz");
     std::fs::write(&path, &made.scan).expect("room for the scan");
-    let options = ReadOptions { drop_noise_classes: true, drop_isolated: true };
+    let options = ReadOptions::default();
     (read(&[path], &options).expect("own scan").value.cloud, made.stand.side_m as f32)
 }
 

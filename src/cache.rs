@@ -11,6 +11,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+use bytes::Bytes;
+
 /// Bytes kept at most.
 const MOST_BYTES: u64 = 1 << 30;
 /// Parts of one entry at most.
@@ -64,10 +66,10 @@ impl Cache {
     }
 
     /// The parts of an entry; `None` where it is missing or broken.
-    pub fn get(&self, key: Key) -> Option<Vec<Vec<u8>>> {
+    pub fn get(&self, key: Key) -> Option<Vec<Bytes>> {
         let path = self.path(key)?;
         let bytes = fs::read(&path).ok()?;
-        let parts = parts(&bytes)?;
+        let parts = parts(&Bytes::from(bytes))?;
         if let Ok(file) = fs::File::options().append(true).open(&path) {
             // When it was last used; a file system that can't say so loses nothing.
             let _ = file.set_modified(SystemTime::now());
@@ -76,19 +78,19 @@ impl Cache {
     }
 
     /// Keeps an entry, if that is possible.
-    pub fn put(&self, key: Key, parts: &[&[u8]]) {
+    pub fn put(&self, key: Key, parts: &[Bytes]) {
         if let Some(path) = self.path(key) {
             // A cache that can't be written is no cache.
             let _ = self.write(&path, parts);
         }
     }
 
-    fn write(&self, path: &Path, parts: &[&[u8]]) -> std::io::Result<()> {
+    fn write(&self, path: &Path, parts: &[Bytes]) -> std::io::Result<()> {
         let Some(folder) = &self.folder else { return Ok(()) };
         fs::create_dir_all(folder)?;
         let mut body = (parts.len() as u64).to_le_bytes().to_vec();
         parts.iter().for_each(|p| body.extend((p.len() as u64).to_le_bytes()));
-        parts.iter().for_each(|p| body.extend(*p));
+        parts.iter().for_each(|p| body.extend_from_slice(p));
         make_room(folder, MOST_BYTES.saturating_sub(body.len() as u64))?;
         let mut file = tempfile::NamedTempFile::new_in(folder)?;
         file.write_all(blake3::hash(&body).as_bytes())?;
@@ -99,7 +101,7 @@ impl Cache {
 }
 
 /// The parts of an entry's bytes; `None` unless the checksum holds.
-fn parts(bytes: &[u8]) -> Option<Vec<Vec<u8>>> {
+fn parts(bytes: &Bytes) -> Option<Vec<Bytes>> {
     let (hash, body) = bytes.split_at_checked(HASH_BYTES)?;
     if blake3::hash(body).as_bytes() != hash {
         return None;
@@ -114,7 +116,7 @@ fn parts(bytes: &[u8]) -> Option<Vec<Vec<u8>>> {
         .map(|k| {
             let part = body.get(start..start.checked_add(number(k)?)?)?;
             start += part.len();
-            Some(part.to_vec())
+            Some(bytes.slice_ref(part))
         })
         .collect()
 }
@@ -146,6 +148,10 @@ fn make_room(folder: &Path, most: u64) -> std::io::Result<()> {
 mod tests {
     use super::*;
 
+    fn some<const N: usize>(parts: [&'static [u8]; N]) -> [Bytes; N] {
+        parts.map(Bytes::from_static)
+    }
+
     fn key(name: &str) -> Key {
         Key::of([name.as_bytes()])
     }
@@ -155,10 +161,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::in_folder(&folder.path().join("not/there/yet"));
         assert_eq!(cache.get(key("a")), None);
-        cache.put(key("a"), &[b"one", b"", b"three"]);
-        assert_eq!(cache.get(key("a")).unwrap(), [&b"one"[..], b"", b"three"]);
+        cache.put(key("a"), &some([b"one", b"", b"three"]));
+        assert_eq!(cache.get(key("a")).unwrap(), some([b"one", b"", b"three"]));
         assert_eq!(cache.get(key("b")), None);
-        Cache::off().put(key("a"), &[b"x"]);
+        Cache::off().put(key("a"), &some([b"x"]));
         assert_eq!(Cache::off().get(key("a")), None);
     }
 
@@ -172,7 +178,7 @@ mod tests {
     fn a_broken_entry_is_none() {
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::in_folder(folder.path());
-        cache.put(key("a"), &[b"some bytes", b"more"]);
+        cache.put(key("a"), &some([b"some bytes", b"more"]));
         let path = cache.path(key("a")).unwrap();
         let whole = fs::read(&path).unwrap();
         for at in 0..whole.len() {
@@ -183,8 +189,8 @@ mod tests {
             fs::write(&path, changed).unwrap();
             assert_eq!(cache.get(key("a")), None, "changed at {at}");
         }
-        cache.put(key("a"), &[b"anew"]);
-        assert_eq!(cache.get(key("a")).unwrap(), [b"anew"]);
+        cache.put(key("a"), &some([b"anew"]));
+        assert_eq!(cache.get(key("a")).unwrap(), some([b"anew"]));
     }
 
     #[test]
@@ -192,7 +198,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::in_folder(folder.path());
         for (age_s, name) in [(30, "old"), (20, "middle"), (10, "new")] {
-            cache.put(key(name), &[&[0; 1000]]);
+            cache.put(key(name), &some([&[0; 1000]]));
             let file = fs::File::options().append(true).open(cache.path(key(name)).unwrap());
             let then = SystemTime::now() - std::time::Duration::from_secs(age_s);
             file.unwrap().set_modified(then).unwrap();
@@ -207,7 +213,7 @@ mod tests {
     fn a_folder_that_cannot_be_is_no_error() {
         let file = tempfile::NamedTempFile::new().unwrap();
         let cache = Cache::in_folder(&file.path().join("below"));
-        cache.put(key("a"), &[b"x"]);
+        cache.put(key("a"), &some([b"x"]));
         assert_eq!(cache.get(key("a")), None);
     }
 }

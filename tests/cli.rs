@@ -392,3 +392,84 @@ fn a_tree_has_stages_and_an_age() {
         &["cannot be used with"],
     );
 }
+
+/// A small demo in a folder; gives its report.
+fn small_demo(dir: &Path, more: &[&str]) -> serde_json::Value {
+    let mut args = vec!["demo", "--trees", "12", "--triangles", "600", "--texture", "64"];
+    args.extend(["--format", "glb", "--quiet", "-o", dir.to_str().unwrap()]);
+    args.extend(more);
+    let out = larix(&args);
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    serde_json::from_slice(&fs::read(dir.join("report.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn levels_lie_beside_the_scene_and_say_how_far_off_they_are() {
+    let dir = tempfile::tempdir().unwrap();
+    let more = ["--lods", "2", "--impostor", "cross", "--collision", "convex", "--wind", "unity"];
+    let report = small_demo(dir.path(), &more);
+    let models = report["scene"]["models"].as_u64().unwrap() as usize;
+    let rows = report["levels"].as_array().unwrap();
+    assert_eq!(rows.len(), models * 4);
+    for of_model in rows.chunks(4) {
+        let names: Vec<_> = of_model.iter().map(|r| r["level"].as_str().unwrap()).collect();
+        assert_eq!(names, ["LOD0", "LOD1", "LOD2", "impostor"]);
+        let triangles: Vec<_> = of_model.iter().map(|r| r["triangles"].as_u64().unwrap()).collect();
+        assert!(triangles.windows(2).all(|w| w[0] > w[1]), "{triangles:?}");
+        let worst = |k: usize| of_model[k]["silhouette_worst_m"].as_f64().unwrap();
+        assert_eq!(worst(0), 0.0);
+        assert!(worst(1) > 0.0 && worst(2) > 0.0);
+    }
+    for (name, has_terrain) in [
+        ("forest", true),
+        ("forest_LOD1", false),
+        ("forest_LOD2", false),
+        ("forest_impostor", false),
+    ] {
+        let (document, ..) = gltf::import(dir.path().join(format!("{name}.glb"))).unwrap();
+        assert_eq!(document.nodes().any(|n| n.name() == Some("terrain")), has_terrain, "{name}");
+        let bodies = document.nodes().filter(|n| n.name().is_some_and(|n| n.starts_with("UCX_")));
+        assert_eq!(bodies.count() > 0, has_terrain, "{name}");
+    }
+}
+
+#[test]
+fn a_box_and_a_camera_leave_out_what_they_do_not_show() {
+    let dir = tempfile::tempdir().unwrap();
+    let whole = small_demo(dir.path(), &[]);
+    let trees = |report: &serde_json::Value| report["scene"]["trees"].as_u64().unwrap();
+    let number = |v: &serde_json::Value| v.as_f64().unwrap();
+    let origin: Vec<f64> =
+        whole["scene"]["origin"].as_array().unwrap().iter().map(number).collect();
+    let [low, high] = [0, 1].map(|k| {
+        let corner = whole["scene"]["bounds_m"][k].as_array().unwrap();
+        [0, 1, 2].map(|i| origin[i] + number(&corner[i]))
+    });
+    let middle = [0, 1, 2].map(|i| 0.5 * (low[i] + high[i]));
+    let half = format!("{},{},{},{}", low[0] - 9.0, low[1] - 9.0, middle[0], high[1] + 9.0);
+    let clipped = small_demo(dir.path(), &["--clip", &half]);
+    let saved = |report: &serde_json::Value, what: &str| {
+        let lines = report["left_out"].as_array().unwrap();
+        lines.iter().find(|l| l["what"] == what).map_or(0, |l| l["count"].as_u64().unwrap())
+    };
+    let left_out = saved(&clipped, "trees outside the box");
+    assert!(left_out > 0 && trees(&clipped) > 0);
+    assert_eq!(trees(&clipped) + left_out, trees(&whole));
+
+    let place = |p: [f64; 3]| format!("{},{},{}", p[0], p[1], p[2]);
+    let far = [middle[0], low[1] - 200.0, high[2] + 150.0];
+    let seen = small_demo(dir.path(), &["--camera", &format!("{},{}", place(far), place(middle))]);
+    assert_eq!(seen["camera"]["outside"], 0);
+    let before = seen["camera"]["triangles_before"].as_u64().unwrap();
+    assert!(seen["camera"]["triangles"].as_u64().unwrap() < before / 2, "{seen:#}");
+    let behind = [far[0], 2.0 * far[1] - middle[1], far[2]];
+    let none = small_demo(dir.path(), &["--camera", &format!("{},{}", place(far), place(behind))]);
+    assert_eq!(saved(&none, "trees the camera does not see"), trees(&whole));
+    assert_eq!((trees(&none), &none["camera"]["hidden"]), (0, &serde_json::json!(0)));
+
+    let elsewhere =
+        ["demo", "--trees", "12", "--clip", "0,0,1,1", "-o", dir.path().to_str().unwrap()];
+    refused(&elsewhere, &["the box to clip to lies outside the scan", "give --clip"]);
+    refused(&["demo", "--clip", "5,0,1,1"], &["WEST,SOUTH,EAST,NORTH"]);
+    refused(&["demo", "--camera", "1,2,3,1,2,3"], &["looks at itself"]);
+}

@@ -12,7 +12,7 @@ use larix::ground::{Classified, Kind};
 use larix::raster::{Grid, GridGeometry};
 use larix::scan::{PointCloud, ReadOptions, read};
 use larix::terrain::Terrain;
-use larix::voxel::{self, VoxelOctree};
+use larix::voxel;
 
 fn data(name: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
@@ -71,13 +71,8 @@ fn crowns_of(path: &Path) -> (Vec<Crown>, DVec3, Vec<String>) {
     let scan = read(&[path.to_path_buf()], &ReadOptions::default()).unwrap().value;
     let (classified, terrain) = classify(scan.cloud);
     let start = std::time::Instant::now();
-    let vegetation: Vec<Vec3> = (classified.cloud.position.iter().zip(&classified.kind))
-        .filter(|(_, k)| **k == Kind::Vegetation)
-        .map(|(p, _)| *p)
-        .collect();
     let size_m = voxel::choose_size_m(scan.density_per_m2, 4.0);
-    let voxels = VoxelOctree::build(&vegetation, size_m).unwrap();
-    let found = detect(&classified, &terrain, &voxels, &CrownOptions::default()).unwrap();
+    let found = detect(&classified, &terrain, size_m, &CrownOptions::default()).unwrap();
     let seconds = start.elapsed().as_secs_f64();
     println!("{}: {} trees in {seconds:.3} s", path.display(), found.value.len());
     for crown in &found.value {

@@ -3,18 +3,18 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use larix::crown::{Crown, detect};
-use larix::ground::{self, Classified, GroundOptions, Kind};
+use larix::ground::{self, GroundOptions};
 use larix::pipeline::{Effort, demo};
 use larix::raster::geotiff;
 use larix::report::{Recorder, Silent};
-use larix::scan::{self, PointCloud, ReadOptions};
+use larix::scan::{self, ReadOptions};
 use larix::seed::Seed;
 use larix::simulate::{self, FoundTree, StandOptions};
 use larix::species;
 use larix::terrain::{self, Terrain};
-use larix::voxel::{self, VoxelOctree};
+use larix::voxel;
 
 fn data(name: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
@@ -49,13 +49,7 @@ fn find(path: &Path, effort: Effort) -> Found {
     let classified = ground::classify(scan.cloud, &GroundOptions::default()).unwrap().value;
     let options = effort.terrain(None);
     let terrain = terrain::build(&classified, &options).unwrap().value;
-    let Classified { cloud: PointCloud { position, .. }, kind, .. } = &classified;
-    let vegetation: Vec<Vec3> = (position.iter().zip(kind))
-        .filter(|(_, k)| **k == Kind::Vegetation)
-        .map(|(p, _)| *p)
-        .collect();
-    let voxels = VoxelOctree::build(&vegetation, size_m).unwrap();
-    let crowns = detect(&classified, &terrain, &voxels, &effort.crown(2.0)).unwrap().value;
+    let crowns = detect(&classified, &terrain, size_m, &effort.crown(2.0)).unwrap().value;
     let seconds = cpu_seconds() - start;
     let held_out = terrain::held_out_error(&classified, &options).unwrap();
     Found {

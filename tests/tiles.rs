@@ -31,7 +31,8 @@ fn survey(scans: &[PathBuf], tile_m: Option<f32>) -> Survey {
 
 /// The scan cut in four files through its middle.
 fn quarters(scan: &Path, dir: &Path) -> Vec<PathBuf> {
-    let options = ReadOptions { drop_noise_classes: false, drop_isolated: false };
+    let options =
+        ReadOptions { drop_noise_classes: false, drop_isolated: false, ..ReadOptions::default() };
     let whole = read(&[scan.to_path_buf()], &options).unwrap().value;
     let middle = 0.5 * (whole.bounds.min + whole.bounds.max);
     (0..4)
@@ -159,4 +160,28 @@ fn neighbouring_files_make_one_forest_without_a_seam() {
     let (at, beside) = (count(-4.0, 4.0), count(-28.0, -4.0) + count(4.0, 28.0));
     println!("{at} trees within 4 m of the seam, {beside} in six such strips beside it");
     assert!((6 * at).abs_diff(beside) * 3 < beside, "{at} {beside}");
+}
+
+#[test]
+fn a_neighbouring_file_changes_no_id() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/lasR");
+    let files = ["bcts_1.laz", "bcts_2.laz"].map(|name| folder.join(name));
+    if !files.iter().all(|f| f.exists()) {
+        println!("skipped: {} is not here", folder.display());
+        return;
+    }
+    let (alone, both) = (survey(&files[..1], None), survey(&files, None));
+    let g = alone.terrain.heights.geometry;
+    let corner = |x: f64, y: f64| alone.frame.origin.truncate() + glam::DVec2::new(x, y);
+    let (low, high) = (corner(g.west, g.south()), corner(g.east(), g.north));
+    let ids = |s: &Survey| -> std::collections::BTreeSet<u64> {
+        let inside = s.trees.iter().filter(|t| {
+            let p = s.frame.world_from_local(t.crown.root).truncate();
+            (p - low).min(high - p).min_element() > EDGE_M
+        });
+        inside.map(|t| t.crown.key).collect()
+    };
+    let (alone, both) = (ids(&alone), ids(&both));
+    println!("{} trees, {} of the same id", alone.len(), alone.intersection(&both).count());
+    assert_eq!(alone, both);
 }

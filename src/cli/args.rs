@@ -7,6 +7,7 @@ use glam::{DVec3, Vec2};
 
 use crate::pipeline::view::{Clip, Eye};
 use crate::skeleton::STAGES;
+use crate::species::state::{Condition, Season};
 
 /// Vertical angle of view of `--camera`.
 const FOV_DEG: f32 = 40.0;
@@ -269,11 +270,20 @@ pub enum Collision {
     Convex,
 }
 
+/// Whose channels the vertex colours of wind are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Wind {
+    Unity,
+    Cryengine,
+    SpeedtreeLike,
+}
+
 /// Forms of the trees beside the finest.
 #[derive(Debug, Args)]
 pub struct LevelArgs {
-    /// Coarser levels of detail, 0 to 3, in files beside: NAME_LOD1, NAME_LOD2, …
-    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(0..=3))]
+    /// Coarser levels of detail, in files beside: NAME_LOD1, NAME_LOD2, NAME_LOD3, and NAME_LOD4,
+    /// which is two cones and a cylinder.
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(0..=4))]
     pub lods: u8,
     /// Each model as pictures of itself, in a file beside: NAME_impostor.
     #[arg(long, value_enum, value_name = "KIND")]
@@ -281,6 +291,10 @@ pub struct LevelArgs {
     /// Bodies about the stems for collisions, beside each tree in the scene.
     #[arg(long, value_enum, value_name = "KIND")]
     pub collision: Option<Collision>,
+    /// Vertex colours that move the trees in the wind (COLOR_0, primvars:wind); viewers that do not
+    /// know them tint the trees.
+    #[arg(long, value_enum, value_name = "PROFILE")]
+    pub wind: Option<Wind>,
 }
 
 /// How the scene is built and written.
@@ -313,6 +327,13 @@ pub struct SceneArgs {
     /// Side of the tree textures in pixels.
     #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
+    /// Condition of the trees on the sanitary scale: I healthy, II and III weakened, IV dying, V dead
+    /// this year, VI dead for long. Numbers do as well.
+    #[arg(long, value_name = "I…VI", default_value = "I", allow_negative_numbers = true)]
+    pub condition: Condition,
+    /// spring, summer, autumn or winter.
+    #[arg(long, value_name = "SEASON", default_value = "summer")]
+    pub season: Season,
     #[command(flatten)]
     pub levels: LevelArgs,
     /// Files to write, comma separated.
@@ -414,6 +435,13 @@ pub struct Tree {
     /// Side of the textures in pixels.
     #[arg(long, value_name = "PX", default_value_t = 1024, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
+    /// Condition of the tree on the sanitary scale: I healthy, II and III weakened, IV dying, V dead
+    /// this year, VI dead for long. Numbers do as well.
+    #[arg(long, value_name = "I…VI", default_value = "I", allow_negative_numbers = true)]
+    pub condition: Condition,
+    /// spring, summer, autumn or winter.
+    #[arg(long, value_name = "SEASON", default_value = "summer")]
+    pub season: Season,
     /// What stands for the leaves.
     #[arg(long, value_enum, value_name = "LEVEL", default_value = "cards")]
     pub foliage: Foliage,

@@ -11,10 +11,11 @@ use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, OutputFile};
 use crate::ground::Method;
 use crate::lod;
-use crate::mesh::{FoliageLevel, Junctions};
+use crate::mesh::{FoliageLevel, Junctions, WindProfile};
+use crate::pipeline::left_out::{self, Saved};
 use crate::pipeline::tree::Grown;
 use crate::pipeline::{
-    self, Effort, ForestJob, LevelsJob, Sharing, SurveyJob, TreeJob, WoodJob, levels,
+    self, Effort, Forest, ForestJob, LevelsJob, Sharing, SurveyJob, TreeJob, WoodJob, levels,
 };
 use crate::raster::{GridGeometry, cog};
 use crate::report::{self, Outcome, Recorder, Silent};
@@ -22,6 +23,7 @@ use crate::scene::{ColliderShape, ValidScene};
 use crate::seed::Seed;
 use crate::simulate::StandOptions;
 use crate::species::assign::SpeciesBy;
+use crate::species::state::State;
 use crate::species::{self, Species};
 
 /// Species to choose among where none are named.
@@ -185,6 +187,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
         foliage: level(scene.foliage),
         wood: wood(&scene.wood),
         texture_px: scene.texture,
+        state: State { condition: scene.condition, season: scene.season },
         cache,
         levels: levels_job(&scene.levels),
         scene_triangles: scene.scene_triangles.map(|n| n as usize),
@@ -206,6 +209,11 @@ fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
             args::Collision::Capsule => ColliderShape::Capsule,
             args::Collision::Convex => ColliderShape::Convex,
         }),
+        wind: typed.wind.map(|profile| match profile {
+            args::Wind::Unity => WindProfile::Unity,
+            args::Wind::Cryengine => WindProfile::CryEngine,
+            args::Wind::SpeedtreeLike => WindProfile::SpeedTreeLike,
+        }),
     }
 }
 
@@ -215,17 +223,15 @@ fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&dir)?;
     let forest = pipeline::forest::forest(&job, run)?;
     let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
-    let mut summary = summary("forest", Some(a.tree.seed), run, Some(&forest.scene));
-    summary["levels"] = json!(forest.rows);
-    summary["left_out"] = json!({ "clipped": forest.clipped, "camera": forest.chosen });
+    let summary = forest_summary("forest", a.tree.seed, &forest, &a.scene, run);
     files.push(report_file(&summary));
     export::write_all(&dir, &files)?;
-    Ok(Told { lines: forest_lines(&forest, run, &dir), json: summary })
+    Ok(Told { lines: forest_lines(&forest, &a.scene, run, &dir), json: summary })
 }
 
 /// Everything a forest run writes but its report.
 fn forest_files(
-    forest: &pipeline::Forest,
+    forest: &Forest,
     formats: &[Format],
     run: &mut Recorder,
 ) -> Result<Vec<OutputFile>> {
@@ -386,12 +392,13 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         texture_px: a.texture,
         foliage,
         levels: levels_job(&a.levels),
+        state: State { condition: a.condition, season: a.season },
         cache,
         cloud: a.cloud.clone(),
     };
     let (dir, name) = place(&a.output)?;
     export::check_writable(&dir)?;
-    let Grown { scene, levels, rows, fit } = pipeline::tree::tree(&job, run)?;
+    let Grown { scene, levels, rows, pruned, fit } = pipeline::tree::tree(&job, run)?;
     let stem = stem(&a.output);
     let files = match extension {
         "glb" => export_scene(&scene, &levels, &stem, &[Format::Glb], run)?,
@@ -415,6 +422,15 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     lines.extend(level_lines(&rows));
     let mut summary = summary("tree", Some(a.seed), run, Some(&scene));
     summary["levels"] = json!(rows);
+    summary["left_out"] = json!(left_out::table(&left_out::Told {
+        scene: &scene,
+        levels: &job.levels,
+        has_forms: false,
+        pruned,
+        clipped: 0,
+        chosen: None,
+        stages: &run.stages,
+    }));
     if let Some(fit) = fit {
         summary["fit"] = json!(fit);
         lines.splice(0..0, fit_lines(&fit));
@@ -506,12 +522,12 @@ fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let forest = pipeline::forest::forest(&job, run)?;
     let truth = pipeline::demo::compare(&survey.stand, &forest.survey);
     let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
-    let mut summary = summary("demo", Some(a.seed), run, Some(&forest.scene));
+    let mut summary = forest_summary("demo", a.seed, &forest, &a.scene, run);
     summary["truth"] = json!(truth);
     files.push(report_file(&summary));
     files.extend(inputs);
     export::write_all(&a.output, &files)?;
-    let mut lines = forest_lines(&forest, run, &a.output);
+    let mut lines = forest_lines(&forest, &a.scene, run, &a.output);
     lines.splice(0..0, pipeline::demo::lines(&truth));
     Ok(Told { lines, json: summary })
 }
@@ -529,10 +545,11 @@ pub(super) fn print(lines: &[String]) -> Result<bool> {
     }
 }
 
-fn forest_lines(forest: &pipeline::Forest, run: &Recorder, dir: &Path) -> Vec<String> {
+fn forest_lines(forest: &Forest, typed: &SceneArgs, run: &Recorder, dir: &Path) -> Vec<String> {
     let stats = crate::scene::statistics(&forest.scene);
     let mut lines: Vec<String> = report::table(&run.stages).lines().map(str::to_owned).collect();
     lines.extend(level_lines(&forest.rows));
+    lines.extend(left_out::lines(&forest_left_out(forest, typed, run)));
     lines.push(format!(
         "{} trees of {} models, {} triangles in place, {} unique; {:.1} s, {} MB at most",
         stats.trees,
@@ -576,6 +593,32 @@ fn summary(command: &str, seed: Option<u64>, run: &Recorder, scene: Option<&Vali
         });
     }
     v
+}
+
+fn forest_left_out(forest: &Forest, typed: &SceneArgs, run: &Recorder) -> Vec<Saved> {
+    left_out::table(&left_out::Told {
+        scene: &forest.scene,
+        levels: &levels_job(&typed.levels),
+        has_forms: typed.camera.is_some(),
+        pruned: forest.pruned,
+        clipped: forest.clipped,
+        chosen: forest.chosen.as_ref(),
+        stages: &run.stages,
+    })
+}
+
+fn forest_summary(
+    command: &str,
+    seed: u64,
+    forest: &Forest,
+    scene: &SceneArgs,
+    run: &Recorder,
+) -> Value {
+    let mut summary = summary(command, Some(seed), run, Some(&forest.scene));
+    summary["levels"] = json!(forest.rows);
+    summary["camera"] = json!(forest.chosen);
+    summary["left_out"] = json!(forest_left_out(forest, scene, run));
+    summary
 }
 
 fn report_file(summary: &Value) -> OutputFile {

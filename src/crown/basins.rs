@@ -107,8 +107,8 @@ pub(super) fn find(canopy: &Canopy, min_height_m: f32) -> Basins {
             if is_skirt { NONE } else { basin }
         })
         .collect();
-    let extent = extents(canopy, &of_cell, &top);
-    let contact = contacts(canopy, &of_cell);
+    let (extent, contact) =
+        rayon::join(|| extents(canopy, &of_cell, &top), || contacts(canopy, &of_cell));
     Basins { of_cell, extent, contact }
 }
 
@@ -195,38 +195,52 @@ fn extents(canopy: &Grid<f32>, of_cell: &[u32], top: &[u32]) -> Vec<Extent> {
 }
 
 fn contacts(canopy: &Grid<f32>, of_cell: &[u32]) -> Vec<Contact> {
+    /// Rows that one thread looks at at a time.
+    const ROWS: usize = 64;
     let g = canopy.geometry;
-    let mut all: Vec<Contact> = Vec::new();
-    let mut touch = |i: usize, n: usize, side: f64| {
-        let (a, b) = (of_cell[i].min(of_cell[n]), of_cell[i].max(of_cell[n]));
-        if a != b && b != NONE {
-            let saddle_m = canopy.data[i].min(canopy.data[n]);
-            all.push(Contact {
-                a,
-                b,
-                saddle_m,
-                sides: side,
-                sum_height: side * f64::from(saddle_m),
-            });
+    let of_rows = |rows: std::ops::Range<usize>| {
+        let mut all: Vec<Contact> = Vec::new();
+        let mut touch = |i: usize, n: usize, side: f64| {
+            let (a, b) = (of_cell[i].min(of_cell[n]), of_cell[i].max(of_cell[n]));
+            if a != b && b != NONE {
+                let saddle_m = canopy.data[i].min(canopy.data[n]);
+                let sum_height = side * f64::from(saddle_m);
+                all.push(Contact { a, b, saddle_m, sides: side, sum_height });
+            }
+        };
+        for r in rows {
+            for c in 0..g.cols {
+                let i = g.index(c, r);
+                if c + 1 < g.cols {
+                    touch(i, i + 1, 1.0);
+                }
+                if r + 1 < g.rows {
+                    touch(i, i + g.cols, 1.0);
+                    if c + 1 < g.cols {
+                        touch(i, i + g.cols + 1, 0.0);
+                    }
+                    if c > 0 {
+                        touch(i, i + g.cols - 1, 0.0);
+                    }
+                }
+            }
         }
+        all.sort_by_key(|t| (t.a, t.b));
+        add_up(&mut all);
+        all
     };
-    for i in 0..g.len() {
-        let (c, r) = (i % g.cols, i / g.cols);
-        if c + 1 < g.cols {
-            touch(i, i + 1, 1.0);
-        }
-        if r + 1 < g.rows {
-            touch(i, i + g.cols, 1.0);
-            if c + 1 < g.cols {
-                touch(i, i + g.cols + 1, 0.0);
-            }
-            if c > 0 {
-                touch(i, i + g.cols - 1, 0.0);
-            }
-        }
-    }
+    let mut all: Vec<Contact> = (0..g.rows.div_ceil(ROWS))
+        .into_par_iter()
+        .flat_map_iter(|k| of_rows(k * ROWS..((k + 1) * ROWS).min(g.rows)))
+        .collect();
     all.par_sort_by_key(|t| (t.a, t.b));
-    all.dedup_by(|later, first| {
+    add_up(&mut all);
+    all
+}
+
+/// Makes one contact of those of the same two basins, which stand next to each other.
+fn add_up(contacts: &mut Vec<Contact>) {
+    contacts.dedup_by(|later, first| {
         let same = (later.a, later.b) == (first.a, first.b);
         if same {
             first.saddle_m = first.saddle_m.max(later.saddle_m);
@@ -235,5 +249,4 @@ fn contacts(canopy: &Grid<f32>, of_cell: &[u32]) -> Vec<Contact> {
         }
         same
     });
-    all
 }

@@ -13,7 +13,7 @@ use std::ops::Range;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::raster::{Grid, GridGeometry};
+use crate::raster::{Grid, GridGeometry, scatter};
 
 /// Rings of empty cells that are filled from their neighbours; cells farther out are bare.
 const FILL_RINGS: usize = 3;
@@ -44,9 +44,16 @@ pub(super) fn density_per_sq_m(position: &[Vec3]) -> f64 {
     position.len() as f64 / (4 * squares.len().max(1)) as f64
 }
 
-/// Cell that holds about one point, between 0.3 m and 1 m in steps of 5 cm.
+/// Cells that are chosen among, metres. Far apart, so that like densities give one cell; all
+/// divide [`crate::scan::ALIGNMENT_M`] and are exact in binary, so that no point changes its cell
+/// with the origin.
+const CELLS_M: [f64; 6] = [0.3125, 0.375, 0.5, 0.625, 0.75, 1.0];
+
+/// The cell that comes nearest to holding one point.
 pub(super) fn cell_for_density(density_per_sq_m: f64) -> f64 {
-    ((20.0 / density_per_sq_m.max(1e-9).sqrt()).round() / 20.0).clamp(0.3, 1.0)
+    let wanted = 1.0 / density_per_sq_m.max(1e-9).sqrt();
+    let off = |cell: &f64| (cell / wanted).ln().abs();
+    CELLS_M.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(1.0)
 }
 
 /// The smallest covering grid with no more cells than memory in proportion to `count` points
@@ -78,8 +85,8 @@ pub(super) struct Canopy {
 /// grids, each shifted by that part of a cell: where the cells happen to lie then matters less.
 pub(super) fn build(
     geometry: GridGeometry,
-    points: impl Iterator<Item = (Vec3, f32)> + Clone,
-    bare: impl Iterator<Item = Vec3> + Clone,
+    points: impl ParallelIterator<Item = (Vec3, f32)> + Clone,
+    bare: impl ParallelIterator<Item = Vec3> + Clone,
     grids: usize,
 ) -> Canopy {
     let mut canopy = on_grid(geometry, points.clone(), bare.clone());
@@ -105,20 +112,15 @@ pub(super) fn build(
 
 fn on_grid(
     geometry: GridGeometry,
-    points: impl Iterator<Item = (Vec3, f32)>,
-    bare: impl Iterator<Item = Vec3>,
+    points: impl ParallelIterator<Item = (Vec3, f32)>,
+    bare: impl ParallelIterator<Item = Vec3>,
 ) -> Canopy {
-    let mut top = Grid::filled(geometry, f32::NEG_INFINITY);
-    for p in bare {
-        if let Some((c, r)) = geometry.cell_of(f64::from(p.x), f64::from(p.y)) {
-            top.set(c, r, top.at(c, r).max(0.0));
-        }
-    }
-    for (p, height) in points {
-        if let Some((c, r)) = geometry.cell_of(f64::from(p.x), f64::from(p.y)) {
-            top.set(c, r, top.at(c, r).max(height).max(0.0));
-        }
-    }
+    let heights = bare.map(|p| (p, 0.0)).chain(points).filter_map(|(p, height)| {
+        let (c, r) = geometry.cell_of(f64::from(p.x), f64::from(p.y))?;
+        Some((geometry.index(c, r), f32::max(height, 0.0)))
+    });
+    let data = scatter::greatest(geometry.len(), f32::NEG_INFINITY, heights);
+    let mut top = Grid { geometry, data };
     fill_voids(&mut top);
     fill_pits(&mut top);
     let smooth = smoothed(&top);
@@ -140,6 +142,7 @@ fn for_neighbours(grid: &Grid<f32>, col: usize, row: usize, mut f: impl FnMut(f3
 fn fill_voids(grid: &mut Grid<f32>) {
     let g = grid.geometry;
     let mut empty: Vec<(usize, usize)> = (0..g.len())
+        .into_par_iter()
         .filter(|&i| grid.data[i] == f32::NEG_INFINITY)
         .map(|i| (i % g.cols, i / g.cols))
         .collect();

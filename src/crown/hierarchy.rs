@@ -303,6 +303,8 @@ mod training {
     use std::fmt::Write as _;
     use std::path::{Path, PathBuf};
 
+    use rayon::prelude::*;
+
     use super::*;
     use crate::crown::{basins, canopy};
     use crate::ground::{self, GroundOptions, Kind};
@@ -325,7 +327,9 @@ mod training {
         let cell = canopy::cell_for_density(canopy::density_per_sq_m(&c.cloud.position));
         let g = canopy::geometry([low.x, low.y], [high.x, high.y], cell, c.cloud.len());
         let bare = points().filter(|(_, k)| **k == Kind::Ground).map(|(p, _)| *p);
-        let surface = canopy::build(g, vegetation.iter().copied(), bare, 1);
+        let bare: Vec<_> = bare.collect();
+        let (vegetation, bare) = (vegetation.par_iter().copied(), bare.par_iter().copied());
+        let surface = canopy::build(g, vegetation, bare, 1);
         let h = merge(&basins::find(&surface, 2.0), g.cols, g.cell_x as f32);
         let origin = c.cloud.frame.origin;
         let mut out = String::new();

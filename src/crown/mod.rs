@@ -24,10 +24,10 @@ use rayon::prelude::*;
 
 use crate::diagnostic::{Error, Result, Warned};
 use crate::ground::{Classified, Kind};
-use crate::raster::{Grid, GridGeometry};
+use crate::raster::{Grid, GridGeometry, Groups};
 use crate::scan::PointCloud;
 use crate::terrain::Terrain;
-use crate::voxel::VoxelOctree;
+use crate::voxel;
 
 /// One tree as the scan shows it. Coordinates are local metres with absolute heights.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,6 +67,17 @@ pub struct Crown {
 }
 
 impl Crown {
+    /// Into another frame.
+    pub fn moved(self, by: Vec3) -> Crown {
+        Crown {
+            root: self.root + by,
+            apex: self.apex + by,
+            outline: self.outline.into_iter().map(|p| p + by.truncate()).collect(),
+            attractors: self.attractors.into_iter().map(|p| p + by).collect(),
+            ..self
+        }
+    }
+
     /// The invariants; the first that does not hold is named.
     pub fn check(&self) -> std::result::Result<(), String> {
         let holds = |ok: bool, what: &str| {
@@ -107,8 +118,8 @@ impl Crown {
 pub struct CrownOptions {
     /// Lower trees are left out, metres.
     pub min_height_m: f32,
-    /// Regions less sure to be a tree are left out, 0…1, unless they stand alone. The default loses
-    /// little of the canopy; 0.26 gives the best F1 on the annotated plots, 0 keeps all.
+    /// Regions less sure to be a tree are left out, 0…1, unless they stand alone. F1 on the annotated
+    /// plots changes little from 0.22 to 0.35; 0 keeps all of the canopy.
     pub min_confidence: f32,
     /// Cell of the canopy surface, metres; from the density where not given.
     pub cell_m: Option<f32>,
@@ -122,7 +133,7 @@ impl Default for CrownOptions {
     fn default() -> Self {
         CrownOptions {
             min_height_m: 2.0,
-            min_confidence: 0.2,
+            min_confidence: 0.25,
             cell_m: None,
             grids: 1,
             has_understory: true,
@@ -132,13 +143,6 @@ impl Default for CrownOptions {
 
 impl CrownOptions {
     fn check(&self) -> Result<()> {
-        let length = |name: &str, value: f32| {
-            if value.is_finite() && value > 0.0 {
-                return Ok(());
-            }
-            Err(Error::new(format!("{name} is {value}, which is no length"))
-                .remedy("give a number of metres greater than 0"))
-        };
         length("the least tree height", self.min_height_m)?;
         if !(0.0..=1.0).contains(&self.min_confidence) {
             return Err(Error::new(format!("the least confidence is {}", self.min_confidence))
@@ -152,6 +156,14 @@ impl CrownOptions {
     }
 }
 
+fn length(name: &str, value: f32) -> Result<()> {
+    if value.is_finite() && value > 0.0 {
+        return Ok(());
+    }
+    Err(Error::new(format!("{name} is {value}, which is no length"))
+        .remedy("give a number of metres greater than 0"))
+}
+
 /// The cell of the canopy surface for so many points per occupied square of 2 m, metres.
 pub fn cell_m(density_per_sq_m: f64) -> f32 {
     canopy::cell_for_density(density_per_sq_m) as f32
@@ -160,19 +172,104 @@ pub fn cell_m(density_per_sq_m: f64) -> f32 {
 /// The tallest tree known stands 116 m high.
 const TALLEST_M: f32 = 120.0;
 
-/// Finds the trees, sorted by key. `voxels` are those of the vegetation: each belongs to the tree
-/// over which its centre of mass lies, and so to one tree at most.
+/// Trees, sorted by key, and what did not become one.
+pub struct Found {
+    pub crowns: Vec<Crown>,
+    pub tally: Tally,
+}
+
+/// Counts from which warnings follow; those of the pieces of a scan add up to those of the whole.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Tally {
+    /// Points.
+    pub vegetation: usize,
+    /// Of those, lower than the least tree.
+    pub low: usize,
+    /// Places in the canopy that look too little like one tree.
+    pub left_out: usize,
+    /// Higher than any tree.
+    pub too_tall: usize,
+}
+
+impl Tally {
+    pub fn add(&mut self, piece: Tally) {
+        self.vegetation += piece.vegetation;
+        self.low += piece.low;
+        self.left_out += piece.left_out;
+        self.too_tall += piece.too_tall;
+    }
+
+    /// What a user should know.
+    pub fn warnings(&self, crowns: &[Crown], min_height_m: f32) -> Vec<String> {
+        let Tally { vegetation, low, left_out, too_tall } = *self;
+        if low == vegetation && crowns.is_empty() {
+            return vec![format!(
+                "no tree found: none of the {vegetation} vegetation points is {min_height_m} m above \
+                 the ground"
+            )];
+        }
+        let mut warnings = Vec::new();
+        if left_out > 0 {
+            let places = left_out + crowns.iter().filter(|c| !c.is_understory).count();
+            warnings.push(format!(
+                "{left_out} of {places} places in the canopy look too little like one tree and are \
+                 left out"
+            ));
+        }
+        if too_tall > 0 {
+            warnings.push(format!(
+                "higher than {TALLEST_M} m and left out as no trees: {too_tall} (masts, birds, clouds?)"
+            ));
+        }
+        if crowns.is_empty() {
+            warnings.push("no tree found".to_owned());
+        }
+        let inside: usize = crowns.iter().map(|c| c.point_count as usize).sum();
+        let outside = vegetation.saturating_sub(inside);
+        if outside > 0 {
+            warnings.push(format!(
+                "{outside} of {vegetation} vegetation points belong to no tree; of all points {low} \
+                 are lower than {min_height_m} m"
+            ));
+        }
+        warnings
+    }
+}
+
+/// Finds the trees, sorted by key. A point belongs to the tree over which it lies; the points of a
+/// tree are gathered in voxels of edge `voxel_m` (see [`voxel::choose_size_m`]).
 ///
 /// A key that two trees would share (roots in the same quarter metre) goes to the taller; the
 /// other takes the next greater key that is free. The same points give the same crowns on any
 /// number of threads.
+///
+/// # Errors
+/// Kinds that are not as many as the points; options that make no sense.
 pub fn detect(
     classified: &Classified,
     terrain: &Terrain,
-    voxels: &VoxelOctree,
+    voxel_m: f32,
     options: &CrownOptions,
 ) -> Result<Warned<Vec<Crown>>> {
+    let Found { crowns, tally } = detect_within(classified, terrain, voxel_m, options, |_| true)?;
+    let warnings = tally.warnings(&crowns, options.min_height_m);
+    Ok(Warned::with(crowns, warnings))
+}
+
+/// [`detect`] in a window of a scan: only what has its apex or place where `is_own` holds is given
+/// and counted.
+///
+/// # Errors
+/// Those of [`detect`].
+pub fn detect_within(
+    classified: &Classified,
+    terrain: &Terrain,
+    voxel_m: f32,
+    options: &CrownOptions,
+    is_own: impl Fn(Vec3) -> bool + Sync,
+) -> Result<Found> {
     options.check()?;
+    length("the edge of a voxel", voxel_m)?;
     let cloud = &classified.cloud;
     if classified.kind.len() != cloud.len() {
         return Err(Error::new(format!(
@@ -182,7 +279,6 @@ pub fn detect(
         ))
         .remedy("classify the cloud again"));
     }
-    let mut warnings = Vec::new();
     let is_vegetation = |i: usize| classified.kind[i] == Kind::Vegetation;
 
     let height: Vec<f32> = cloud
@@ -195,89 +291,68 @@ pub fn detect(
             },
         )
         .collect();
-    let vegetation = || (0..cloud.len()).filter(|&i| is_vegetation(i) && height[i].is_finite());
-    let tall = || vegetation().filter(|&i| height[i] >= options.min_height_m);
-    if tall().next().is_none() {
-        warnings.push(format!(
-            "no tree found: none of the {} vegetation points is {} m above the ground",
-            vegetation().count(),
-            options.min_height_m
-        ));
-        return Ok(Warned::with(Vec::new(), warnings));
+    let (all, bare) = rayon::join(
+        || -> Vec<u32> {
+            let points = height.par_iter().enumerate();
+            points.filter(|(_, h)| h.is_finite()).map(|(i, _)| i as u32).collect()
+        },
+        || -> Vec<u32> {
+            let points = classified.kind.par_iter().enumerate();
+            points.filter(|(_, k)| **k == Kind::Ground).map(|(i, _)| i as u32).collect()
+        },
+    );
+    let none = (Vec2::INFINITY, Vec2::NEG_INFINITY, 0usize);
+    let add = |(low, high, n): (Vec2, Vec2, usize), (a, b, more): (Vec2, Vec2, usize)| {
+        (low.min(a), high.max(b), n + more)
+    };
+    let (low, high, tall) = (all.par_iter())
+        .filter(|&&i| height[i as usize] >= options.min_height_m)
+        .map(|&i| cloud.position[i as usize].truncate())
+        .fold(|| none, |sum, p| add(sum, (p, p, 1)))
+        .reduce(|| none, add);
+    let own = |i: &&u32| is_own(cloud.position[**i as usize]);
+    let is_low = |i: &&u32| height[**i as usize] < options.min_height_m;
+    let mut tally = Tally {
+        vegetation: all.par_iter().filter(own).count(),
+        low: all.par_iter().filter(is_low).filter(own).count(),
+        ..Tally::default()
+    };
+    if tall == 0 {
+        return Ok(Found { crowns: Vec::new(), tally });
     }
 
-    let density = canopy::density_per_sq_m(&cloud.position);
-    let cell = f64::from(options.cell_m.unwrap_or_else(|| cell_m(density)));
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for i in tall() {
-        let p = cloud.position[i].as_dvec3();
-        low = [low[0].min(p.x), low[1].min(p.y)];
-        high = [high[0].max(p.x), high[1].max(p.y)];
-    }
-    let stand = Stand {
-        cloud,
-        height: &height,
-        terrain,
-        centres: voxels.centres_of_mass(),
-        centre_height: (voxels.centres_of_mass().par_iter())
-            .map(|p| p.z - terrain.height_at(p.truncate()))
-            .collect(),
-        voxel_m: voxels.size_m(),
-        bare: (0..cloud.len() as u32)
-            .filter(|&i| classified.kind[i as usize] == Kind::Ground)
-            .collect(),
-        geometry: canopy::geometry(low, high, cell, cloud.len()),
-        options,
+    let cell = f64::from(
+        options.cell_m.unwrap_or_else(|| cell_m(canopy::density_per_sq_m(&cloud.position))),
+    );
+    let grid = |cell: f64| {
+        let [low, high] = [low, high].map(|p| p.to_array().map(f64::from));
+        canopy::geometry(low, high, cell, cloud.len())
     };
-    let all: Vec<u32> = vegetation().map(|i| i as u32).collect();
-    let every_voxel: Vec<u32> = (0..stand.centres.len() as u32).collect();
+    let stand = Stand { cloud, height: &height, terrain, voxel_m, bare, options };
     let upper = Evidence { points: 1, confidence: options.min_confidence, may_stand_alone: true };
-    let upper = stand.layer(&all, &every_voxel, upper);
+    let upper = stand.layer(grid(cell), &all, upper);
     let left = match options.has_understory {
-        true => upper.left(&stand, &all, &every_voxel),
-        false => Left { points: Vec::new(), voxels: Vec::new() },
+        true => upper.left(&stand, &all),
+        false => Vec::new(),
     };
     let lower = Evidence { confidence: LOWER.confidence.max(options.min_confidence), ..LOWER };
-    let lower = stand.layer(&left.points, &left.voxels, lower);
-    if upper.left_out > 0 {
-        warnings.push(format!(
-            "{} of {} places in the canopy look too little like one tree and are left out",
-            upper.left_out,
-            upper.left_out + upper.trees.len()
-        ));
-    }
-    let crowns = join(upper, lower);
+    let lower = stand.layer(grid(LOWER_CELLS * cell), &left, lower);
+    tally.left_out = upper.left_out.iter().filter(|p| is_own(**p)).count();
+    let mut crowns = join(upper, lower);
+    crowns.retain(|crown| is_own(crown.apex));
     let found = crowns.len();
-    let mut crowns: Vec<Crown> =
-        crowns.into_iter().filter(|crown| crown.height_m <= TALLEST_M).collect();
-    if crowns.len() < found {
-        warnings.push(format!(
-            "higher than {TALLEST_M} m and left out as no trees: {} (masts, birds, clouds?)",
-            found - crowns.len()
-        ));
-    }
-
-    let outside =
-        vegetation().count() - crowns.iter().map(|c| c.point_count as usize).sum::<usize>();
-    if crowns.is_empty() {
-        warnings.push("no tree found".to_owned());
-    }
-    if outside > 0 {
-        let lower = vegetation().filter(|&i| height[i] < options.min_height_m).count();
-        warnings.push(format!(
-            "{outside} of {} vegetation points belong to no tree; of all points {lower} are lower than {} m",
-            vegetation().count(),
-            options.min_height_m
-        ));
-    }
+    crowns.retain(|crown| crown.height_m <= TALLEST_M);
+    tally.too_tall = found - crowns.len();
     give_keys(&mut crowns, |root| cloud.frame.key(root));
-    Ok(Warned::with(crowns, warnings))
+    Ok(Found { crowns, tally })
 }
 
 /// What is taken for a lower tree. Seen through gaps, boughs and undergrowth look more like trees than
 /// from above: the annotated plots mark crowns seen from above alone, and F1 there falls by 0.02 for
 /// every 40 places that pass.
-const LOWER: Evidence = Evidence { points: 10, confidence: 0.55, may_stand_alone: false };
+const LOWER: Evidence = Evidence { points: 10, confidence: 0.6, may_stand_alone: false };
+/// Cells of the lower storey, which fewer points show, in those of the canopy.
+const LOWER_CELLS: f64 = 2.0;
 /// A lower tree ends this far below the crown over it, metres and part of that tree's height.
 const CLEARANCE_M: f32 = 1.0;
 const CLEARANCE_RELATIVE: f32 = 0.05;
@@ -285,20 +360,15 @@ const CLEARANCE_RELATIVE: f32 = 0.05;
 const STEM_M: f32 = 0.3;
 const STEM_RELATIVE: f32 = 0.02;
 
-/// What crowns are looked for in. Numbers are those of points and voxels.
+/// What crowns are looked for in.
 struct Stand<'a> {
     cloud: &'a PointCloud,
     /// Above the terrain, by point.
     height: &'a [f32],
     terrain: &'a Terrain,
-    /// Of the voxels.
-    centres: &'a [Vec3],
-    /// Of those centres, above the terrain.
-    centre_height: Vec<f32>,
     voxel_m: f32,
-    /// Ground points.
+    /// Numbers of ground points.
     bare: Vec<u32>,
-    geometry: GridGeometry,
     options: &'a CrownOptions,
 }
 
@@ -319,45 +389,47 @@ struct Layer {
     tree_of_cell: Vec<u32>,
     /// Greatest height by cell.
     top: Grid<f32>,
-    left_out: usize,
+    /// Tops of the places that look too little like a tree.
+    left_out: Vec<Vec3>,
 }
 
 const LEFT_OUT: u32 = basins::NONE - 1;
 
-struct Left {
-    points: Vec<u32>,
-    voxels: Vec<u32>,
+/// The cell of a grid over which a point lies.
+fn cell_over(g: &GridGeometry, p: Vec3) -> Option<usize> {
+    let (c, r) = g.cell_of(f64::from(p.x), f64::from(p.y))?;
+    Some(g.index(c, r))
 }
 
 impl Stand<'_> {
-    fn cell_of(&self, p: Vec3) -> Option<usize> {
-        let (c, r) = self.geometry.cell_of(f64::from(p.x), f64::from(p.y))?;
-        Some(self.geometry.index(c, r))
-    }
-
-    /// The trees that the given points and voxels show.
-    fn layer(&self, points: &[u32], voxels: &[u32], least: Evidence) -> Layer {
-        let (g, cell_m) = (self.geometry, self.geometry.cell_x as f32);
+    /// The trees that the points of given numbers show, by a canopy on the grid `g`.
+    fn layer(&self, g: GridGeometry, points: &[u32], least: Evidence) -> Layer {
+        let cell_m = g.cell_x as f32;
         let at = |i: &u32| self.cloud.position[*i as usize];
         if points.len() < least.points {
             return Layer {
                 trees: Vec::new(),
                 tree_of_cell: vec![basins::NONE; g.len()],
                 top: Grid::filled(g, 0.0),
-                left_out: 0,
+                left_out: Vec::new(),
             };
         }
-        let heights = points.iter().map(|i| (at(i), self.height[*i as usize]));
+        let heights = points.par_iter().map(|i| (at(i), self.height[*i as usize]));
         let grids = self.options.grids;
-        let canopy = canopy::build(g, heights, self.bare.iter().map(at), grids);
+        let canopy = canopy::build(g, heights, self.bare.par_iter().map(at), grids);
         let basins = basins::find(&canopy, self.options.min_height_m);
         let regions = hierarchy::merge(&basins, g.cols, cell_m);
-        let mut chosen = hierarchy::choose(&regions, g.cols, cell_m);
-        let candidates = chosen.len();
-        chosen.retain(|c| c.chance >= least.confidence || least.may_stand_alone && c.is_alone);
-        let left_out = candidates - chosen.len();
+        let top_of = |c: &hierarchy::Chosen| {
+            let cell = regions.region[c.region as usize].extent.top_cell as usize;
+            let [x, y] = g.centre(cell % g.cols, cell / g.cols);
+            Vec3::new(x as f32, y as f32, canopy.top.data[cell])
+        };
+        let (chosen, out): (Vec<_>, Vec<_>) = (hierarchy::choose(&regions, g.cols, cell_m))
+            .into_iter()
+            .partition(|c| c.chance >= least.confidence || least.may_stand_alone && c.is_alone);
+        let left_out = out.iter().map(top_of).collect();
         let tree_of_basin = regions.tree_of_basin(&chosen, basins.extent.len());
-        let mut tree_of_cell: Vec<u32> = (basins.of_cell.iter())
+        let mut tree_of_cell: Vec<u32> = (basins.of_cell.par_iter())
             .map(|&basin| match tree_of_basin.get(basin as usize) {
                 None => basins::NONE,
                 Some(&basins::NONE) => LEFT_OUT,
@@ -365,44 +437,42 @@ impl Stand<'_> {
             })
             .collect();
 
-        let cells = Groups::new(chosen.len(), tree_of_cell.par_iter().copied(), |cell| cell);
-        let tree_at = |p: Vec3, height_m: f32| {
-            let tree = self.cell_of(p).map_or(basins::NONE, |cell| tree_of_cell[cell]);
+        let tree_of_point = points.par_iter().map(|i| {
+            let tree = cell_over(&g, at(i)).map_or(basins::NONE, |cell| tree_of_cell[cell]);
             let in_tree = chosen.get(tree as usize).is_some_and(|c| {
                 let top_m = regions.region[c.region as usize].extent.top_m;
-                height_m >= measure::undergrowth_m(top_m).min(self.options.min_height_m)
+                let lowest_m = measure::undergrowth_m(top_m).min(self.options.min_height_m);
+                self.height[*i as usize] >= lowest_m
             });
             if in_tree { tree } else { basins::NONE }
-        };
-        let tree_of_point = points.par_iter().map(|i| tree_at(at(i), self.height[*i as usize]));
-        let members = Groups::new(chosen.len(), tree_of_point, |k| points[k as usize]);
-        let tree_of_voxel = voxels
-            .par_iter()
-            .map(|&i| tree_at(self.centres[i as usize], self.centre_height[i as usize]));
-        let voxels_of_tree = Groups::new(chosen.len(), tree_of_voxel, |k| voxels[k as usize]);
+        });
+        let (members, cells) = rayon::join(
+            || Groups::new(chosen.len(), tree_of_point, |k| points[k as usize]),
+            || Groups::new(chosen.len(), tree_of_cell.par_iter().copied(), |cell| cell),
+        );
         let crowns: Vec<Option<Crown>> = (0..chosen.len())
             .into_par_iter()
             .map(|tree| {
+                let own = members.of(tree);
+                if own.len() < least.points {
+                    return None;
+                }
                 let middle: Vec<Vec2> = (cells.of(tree).iter())
                     .map(|&i| {
                         let [x, y] = g.centre(i as usize % g.cols, i as usize / g.cols);
                         Vec2::new(x as f32, y as f32)
                     })
                     .collect();
-                let points: Vec<Vec3> = members.of(tree).iter().map(at).collect();
-                let heights: Vec<f32> =
-                    members.of(tree).iter().map(|&i| self.height[i as usize]).collect();
-                let own: Vec<Vec3> =
-                    voxels_of_tree.of(tree).iter().map(|&i| self.centres[i as usize]).collect();
+                let points: Vec<Vec3> = own.iter().map(at).collect();
+                let heights: Vec<f32> = own.iter().map(|&i| self.height[i as usize]).collect();
                 let members = measure::Members {
                     points: &points,
                     heights: &heights,
-                    voxels: &own,
+                    voxels: &voxel::centres_of_mass(&points, self.voxel_m),
                     voxel_m: self.voxel_m,
                 };
                 measure::crown(&middle, cell_m, &members, self.terrain, chosen[tree].chance)
                     .filter(|c| c.height_m >= self.options.min_height_m)
-                    .filter(|_| points.len() >= least.points)
             })
             .collect();
 
@@ -423,14 +493,16 @@ impl Stand<'_> {
 }
 
 impl Layer {
-    /// What a lower storey may be made of: what is tall enough and lies under a crown's base with
-    /// some clearance, but is not its stem, or beside the skirts of the crowns.
-    fn left(&self, stand: &Stand<'_>, points: &[u32], voxels: &[u32]) -> Left {
-        let is_left = |p: Vec3, height_m: f32| {
+    /// Numbers of the points that a lower storey may be made of: those that are tall enough and lie
+    /// under a crown's base with some clearance, but are not its stem, or beside the skirts of the
+    /// crowns.
+    fn left(&self, stand: &Stand<'_>, points: &[u32]) -> Vec<u32> {
+        let is_left = |i: u32| {
+            let (p, height_m) = (stand.cloud.position[i as usize], stand.height[i as usize]);
             if height_m < stand.options.min_height_m {
                 return false;
             }
-            let Some(cell) = stand.cell_of(p) else { return false };
+            let Some(cell) = cell_over(&self.top.geometry, p) else { return false };
             let Some(crown) = self.trees.get(self.tree_of_cell[cell] as usize) else {
                 return self.tree_of_cell[cell] == basins::NONE;
             };
@@ -443,14 +515,7 @@ impl Layer {
             let from_stem = (p - crown.root).truncate().distance(lean);
             from_stem > STEM_M + STEM_RELATIVE * crown.height_m
         };
-        Left {
-            points: (points.par_iter().copied())
-                .filter(|&i| is_left(stand.cloud.position[i as usize], stand.height[i as usize]))
-                .collect(),
-            voxels: (voxels.par_iter().copied())
-                .filter(|&i| is_left(stand.centres[i as usize], stand.centre_height[i as usize]))
-                .collect(),
-        }
+        points.par_iter().copied().filter(|&i| is_left(i)).collect()
     }
 }
 
@@ -458,8 +523,7 @@ impl Layer {
 fn join(upper: Layer, lower: Layer) -> Vec<Crown> {
     let Layer { trees, tree_of_cell, top, .. } = upper;
     let over = |p: Vec3| {
-        let (c, r) = top.geometry.cell_of(f64::from(p.x), f64::from(p.y))?;
-        let cell = top.geometry.index(c, r);
+        let cell = cell_over(&top.geometry, p)?;
         Some((tree_of_cell[cell] as usize, top.data[cell]))
     };
     let mut crowns = trees;
@@ -474,47 +538,6 @@ fn join(upper: Layer, lower: Layer) -> Vec<Crown> {
         crowns.push(crown);
     }
     crowns
-}
-
-/// Members of each group, in order; what is in no group is left out.
-struct Groups {
-    /// Where each group begins in `members`; one more than groups.
-    start: Vec<u32>,
-    members: Vec<u32>,
-}
-
-impl Groups {
-    /// `group` of each thing in turn; `member` is what stands for the thing of that number.
-    fn new(
-        groups: usize,
-        group: impl IndexedParallelIterator<Item = u32>,
-        member: impl Fn(u32) -> u32,
-    ) -> Groups {
-        let group: Vec<u32> = group.collect();
-        let mut start = vec![0u32; groups + 1];
-        for &k in &group {
-            if let Some(count) = start.get_mut((k as usize).saturating_add(1)) {
-                *count += 1;
-            }
-        }
-        for k in 0..groups {
-            start[k + 1] += start[k];
-        }
-        let mut members = vec![0; start[groups] as usize];
-        let mut next = start.clone();
-        next.truncate(groups);
-        for (i, &k) in (0u32..).zip(&group) {
-            if let Some(slot) = next.get_mut(k as usize) {
-                members[*slot as usize] = member(i);
-                *slot += 1;
-            }
-        }
-        Groups { start, members }
-    }
-
-    fn of(&self, group: usize) -> &[u32] {
-        &self.members[self.start[group] as usize..self.start[group + 1] as usize]
-    }
 }
 
 /// Keys from the roots, the taller first; sorted by key.

@@ -11,7 +11,6 @@ use crate::raster::{Grid, GridGeometry};
 use crate::scan::PointCloud;
 use crate::seed::Seed;
 use crate::terrain::Terrain;
-use crate::voxel::VoxelOctree;
 
 fn plane(p: Vec2) -> f32 {
     250.0 + 0.2 * p.x - 0.1 * p.y
@@ -102,17 +101,10 @@ fn scan(trees: &[Tree], size_m: f32, density: f32, ground: impl Fn(Vec2) -> f32)
     classified(points)
 }
 
-/// The vegetation in voxels of 0.4 m, larger where points are absurdly far apart.
-fn voxels(classified: &Classified) -> VoxelOctree {
-    let points = classified.cloud.position.iter().zip(&classified.kind);
-    let vegetation: Vec<Vec3> =
-        points.filter(|(p, k)| **k == Kind::Vegetation && p.is_finite()).map(|(p, _)| *p).collect();
-    let far = vegetation.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
-    VoxelOctree::build(&vegetation, (far * 4e-6).max(0.4)).unwrap()
-}
+const VOXEL_M: f32 = 0.4;
 
 fn crowns(classified: &Classified, terrain: &Terrain) -> Warned<Vec<Crown>> {
-    let found = detect(classified, terrain, &voxels(classified), &CrownOptions::default()).unwrap();
+    let found = detect(classified, terrain, VOXEL_M, &CrownOptions::default()).unwrap();
     let vegetation = classified.kind.iter().filter(|k| **k == Kind::Vegetation).count();
     let in_trees: usize = found.value.iter().map(|c| c.point_count as usize).sum();
     assert!(in_trees <= vegetation);
@@ -258,7 +250,7 @@ fn poor_clouds_do_not_stop_it() {
 fn options_that_make_no_sense_are_named() {
     let with = |options: CrownOptions| {
         let one = vegetation([Vec3::Z]);
-        detect(&one, &terrain(|_| 0.0), &voxels(&one), &options).unwrap_err().to_string()
+        detect(&one, &terrain(|_| 0.0), VOXEL_M, &options).unwrap_err().to_string()
     };
     let d = CrownOptions::default;
     assert_eq!(

@@ -1,7 +1,6 @@
 //! The textures of a scene as PNG, encoded once for all formats.
 
-use std::sync::Arc;
-
+use bytes::Bytes;
 use rayon::prelude::*;
 
 use super::OutputFile;
@@ -10,7 +9,7 @@ use crate::scene::ValidScene;
 
 /// One PNG for each of [`ValidScene::textures`].
 pub struct Pictures {
-    png: Vec<Arc<[u8]>>,
+    png: Vec<Bytes>,
 }
 
 impl Pictures {
@@ -19,7 +18,7 @@ impl Pictures {
         Ok(Pictures { png })
     }
 
-    pub fn png(&self) -> &[Arc<[u8]>] {
+    pub fn png(&self) -> &[Bytes] {
         &self.png
     }
 

@@ -10,7 +10,7 @@ use glam::{Mat4, Vec2, Vec3};
 use super::*;
 use crate::mesh::Surface;
 use crate::scene::sample::forest;
-use crate::scene::{Scene, ValidScene};
+use crate::scene::{Collider, ColliderShape, Scene, ValidScene};
 
 const ALL: [Format; 3] = [Format::Glb, Format::Gltf, Format::Usda];
 
@@ -98,6 +98,7 @@ fn names_of_files_and_textures_shared_by_formats() {
             "textures/two_trees_Larix_sibirica_bark.png",
             "textures/two_trees_Larix_sibirica_bark_normal.png",
             "textures/two_trees_Larix_sibirica_leaf.png",
+            "textures/two_trees_Larix_sibirica_bark_orm.png",
         ]
     );
     let glb_alone = files(&two_trees(), "two trees", &[Format::Glb]).unwrap();
@@ -277,4 +278,61 @@ fn a_full_disk_says_how_much_to_free() {
     let full = std::io::Error::from(std::io::ErrorKind::StorageFull);
     let error = disk::unwritable(Path::new("out/forest.glb"), &full, 4_200_000);
     assert_eq!(error.remedy_text(), Some("free at least 5 MB, or choose another output folder"));
+}
+
+/// A collider and wind on every prototype of the sample.
+fn with_extras() -> ValidScene {
+    let mut scene = sample();
+    let body = Surface {
+        position: vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z],
+        index: vec![0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3],
+        ..Surface::default()
+    };
+    for prototype in &mut scene.prototypes {
+        let collider = Collider { shape: ColliderShape::Convex, body: body.clone() };
+        prototype.colliders = vec![collider; 2];
+        for (k, part) in prototype.parts.iter_mut().enumerate() {
+            let count = part.surface.position.len();
+            part.surface.wind = (0..count).map(|i| [i as u8, k as u8, 3, 255]).collect();
+        }
+    }
+    scene.validate().unwrap()
+}
+
+#[test]
+fn colliders_and_wind_read_back_as_they_were() {
+    let scene = with_extras();
+    let glb = &files(&scene, "forest", &[Format::Glb]).unwrap()[0];
+    let (document, buffers, _) = ::gltf::import_slice(&glb.bytes).unwrap();
+    let root = document.default_scene().unwrap().nodes().next().unwrap();
+    let mut trees = 0;
+    for node in root.children().skip(1).flat_map(|group| group.children()) {
+        let name = node.name().unwrap();
+        let bodies: Vec<_> = node.children().map(|c| c.name().unwrap().to_owned()).collect();
+        assert_eq!(bodies, [format!("UCX_{name}_00"), format!("UCX_{name}_01")]);
+        for child in node.children() {
+            let primitive = child.mesh().unwrap().primitives().next().unwrap();
+            let reader = primitive.reader(|b| Some(&buffers[b.index()]));
+            assert_eq!(reader.read_positions().unwrap().count(), 4);
+            assert_eq!(reader.read_indices().unwrap().into_u32().count(), 12);
+            assert!(reader.read_normals().is_none() && primitive.material().index().is_none());
+        }
+        for (k, primitive) in node.mesh().unwrap().primitives().enumerate() {
+            let reader = primitive.reader(|b| Some(&buffers[b.index()]));
+            let colours: Vec<[u8; 4]> = reader.read_colors(0).unwrap().into_rgba_u8().collect();
+            assert_eq!(colours.len(), reader.read_positions().unwrap().count());
+            let as_written = |(i, c): (usize, &[u8; 4])| *c == [i as u8, k as u8, 3, 255];
+            assert!(colours.iter().enumerate().all(as_written));
+        }
+        trees += 1;
+    }
+    assert_eq!(trees, scene.instances().len());
+}
+
+#[test]
+fn a_collider_that_encloses_nothing_is_refused() {
+    let mut scene = with_extras().into_scene();
+    scene.prototypes[1].colliders[0].body.index.reverse();
+    let error = scene.validate().unwrap_err();
+    assert!(error.to_string().contains("encloses no volume"), "{error}");
 }

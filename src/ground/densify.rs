@@ -100,7 +100,7 @@ fn densified(low: &Lowest) -> Tin {
     for level in 1..=LEVELS {
         remove_pits(&mut tin);
         let cells = SEED_CELLS * 0.5f64.powi(level);
-        let mut open: Vec<Vec3> = lowest_above_trend(low, cells).flatten().collect();
+        let mut open: Vec<Vec3> = lowest_above_trend(low, cells).into_iter().flatten().collect();
         for _ in 0..MOST_ROUNDS {
             let is_near: Vec<bool> = open
                 .par_chunks(RUN)
@@ -133,7 +133,7 @@ fn densified(low: &Lowest) -> Tin {
 fn seeds(low: &Lowest) -> Vec<Vec3> {
     const MOST_ROUNDS: usize = 10;
     let g = low.geometry(SEED_CELLS);
-    let mut seed: Vec<Option<Vec3>> = lowest_above_trend(low, SEED_CELLS).collect();
+    let mut seed = lowest_above_trend(low, SEED_CELLS);
     let height: Vec<f32> = seed.iter().map(|p| p.map_or(0.0, |p| p.z - trend_at(low, p))).collect();
     for _ in 0..MOST_ROUNDS {
         let stands_out = |i: usize| {
@@ -191,9 +191,8 @@ fn trend_at(low: &Lowest, p: Vec3) -> f32 {
 }
 
 /// The point of each cell that is lowest above the trend.
-fn lowest_above_trend(low: &Lowest, cells: f64) -> impl Iterator<Item = Option<Vec3>> {
-    let above = low.points.iter().map(|p| *p - Vec3::Z * trend_at(low, *p));
-    lowest(above, &low.geometry(cells)).map(|p| p.map(|p| p + Vec3::Z * trend_at(low, p)))
+fn lowest_above_trend(low: &Lowest, cells: f64) -> Vec<Option<Vec3>> {
+    lowest(&low.points, |p| p.z - trend_at(low, *p), &low.geometry(cells))
 }
 
 fn is_ground(tin: &Tin, p: DVec3, hint: &mut FixedVertexHandle) -> bool {

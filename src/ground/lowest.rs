@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::raster::trend::trend;
-use crate::raster::{Grid, GridGeometry};
+use crate::raster::{Grid, GridGeometry, scatter};
 
 /// Finest cell of the filters, metres; larger where an area would have too many.
 pub const CELL_M: f64 = 1.0;
@@ -37,12 +37,9 @@ impl Lowest {
         let cell = CELL_M.max((area * 4.0 / MOST_CELLS).sqrt());
         let covering = |cells: f64| GridGeometry::covering(min, max, cell * cells);
         let thinned: Vec<Vec3> =
-            lowest(candidates.iter().copied(), &covering(0.5)).flatten().collect();
+            lowest(candidates, |p| p.z, &covering(0.5)).into_iter().flatten().collect();
         let squares = covering(SQUARE);
-        let trend_of = |points: &[Vec3]| {
-            let lowest: Vec<_> = lowest(points.iter().copied(), &squares).collect();
-            trend(&lowest, squares)
-        };
+        let trend_of = |points: &[Vec3]| trend(&lowest(points, |p| p.z, &squares), squares);
         let rough = trend_of(&thinned);
         let points = without_low_outliers(thinned, &rough, squares);
         let trend = trend_of(&points);
@@ -55,22 +52,18 @@ impl Lowest {
     }
 }
 
-/// The lowest point of each cell, in the order of the cells.
-pub fn lowest<I: Iterator<Item = Vec3>>(
-    points: I,
+/// The lowest point of each cell by the given height, in the order of the cells.
+pub fn lowest(
+    points: &[Vec3],
+    height_m: impl Fn(&Vec3) -> f32 + Sync,
     geometry: &GridGeometry,
-) -> impl Iterator<Item = Option<Vec3>> + use<I> {
-    let none = Vec3::splat(f32::INFINITY);
-    let mut lowest = vec![none; geometry.len()];
-    for p in points {
-        if let Some((c, r)) = geometry.cell_of(p.x.into(), p.y.into()) {
-            let best = &mut lowest[geometry.index(c, r)];
-            if p.z < best.z {
-                *best = p;
-            }
-        }
-    }
-    lowest.into_iter().map(|p| p.z.is_finite().then_some(p))
+) -> Vec<Option<Vec3>> {
+    let heights = points.par_iter().enumerate().filter_map(|(i, p)| {
+        let (c, r) = geometry.cell_of(p.x.into(), p.y.into())?;
+        Some((u32::try_from(i).ok()?, geometry.index(c, r), height_m(p)))
+    });
+    let numbers = scatter::least_number(geometry.len(), heights);
+    numbers.into_par_iter().map(|i| points.get(i? as usize).copied()).collect()
 }
 
 /// Drops points that lie by [`GAP_M`] or more below the lowest few of their surroundings that

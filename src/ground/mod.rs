@@ -12,7 +12,7 @@ use lowest::Lowest;
 use rayon::prelude::*;
 
 use crate::diagnostic::{Error, Result, Warned};
-use crate::raster::GridGeometry;
+use crate::raster::{GridGeometry, scatter};
 use crate::scan::PointCloud;
 
 /// What a point is, VL = T ∪ L ∪ E (T15); E is what is neither (water, buildings, wires).
@@ -86,7 +86,7 @@ pub fn classify(cloud: PointCloud, options: &GroundOptions) -> Result<Warned<Cla
         cloud.class.iter().map(|&c| c == FILE_GROUND).collect()
     } else if is_normalised {
         let zero = zero_level(&cloud);
-        cloud.position.iter().map(|p| (p.z - zero).abs() <= NORMALISED_GROUND_M).collect()
+        cloud.position.par_iter().map(|p| (p.z - zero).abs() <= NORMALISED_GROUND_M).collect()
     } else {
         match options.method {
             Method::Tin => densify::ground(&Lowest::of(candidates), &cloud.position),
@@ -168,13 +168,11 @@ impl Floor {
             // Few large cells where points are far apart, so that memory stays bounded.
             CELL_M.max(f64::from((high - low).truncate().max_element()) / 2000.0),
         );
-        let mut lowest = vec![f32::INFINITY; geometry.len()];
-        for p in candidates {
-            if let Some((c, r)) = geometry.cell_of(p.x.into(), p.y.into()) {
-                let i = geometry.index(c, r);
-                lowest[i] = lowest[i].min(p.z - zero);
-            }
-        }
+        let heights = candidates.par_iter().filter_map(|p| {
+            let (c, r) = geometry.cell_of(p.x.into(), p.y.into())?;
+            Some((geometry.index(c, r), p.z - zero))
+        });
+        let lowest = scatter::least(geometry.len(), heights);
         let count = |is: &dyn Fn(f32) -> bool| {
             lowest.iter().filter(|&&z| z.is_finite() && is(z)).count() as u32
         };
@@ -201,27 +199,53 @@ impl Floor {
 /// cell, over cells that hold two or more; `None` without such cells. Noise, slope and what is
 /// wrongly ground all add to it. Of many points a share is measured, in cells drawn by a hash.
 pub fn spread_m(classified: &Classified) -> Option<f64> {
-    const MEASURED: usize = 100_000;
-    let one_in = (classified.cloud.len() / MEASURED) as u64 + 1;
-    let cell = |v: f32| (v * 2.0).floor() as i32;
-    let is_drawn = |x: i32, y: i32| {
-        let mix = |h: u64, v: i32| (h ^ u64::from(v as u32)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        (mix(mix(0, x), y) >> 40).is_multiple_of(one_in)
-    };
-    let mut ground: Vec<(i32, i32, u32)> = (classified.cloud.position.iter().zip(&classified.kind))
-        .filter(|(_, k)| **k == Kind::Ground)
-        .map(|(p, _)| (cell(p.x), cell(p.y), p.z.to_bits()))
-        .filter(|(x, y, _)| is_drawn(*x, *y))
-        .collect();
-    ground.sort_unstable();
-    let (mut sum, mut count) = (0.0, 0usize);
-    for same in ground.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).filter(|c| c.len() > 1) {
-        let heights = || same.iter().map(|p| f64::from(f32::from_bits(p.2)));
-        let mean = heights().sum::<f64>() / same.len() as f64;
-        sum += heights().map(|z| (z - mean).powi(2)).sum::<f64>();
-        count += same.len();
+    Spread::of(classified, |_| true).rms_m()
+}
+
+/// [`spread_m`] of a scan in pieces.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Spread {
+    sum_sq: f64,
+    points: usize,
+}
+
+impl Spread {
+    /// Of the points for which `is_own` holds.
+    pub fn of(classified: &Classified, is_own: impl Fn(Vec3) -> bool + Sync) -> Spread {
+        const MEASURED: usize = 100_000;
+        let one_in = (classified.cloud.len() / MEASURED) as u64 + 1;
+        let cell = |v: f32| (v * 2.0).floor() as i32;
+        let is_drawn = |x: i32, y: i32| {
+            let mix =
+                |h: u64, v: i32| (h ^ u64::from(v as u32)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            (mix(mix(0, x), y) >> 40).is_multiple_of(one_in)
+        };
+        let mut ground: Vec<(i32, i32, u32)> = (classified.cloud.position.par_iter())
+            .zip(&classified.kind)
+            .filter(|(_, k)| **k == Kind::Ground)
+            .map(|(p, _)| (cell(p.x), cell(p.y), p))
+            .filter(|(x, y, p)| is_drawn(*x, *y) && is_own(**p))
+            .map(|(x, y, p)| (x, y, p.z.to_bits()))
+            .collect();
+        ground.par_sort_unstable();
+        let mut spread = Spread::default();
+        for same in ground.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).filter(|c| c.len() > 1) {
+            let heights = || same.iter().map(|p| f64::from(f32::from_bits(p.2)));
+            let mean = heights().sum::<f64>() / same.len() as f64;
+            spread.sum_sq += heights().map(|z| (z - mean).powi(2)).sum::<f64>();
+            spread.points += same.len();
+        }
+        spread
     }
-    (count > 0).then(|| (sum / count as f64).sqrt())
+
+    pub fn add(&mut self, piece: Spread) {
+        self.sum_sq += piece.sum_sq;
+        self.points += piece.points;
+    }
+
+    pub fn rms_m(&self) -> Option<f64> {
+        (self.points > 0).then(|| (self.sum_sq / self.points as f64).sqrt())
+    }
 }
 
 #[cfg(test)]

@@ -25,7 +25,7 @@ use rayon::prelude::*;
 use super::lowest::{CELL_M, Lowest};
 use super::morphology::{Image, open_disk};
 use super::regrow::regrow;
-use crate::raster::{Grid, GridGeometry, inpaint};
+use crate::raster::{Grid, GridGeometry, inpaint, scatter};
 
 /// Levels above the finest; each doubles the cell.
 const LEVELS: i32 = 5;
@@ -50,6 +50,9 @@ const NEAR_M: f32 = 0.15;
 const NEAR_SLOPE: f32 = 0.1;
 /// Gradients are taken as no steeper than this.
 const STEEPEST: f32 = 3.0;
+
+/// Cells that one thread takes at a time.
+const TOGETHER: usize = 1 << 12;
 
 /// Heights, reaching a cell beyond the points.
 struct Surface(Grid<f32>);
@@ -114,7 +117,8 @@ fn surface(lowest: &Lowest) -> Surface {
 }
 
 fn sum(a: &Grid<f32>, b: &Grid<f32>) -> Grid<f32> {
-    Grid { geometry: a.geometry, data: a.data.iter().zip(&b.data).map(|(a, b)| a + b).collect() }
+    let sums = a.data.par_iter().with_min_len(TOGETHER).zip(&b.data).map(|(a, b)| a + b);
+    Grid { geometry: a.geometry, data: sums.collect() }
 }
 
 /// Height difference that a cell may rise over its neighbour, by cell.
@@ -138,9 +142,10 @@ fn remove_objects(above: &mut Grid<f32>, is_known: &mut [bool], tolerance: &[f32
     let mut is_object = vec![false; g.len()];
     for radius in 1..=widest.min(g.cols.max(g.rows)) {
         let opened = open_disk(&last, radius);
-        for (i, object) in is_object.iter_mut().enumerate() {
-            *object |= last.data[i] - opened.data[i] > tolerance[i];
-        }
+        let cells = is_object.par_iter_mut().with_min_len(TOGETHER).zip(&last.data);
+        cells.zip(&opened.data).zip(tolerance).for_each(|(((object, last), opened), tolerance)| {
+            *object |= last - opened > *tolerance;
+        });
         last = opened;
     }
     for (known, object) in is_known.iter_mut().zip(is_object) {
@@ -169,36 +174,30 @@ fn remove_pits(above: &mut Grid<f32>, is_known: &mut [bool], tolerance: &[f32]) 
 
 /// Least height above the surface by cell; infinite where there is no point.
 fn lowest_heights(points: &[Vec3], surface: &Surface, geometry: GridGeometry) -> Grid<f32> {
-    let heights: Vec<f32> =
-        points.par_iter().map(|p| p.z - surface.height_at(p.truncate())).collect();
-    let mut grid = Grid::filled(geometry, f32::INFINITY);
-    for (p, z) in points.iter().zip(heights) {
-        if let Some((c, r)) = geometry.cell_of(p.x.into(), p.y.into()) {
-            let i = geometry.index(c, r);
-            grid.data[i] = grid.data[i].min(z);
-        }
-    }
-    grid
+    let above = points.par_iter().filter_map(|p| {
+        let (c, r) = geometry.cell_of(p.x.into(), p.y.into())?;
+        Some((geometry.index(c, r), p.z - surface.height_at(p.truncate())))
+    });
+    Grid { geometry, data: scatter::least(geometry.len(), above) }
 }
 
 /// Binomial filter of 3 × 3 cells.
 fn smooth(grid: &mut Grid<f32>) {
     let (cols, rows) = (grid.geometry.cols, grid.geometry.rows);
     let mean = |a: f32, b: f32, c: f32| 0.25 * a + 0.5 * b + 0.25 * c;
-    let source = grid.data.clone();
-    for r in 0..rows {
-        let row = &source[r * cols..(r + 1) * cols];
-        for c in 0..cols {
-            let (west, east) = (row[c.saturating_sub(1)], row[(c + 1).min(cols - 1)]);
-            grid.data[r * cols + c] = mean(west, row[c], east);
+    let mut across = grid.data.clone();
+    let lines = across.par_chunks_mut(cols).zip(grid.data.par_chunks(cols));
+    lines.with_min_len(TOGETHER / cols + 1).for_each(|(out, row)| {
+        for (c, z) in out.iter_mut().enumerate() {
+            *z = mean(row[c.saturating_sub(1)], row[c], row[(c + 1).min(cols - 1)]);
         }
-    }
-    let source = grid.data.clone();
-    for r in 0..rows {
-        for c in 0..cols {
-            let at = |r: usize| source[r * cols + c];
-            grid.data[r * cols + c] =
-                mean(at(r.saturating_sub(1)), at(r), at((r + 1).min(rows - 1)));
+    });
+    let lines = grid.data.par_chunks_mut(cols).enumerate();
+    lines.with_min_len(TOGETHER / cols + 1).for_each(|(r, out)| {
+        let line = |r: usize| &across[r * cols..(r + 1) * cols];
+        let (above, own, below) = (line(r.saturating_sub(1)), line(r), line((r + 1).min(rows - 1)));
+        for (c, z) in out.iter_mut().enumerate() {
+            *z = mean(above[c], own[c], below[c]);
         }
-    }
+    });
 }

@@ -158,6 +158,7 @@ mod tests {
             axis: vec![0; n as usize],
             order: vec![0; n as usize],
             birth: vec![0; n as usize],
+            dead: Vec::new(),
         }
     }
 

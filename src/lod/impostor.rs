@@ -45,7 +45,7 @@ const PER_TEXEL: usize = 4;
 /// Texels between two views of a cross.
 const GUTTER: usize = 8;
 /// Views along a side of an octahedral picture.
-const FRAMES: u32 = 8;
+pub(super) const FRAMES: u32 = 8;
 
 /// Bakes a model, whose extent is `bounds` (tree-local metres). `size_px`: texels
 /// along the longer side of a sheet, or along the side of an octahedral picture.
@@ -157,7 +157,7 @@ fn octahedral(sitter: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Resul
 }
 
 /// Towards the eye of a view of the hemi-octahedral map.
-fn direction(col: u32, row: u32) -> Vec3 {
+pub(super) fn direction(col: u32, row: u32) -> Vec3 {
     let e = Vec2::new(col as f32, row as f32) * (2.0 / (FRAMES - 1) as f32) - 1.0;
     let p = Vec2::new(e.x + e.y, e.x - e.y) * 0.5;
     p.extend(1.0 - p.x.abs() - p.y.abs()).normalize_or(Vec3::Z)

@@ -6,4 +6,7 @@ pub mod impostor;
 pub mod silhouette;
 
 pub use impostor::{Impostor, Kind};
-pub use silhouette::Silhouettes;
+pub use silhouette::{From, Silhouettes};
+
+#[cfg(test)]
+mod tests;

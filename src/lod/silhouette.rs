@@ -17,6 +17,14 @@ const SAMPLES: usize = 320;
 /// Sides looked from, about Z.
 const SIDES: usize = 8;
 
+/// Where models are looked at from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum From {
+    All,
+    /// Not from above, whence upright sheets show nothing.
+    Sides,
+}
+
 /// What one model covers, seen from all sides.
 pub struct Silhouettes {
     /// Side of a sample, metres.
@@ -34,7 +42,12 @@ impl Silhouettes {
     ///
     /// # Errors
     /// Bounds that are not finite.
-    pub fn of(sitter: &Sitter<'_>, model: u32, bounds: (Vec3, Vec3)) -> Result<Silhouettes> {
+    pub fn of(
+        sitter: &Sitter<'_>,
+        model: u32,
+        bounds: (Vec3, Vec3),
+        from: From,
+    ) -> Result<Silhouettes> {
         let (lo, hi) = bounds;
         let span = hi - lo;
         let wide_m = span.truncate().length();
@@ -49,14 +62,20 @@ impl Silhouettes {
                 let (sin, cos) = turn.sin_cos();
                 Window { centre, forward: Vec3::new(cos, sin, 0.0), sample_m, size: level }
             })
-            .chain([Window { centre, forward: -Vec3::Z, sample_m, size: [samples(wide_m); 2] }]);
+            .chain((from == From::All).then_some(Window {
+                centre,
+                forward: -Vec3::Z,
+                sample_m,
+                size: [samples(wide_m); 2],
+            }));
         let masks = windows
             .map(|w| Ok(Mask { width: w.size[0], covered: sitter.silhouette(model, &w)? }))
             .collect::<Result<_>>()?;
         Ok(Silhouettes { sample_m, masks })
     }
 
-    /// Both ways; infinite where one of the two covers nothing and the other does.
+    /// Both ways, over the views that both have; infinite where one of the two covers nothing and the
+    /// other does.
     pub fn apart(&self, other: &Silhouettes) -> Apart {
         let (mut worst_sq, mut sum, mut count) = (0.0f32, 0.0f64, 0u64);
         for (a, b) in self.masks.iter().zip(&other.masks) {

@@ -20,6 +20,12 @@ impl Surface {
                 self.uv.len()
             )));
         }
+        if !(self.wind.is_empty() || self.wind.len() == n) {
+            return Err(Error::new(format!(
+                "a surface has {n} positions and {} wind colours",
+                self.wind.len()
+            )));
+        }
         if !self.index.len().is_multiple_of(3) {
             return Err(Error::new(format!("a surface has {} indices", self.index.len())));
         }

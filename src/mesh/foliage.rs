@@ -9,10 +9,13 @@
 //! boughs of the atlas in place of twigs. Normals lean to the crown's outside, for soft shading,
 //! and never away from the front of their triangles.
 
+use rayon::prelude::*;
+
 use super::card::{self, Shape};
 use super::leaf::Twig;
 use super::piece::fill;
-use super::spot::{Hull, Pose, spots, stance, thinned};
+use super::spot::{Hull, Pose, Spot, spots, stance, thinned};
+use super::wind::Wind;
 use super::{Surface, shell, stamp};
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
@@ -55,6 +58,10 @@ pub struct Order<'a> {
     pub budget: Option<usize>,
     /// Cards of more rows.
     pub detail: bool,
+    /// Of the places for leaves, those that bear them.
+    pub share: f32,
+    /// Asked for as vertex colours; a shell has none.
+    pub wind: Option<&'a Wind>,
     pub seed: Seed,
 }
 
@@ -65,12 +72,20 @@ pub struct Order<'a> {
 pub fn foliage(skeleton: &Skeleton, axes: &[Axis], order: &Order<'_>) -> Result<Surface> {
     let Order { species, atlas, level, seed, .. } = *order;
     let f = &species.foliage;
-    let spots =
+    let mut spots =
         if level == FoliageLevel::None { Vec::new() } else { spots(skeleton, axes, species) };
     if spots.is_empty() {
         return Ok(Surface::default());
     }
+    // The crown is that of all spots, however few bear leaves; the same ones at any budget.
     let hull = Hull::around(&spots);
+    let share = order.share.clamp(0.0, 1.0);
+    if share < 1.0 {
+        spots.retain(|s| seed.derive("borne", s.key).draws().unit() < share);
+        if spots.is_empty() {
+            return Ok(Surface::default());
+        }
+    }
     let budget = order.budget.unwrap_or(MOST_TRIANGLES).min(MOST_TRIANGLES);
     if level == FoliageLevel::Shell {
         let margin_m = 0.5 * f.twig_length_m.min(hull.half.max_element());
@@ -102,13 +117,13 @@ pub fn foliage(skeleton: &Skeleton, axes: &[Axis], order: &Order<'_>) -> Result<
     let most = budget / room.triangles.max(1);
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
     let all = spots.len();
-    let wanted = wanted(&hull, species, atlas, all.min(most), all);
+    let wanted = wanted(&hull, species, atlas, all.min(most), all, share);
     let limit = if is_sparse { MOST_ENLARGED_SPARSE } else { MOST_ENLARGED };
     let enlarge = wanted.clamp(1.0, limit);
     let kept = thinned(spots, &hull, most, enlarge);
     let outlines: Vec<_> = atlas.cells().iter().map(|c| c.outline(shape.rows())).collect();
     let fold = stance(f.shape).fold;
-    Ok(fill(kept.len(), room, |k, out| {
+    let mut surface = fill(kept.len(), room, |k, out| {
         let spot = &kept[k];
         let mut draws = seed.derive("card", spot.key).draws();
         let pose = Pose::of(spot, species, &hull, enlarge, &mut draws);
@@ -123,17 +138,40 @@ pub fn foliage(skeleton: &Skeleton, axes: &[Axis], order: &Order<'_>) -> Result<
                 card::emit(&pose, shape, fold, &atlas.cells()[id], &outlines[id], out);
             }
         }
-    }))
+    });
+    if let Some(wind) = order.wind {
+        surface.wind = swaying(wind, &kept, &surface, room.vertices);
+    }
+    Ok(surface)
+}
+
+/// The wind of every vertex of twigs that take so many vertices each.
+fn swaying(wind: &Wind, spots: &[Spot], surface: &Surface, vertices: usize) -> Vec<[u8; 4]> {
+    let twigs = surface.position.par_chunks_exact(vertices).zip(spots);
+    twigs
+        .flat_map_iter(|(twig, spot)| {
+            let farthest = twig.iter().map(|p| p.distance(spot.at)).fold(1e-6, f32::max);
+            twig.iter()
+                .map(move |&p| wind.leaf(p, spot.node(), p.distance(spot.at) / farthest, spot.key))
+        })
+        .collect()
 }
 
 /// How much larger than a twig cards are, so that the leaves cover as much of the crown's hull as
 /// the species' do; bounded by what thinning took away.
-fn wanted(hull: &Hull, species: &Species, atlas: &Atlas, kept: usize, all: usize) -> f32 {
+fn wanted(
+    hull: &Hull,
+    species: &Species,
+    atlas: &Atlas,
+    kept: usize,
+    all: usize,
+    share: f32,
+) -> f32 {
     let cells = atlas.cells();
     let coverage = cells.iter().map(|c| c.coverage).sum::<f32>() / cells.len() as f32;
     let twig = species.foliage.twig_length_m.max(1e-3);
     let one = coverage.max(0.05) * twig * twig * 0.8;
-    let cover = species.foliage.cover.clamp(0.0, 1.0);
+    let cover = share * species.foliage.cover.clamp(0.0, 1.0);
     let wanted = cover * hull.area_sq_m() / (kept.max(1) as f32 * one);
     let thinned = all as f32 / kept.max(1) as f32;
     wanted.min(thinned.max(3.0) * 2.0).max(1.0).sqrt()

@@ -20,7 +20,16 @@ fn leaves(
     level: FoliageLevel,
     budget: Option<usize>,
 ) -> Surface {
-    let order = Order { species, atlas, level, budget, detail: true, seed: Seed::new(1) };
+    let order = Order {
+        species,
+        atlas,
+        level,
+        budget,
+        detail: true,
+        share: 1.0,
+        wind: None,
+        seed: Seed::new(1),
+    };
     foliage(skeleton, &skeleton.axes(), &order).unwrap()
 }
 
@@ -92,7 +101,7 @@ fn a_larch_has_every_needle() {
     let needles: Vec<f32> = s
         .index
         .chunks_exact(6)
-        .filter(|t| t[0] == t[3] && t[2] == t[4] && t[5] == t[0] + 3)
+        .filter(|t| t[0] == t[3] && t[2] == t[4] && t[2] == t[0] + 2)
         .map(|t| s.position[t[0] as usize].distance(s.position[t[2] as usize]))
         .collect();
     assert!(needles.len() > 2_000 && needles.len().is_multiple_of(30), "{}", needles.len());
@@ -156,6 +165,8 @@ fn a_user_s_model_stands_where_twigs_stand() {
         level: FoliageLevel::Cards,
         budget: Some(0),
         detail: false,
+        share: 1.0,
+        wind: None,
         seed: Seed::new(1),
     };
     let error = foliage(skeleton, &skeleton.axes(), &order).unwrap_err();

@@ -142,10 +142,12 @@ impl<'a> Twig<'a> {
     }
 
     fn wood_room(&self) -> Room {
-        let tube = |pieces: usize| (3 * (pieces + 1), 6 * pieces);
-        let ([mv, mt], [sv, st]) = (tube(PIECES[0]).into(), tube(PIECES[1]).into());
-        let (mv, mt, sv, st): (usize, usize, usize, usize) = (mv, mt, sv, st);
-        Room { vertices: mv + self.sides * sv, triangles: mt + self.sides * st }
+        let tube = |k: usize| Room { vertices: 3 * (PIECES[k] + 1), triangles: 6 * PIECES[k] };
+        let (main, side) = (tube(0), tube(1));
+        Room {
+            vertices: main.vertices + self.sides * side.vertices,
+            triangles: main.triangles + self.sides * side.triangles,
+        }
     }
 
     pub fn room(&self) -> Room {

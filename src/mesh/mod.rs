@@ -13,6 +13,7 @@ mod shell;
 mod spot;
 mod stamp;
 mod tube;
+mod wind;
 mod wood;
 
 use glam::{Vec2, Vec3};
@@ -25,6 +26,7 @@ use crate::texture::Atlas;
 
 pub use foliage::FoliageLevel;
 pub use path::BELOW_GROUND_M;
+pub use wind::{Wind, WindProfile};
 
 /// An indexed triangle surface; columns of equal length, three indices a triangle,
 /// counter-clockwise seen from outside. `uv` has v = 0 at the bottom of the picture.
@@ -182,6 +184,10 @@ pub struct MeshOptions {
     /// Triangles of the whole tree, wood and foliage; a stem alone may exceed a tiny budget.
     pub triangle_budget: Option<usize>,
     pub foliage: FoliageLevel,
+    /// Vertex colours that say how vertices move; made for none where `None`.
+    pub wind: Option<WindProfile>,
+    /// Share of the places for leaves that bear them, 0…1.
+    pub leaf_share: f32,
     /// Buttresses at the ground, cards of more rows.
     pub detail: bool,
     pub junctions: Junctions,
@@ -203,6 +209,8 @@ impl MeshOptions {
         tolerance_m: 0.004,
         triangle_budget: Some(5_000),
         foliage: FoliageLevel::Cards,
+        wind: None,
+        leaf_share: 1.0,
         detail: false,
         junctions: Junctions::Welded,
     };
@@ -211,6 +219,8 @@ impl MeshOptions {
         tolerance_m: 0.0015,
         triangle_budget: Some(20_000),
         foliage: FoliageLevel::Cards,
+        wind: None,
+        leaf_share: 1.0,
         detail: true,
         junctions: Junctions::Welded,
     };
@@ -246,14 +256,26 @@ pub fn build(
         FoliageLevel::None => b,
         _ => (b as f32 * WOOD_SHARE) as usize,
     });
-    let plan = wood::plan(skeleton, &axes, options, wood_budget, has_young);
+    let chains = wood::Chains::new(skeleton, &axes);
+    let plan = wood::plan(skeleton, &chains, options, wood_budget, has_young);
     if plan.triangles == 0 {
         return Err(Error::new(format!("a skeleton of {} nodes has no wood", skeleton.len()))
             .remedy("give the species a greater height"));
     }
-    let [wood, upper_wood] = plan.surfaces(skeleton, has_young, seed);
+    let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
+    let swaying = wind.as_ref().map(|w| (w, &chains));
+    let [wood, upper_wood] = plan.surfaces(skeleton, has_young, swaying, seed);
     let budget = options.triangle_budget.map(|b| b.saturating_sub(plan.triangles));
-    let order = foliage::Order { species, atlas, level, budget, detail: options.detail, seed };
+    let order = foliage::Order {
+        species,
+        atlas,
+        level,
+        budget,
+        detail: options.detail,
+        share: options.leaf_share,
+        wind: wind.as_ref(),
+        seed,
+    };
     let foliage = foliage::foliage(skeleton, &axes, &order)?;
     Ok(TreeMesh { wood, upper_wood, foliage })
 }

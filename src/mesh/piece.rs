@@ -50,22 +50,28 @@ impl Piece<'_> {
             self.corners += 3;
         }
     }
+}
 
-    /// Turns normals that look away from the front of one of their triangles back, just far enough.
-    fn straighten(&mut self) {
-        // Twice: a turn for one triangle may matter to its neighbour.
-        for _ in 0..2 {
-            for t in self.index.chunks_exact(3) {
-                let ids = [0, 1, 2].map(|k| (t[k] - self.first) as usize);
-                let [a, b, c] = ids.map(|i| self.position[i]);
-                let front = (b - a).cross(c - a).normalize_or_zero();
-                for i in ids {
-                    let n = self.normal[i];
-                    let cosine = n.dot(front);
-                    if cosine < LEAST_COSINE {
-                        let turned = n + front * (2.0 * LEAST_COSINE - cosine);
-                        self.normal[i] = turned.normalize_or(front);
-                    }
+/// Turns normals that look away from the front of one of their triangles back, just far enough;
+/// indices count from `first`. In `rounds`, as a turn for one triangle may matter to its neighbour.
+pub fn straighten(
+    position: &[Vec3],
+    normal: &mut [Vec3],
+    index: &[u32],
+    first: u32,
+    rounds: usize,
+) {
+    for _ in 0..rounds {
+        for t in index.as_chunks::<3>().0 {
+            let ids = t.map(|i| (i - first) as usize);
+            let [a, b, c] = ids.map(|i| position[i]);
+            let front = (b - a).cross(c - a).normalize_or_zero();
+            for i in ids {
+                let n = normal[i];
+                let cosine = n.dot(front);
+                if cosine < LEAST_COSINE {
+                    let turned = n + front * (2.0 * LEAST_COSINE - cosine);
+                    normal[i] = turned.normalize_or(front);
                 }
             }
         }
@@ -98,7 +104,7 @@ pub fn fill(count: usize, room: Room, emit: impl Fn(usize, &mut Piece) + Sync) -
             let mut piece = Piece { position, normal, uv, index, first, vertices: 0, corners: 0 };
             emit(k, &mut piece);
             debug_assert_eq!((piece.vertices, piece.corners), (room.vertices, 3 * room.triangles));
-            piece.straighten();
+            straighten(piece.position, piece.normal, piece.index, first, 2);
         },
     );
     out

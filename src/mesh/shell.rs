@@ -7,6 +7,7 @@
 use glam::{Vec2, Vec3};
 
 use super::Surface;
+use super::piece::straighten;
 use super::spot::{Hull, Spot};
 
 /// Share of the twigs within the shell.
@@ -45,15 +46,26 @@ pub fn shell(spots: &[Spot], hull: &Hull, margin_m: f32, uv: Vec2, budget: usize
         let known: Vec<f32> = (0..sectors).filter_map(|s| radius[ring * sectors + s]).collect();
         known.iter().sum::<f32>() / known.len().max(1) as f32
     };
+    // Gaps filled, then evened out around and along, so that no place stands out as a spike.
+    let known: Vec<f32> = (0..rings)
+        .flat_map(|ring| {
+            let mean = of_ring(ring);
+            (0..sectors).map(move |s| (ring * sectors + s, 0.6 * mean))
+        })
+        .map(|(k, usual)| radius[k].unwrap_or(usual))
+        .collect();
+    let around = |ring: usize, sector: usize| {
+        let at = |d: usize| known[ring * sectors + (sector + d) % sectors];
+        0.25 * at(sectors - 1) + 0.5 * at(0) + 0.25 * at(1)
+    };
     let mut position = Vec::with_capacity(sectors * rings + 2);
     for ring in 0..rings {
         let z = low + band_m * (ring as f32 + 0.5);
-        let mean = of_ring(ring);
+        let (below, above) = (ring.saturating_sub(1), (ring + 1).min(rings - 1));
         for sector in 0..sectors {
-            let around = [sectors - 1, 0, 1]
-                .map(|d| radius[ring * sectors + (sector + d) % sectors].unwrap_or(0.6 * mean));
-            // Evened out, so that no sector stands out as a spike.
-            let r = 0.25 * around[0] + 0.5 * around[1] + 0.25 * around[2];
+            let r = 0.25 * around(below, sector)
+                + 0.5 * around(ring, sector)
+                + 0.25 * around(above, sector);
             let angle = (sector as f32 + 0.5) / sectors as f32 * std::f32::consts::TAU;
             let r = (r + 0.5 * margin_m).max(0.02 + 0.1 * margin_m);
             position.push((axis + Vec2::from_angle(angle) * r).extend(z));
@@ -83,6 +95,7 @@ pub fn shell(spots: &[Spot], hull: &Hull, margin_m: f32, uv: Vec2, budget: usize
     for (n, p) in normal.iter_mut().zip(&position) {
         *n = n.normalize_or((*p - hull.centre).normalize_or(Vec3::Z));
     }
+    straighten(&position, &mut normal, &index, 0, 8);
     let uv = vec![uv; position.len()];
     Surface { position, normal, uv, index, wind: Vec::new() }
 }

@@ -12,6 +12,9 @@ pub const GOLDEN_RAD: f32 = 2.399_963;
 /// Places a tree may have at most.
 const MOST_SPOTS: usize = 2_000_000;
 
+/// Twigs on one internode are told apart by so many bits of their keys.
+const KEY_BITS: u32 = 16;
+
 /// A place for a twig.
 #[derive(Debug, Clone, Copy)]
 pub struct Spot {
@@ -22,6 +25,13 @@ pub struct Spot {
     pub turn: u32,
     pub is_tip: bool,
     pub key: u64,
+}
+
+impl Spot {
+    /// The node at the end of the shoot it stands on.
+    pub fn node(&self) -> u32 {
+        (self.key >> KEY_BITS) as u32
+    }
 }
 
 /// The crown as an upright ellipsoid: says which way is out.
@@ -98,7 +108,7 @@ pub fn spots(skeleton: &Skeleton, axes: &[Axis], species: &Species) -> Vec<Spot>
                     shoot,
                     turn,
                     is_tip: false,
-                    key: (u64::from(i) << 16) | c as u64,
+                    key: (u64::from(i) << KEY_BITS) | c as u64,
                 });
                 turn += 1;
             }
@@ -109,7 +119,7 @@ pub fn spots(skeleton: &Skeleton, axes: &[Axis], species: &Species) -> Vec<Spot>
                     shoot,
                     turn,
                     is_tip: true,
-                    key: (u64::from(i) << 16) | 0xffff,
+                    key: (u64::from(i) << KEY_BITS) | (1 << KEY_BITS) - 1,
                 });
             }
         }

@@ -44,6 +44,7 @@ fn skeleton(steps: &[(usize, [i8; 3], f32, bool)], radius: f32) -> Skeleton {
         axis: vec![0],
         order: vec![0],
         birth: vec![0],
+        dead: Vec::new(),
     };
     let mut tips = vec![0usize];
     for &(pick, step, shrink, branch) in steps {
@@ -390,9 +391,9 @@ fn speed() {
     let axes = skeleton.axes();
     let options = MeshOptions { tolerance_m: 1e-4, ..bare(1e-4) };
     let start = std::time::Instant::now();
-    let plan = wood::plan(&skeleton, &axes, &options, None, false);
+    let plan = wood::plan(&skeleton, &wood::Chains::new(&skeleton, &axes), &options, None, false);
     let planned = start.elapsed();
-    let wood = plan.surfaces(&skeleton, false, Seed::new(1));
+    let wood = plan.surfaces(&skeleton, false, None, Seed::new(1));
     let rate = |n: usize, t: std::time::Duration| n as f64 / t.as_secs_f64() / 1e6;
     println!(
         "wood: {} triangles, plan {planned:?}, all {:?}: {:.1} M/s",
@@ -404,8 +405,16 @@ fn speed() {
     let start = std::time::Instant::now();
     let level = FoliageLevel::Cards;
     let seed = Seed::new(1);
-    let order =
-        foliage::Order { species: &s, atlas: &atlas, level, budget: None, detail: true, seed };
+    let order = foliage::Order {
+        species: &s,
+        atlas: &atlas,
+        level,
+        budget: None,
+        detail: true,
+        share: 1.0,
+        wind: None,
+        seed,
+    };
     let cards = foliage::foliage(&skeleton, &axes, &order).unwrap();
     println!(
         "foliage: {} triangles in {:?}: {:.1} M/s",
@@ -453,4 +462,36 @@ fn the_crown_of_a_disc_of_leaves_is_as_wide_as_the_disc() {
     };
     let tree = TreeMesh { foliage, ..TreeMesh::default() };
     assert!((tree.crown_diameter_m() - 4.0).abs() < 0.05, "{}", tree.crown_diameter_m());
+}
+
+#[test]
+fn every_vertex_knows_the_wind_where_it_is_asked_for() {
+    let s = species::load("pinus_sylvestris").unwrap();
+    let atlas = texture::for_species(&s, 64, Seed::new(1)).atlas;
+    let target = Target::FromSpecies { height_m: None };
+    let skeleton = grow(&s, target, Detail::FOREST, Seed::new(3)).unwrap();
+    let still = build(&skeleton, &s, &atlas, &MeshOptions::FOREST, Seed::new(3)).unwrap();
+    let options = MeshOptions { wind: Some(WindProfile::Unity), ..MeshOptions::FOREST };
+    let tree = build(&skeleton, &s, &atlas, &options, Seed::new(3)).unwrap();
+    tree.check().unwrap();
+    for (a, b) in [
+        (&tree.wood, &still.wood),
+        (&tree.upper_wood, &still.upper_wood),
+        (&tree.foliage, &still.foliage),
+    ] {
+        assert_eq!((&a.position, &a.index), (&b.position, &b.index), "wind moves no vertex");
+        assert!(b.wind.is_empty() && a.wind.len() == a.position.len());
+    }
+    let top = skeleton.height_m();
+    for (p, c) in tree.wood.position.iter().zip(&tree.wood.wind) {
+        assert_eq!(c[1], 0, "wood does not flutter");
+        let sway = (p.z / top).clamp(0.0, 1.0).powi(2) * 255.0;
+        assert!((f32::from(c[2]) - sway).abs() <= 0.51);
+    }
+    let most = tree.foliage.wind.iter().map(|c| c[1]).max();
+    assert_eq!(most, Some(255), "the tip of a twig flutters most");
+    // Branches leave the stem where they stand still.
+    let near_stem = |p: &Vec3| p.truncate().length() < 0.2;
+    let moved = tree.upper_wood.position.iter().zip(&tree.upper_wood.wind);
+    assert!(moved.filter(|(p, _)| near_stem(p)).all(|(_, c)| c[3] <= 2));
 }

@@ -7,6 +7,7 @@ use glam::Vec3;
 use super::junction::{self, Hole};
 use super::path::{Foot, Knot, Least, Ring, Scratch, Sides, rings, simplify};
 use super::tube::{Barks, Circles, Joints, count, lay_bark, tube};
+use super::wind::Wind;
 use super::{FoliageLevel, Junctions, MeshOptions, Surface};
 use crate::seed::Seed;
 use crate::skeleton::{Axis, Skeleton};
@@ -26,6 +27,7 @@ struct Tube {
     holes: Range<usize>,
     /// The hole it comes out of.
     out_of: Option<usize>,
+    chain: usize,
     /// Of its random draws.
     key: u64,
 }
@@ -96,6 +98,12 @@ impl Chains {
         }
         chains
     }
+
+    /// The nodes of a chain, with that of another chain it springs from.
+    fn line(&self, chain: usize) -> Vec<u32> {
+        let c = &self.chain[chain];
+        c.base.into_iter().chain(self.node[c.nodes.clone()].iter().copied()).collect()
+    }
 }
 
 /// How much coarser a wood may become for a budget, and how often that is tried.
@@ -106,17 +114,16 @@ const ATTEMPTS: u32 = 12;
 /// then sides and rings. The stem always stays.
 pub fn plan(
     skeleton: &Skeleton,
-    axes: &[Axis],
+    chains: &Chains,
     options: &MeshOptions,
     budget: Option<usize>,
     has_young: bool,
 ) -> Wood {
-    let chains = Chains::new(skeleton, axes);
     let height_m = skeleton.height_m();
     let reach = skeleton.position.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
     let planner = Planner {
         skeleton,
-        chains: &chains,
+        chains,
         mixed_m: has_young.then(|| YOUNG_HEIGHT.map(|h| h * height_m)),
         least: Least::within(reach),
         is_welded: options.junctions == Junctions::Welded,
@@ -233,6 +240,7 @@ impl Planner<'_> {
                 rings: first_ring..wood.ring.len(),
                 holes: first_hole..wood.hole.len(),
                 out_of: out_of[c],
+                chain: c,
                 key: u64::from(self.chains.chain[c].axis),
             });
         }
@@ -358,8 +366,15 @@ const YOUNG_RADIUS: [f32; 2] = [0.5, 0.3];
 const YOUNG_HEIGHT: [f32; 2] = [0.3, 0.6];
 
 impl Wood {
-    /// The triangles of all tubes: old bark, and young bark where `has_young`.
-    pub fn surfaces(&self, skeleton: &Skeleton, has_young: bool, seed: Seed) -> [Surface; 2] {
+    /// The triangles of all tubes: old bark, and young bark where `has_young`; with their wind where
+    /// it is asked for.
+    pub fn surfaces(
+        &self,
+        skeleton: &Skeleton,
+        has_young: bool,
+        wind: Option<(&Wind, &Chains)>,
+        seed: Seed,
+    ) -> [Surface; 2] {
         let circles = Circles::new();
         let [mut old, mut young] = [Surface::default(), Surface::default()];
         if !has_young {
@@ -401,6 +416,14 @@ impl Wood {
                 draws: seed.derive("bark", t.key).draws(),
             };
             tube(&self.ring[t.rings.clone()], &circles, &mut joints, &mut barks);
+            if let Some((wind, chains)) = wind {
+                let line = chains.line(t.chain);
+                for surface in [&mut old, &mut young] {
+                    let new = &surface.position[surface.wind.len()..];
+                    let wind = new.iter().map(|&p| wind.wood(p, skeleton, &line));
+                    surface.wind.extend(wind);
+                }
+            }
         }
         [old, young]
     }

@@ -25,13 +25,14 @@ use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scene::sharing::{Build, Model, share};
 use crate::scene::{
-    Alpha, Colorspace, Instance, Material, Part, Prototype, Scene, Texture, TreeFacts, ValidScene,
-    identifier,
+    Alpha, Colorspace, Instance, LeftOut, Material, Part, Prototype, Scene, Texture, TreeFacts,
+    ValidScene, identifier,
 };
 use crate::seed::Seed;
 use crate::skeleton::surroundings::{Neighbour, Surroundings};
-use crate::skeleton::{self, Detail, Skeleton, Target};
+use crate::skeleton::{self, Detail, Skeleton, Target, decline};
 use crate::species::Species;
+use crate::species::state::State;
 use crate::terrain::{Facets, Terrain};
 use crate::texture::{self, BarkTextures, TreeTextures};
 
@@ -62,6 +63,8 @@ pub struct ForestJob {
     pub texture_px: u32,
     pub levels: LevelsJob,
     pub cache: Cache,
+    /// Of every tree.
+    pub state: State,
     /// The terrain's triangles keep this near to its heights, as far as their number allows.
     pub terrain_error_m: f32,
     /// Identifier of the scene.
@@ -69,12 +72,32 @@ pub struct ForestJob {
 }
 
 impl ForestJob {
+    /// The usual forest: shared models of 5,000 triangles, leaves on cards, nothing beside it.
+    pub fn new(survey: SurveyJob) -> ForestJob {
+        ForestJob {
+            survey,
+            sharing: Sharing::PerSpecies(5),
+            triangles: 5_000,
+            scene_triangles: None,
+            clip: None,
+            eye: None,
+            foliage: FoliageLevel::Cards,
+            wood: WoodJob::default(),
+            texture_px: 512,
+            levels: LevelsJob::default(),
+            cache: Cache::off(),
+            state: State::default(),
+            terrain_error_m: 0.05,
+            name: "forest".into(),
+        }
+    }
+
     /// What a camera chooses among is made, whether or not it is written beside.
     fn forms(&self) -> LevelsJob {
         match self.eye {
             None => self.levels,
             Some(_) => LevelsJob {
-                meshed: levels::SHARES.len(),
+                meshed: self.levels.meshed.max(levels::SHARES.len()),
                 impostor: self.levels.impostor.or(Some(Kind::Cross)),
                 ..self.levels
             },
@@ -89,10 +112,11 @@ pub struct Forest {
     pub levels: Vec<(String, ValidScene)>,
     /// What the forms of every model are.
     pub rows: Vec<levels::Row>,
-    /// Trees outside the box that was asked for.
-    pub clipped: usize,
     /// What the camera made of it.
     pub chosen: Option<Chosen>,
+    /// Trees outside the box that was asked for.
+    pub clipped: usize,
+    pub pruned: LeftOut,
     pub survey: Survey,
 }
 
@@ -150,7 +174,7 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
             Ok((chosen, outcome))
         })?);
     }
-    let (scene, levels) = run.stage("scene", |warnings| {
+    let (scene, levels, pruned) = run.stage("scene", |warnings| {
         let (mut scene, levels) = levels::split(scene)?;
         let left_out = scene.prune();
         let scene = scene.validate()?;
@@ -170,9 +194,9 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
         if let Some(stretch) = stretch {
             outcome = outcome.error(ErrorMeasure::new("model stretch RMS", stretch, "%"));
         }
-        Ok(((scene, levels), outcome))
+        Ok(((scene, levels, left_out), outcome))
     })?;
-    Ok(Forest { scene, levels, rows, clipped, chosen, survey })
+    Ok(Forest { scene, levels, rows, chosen, clipped, pruned, survey })
 }
 
 fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {
@@ -229,23 +253,10 @@ fn grow(
             .par_iter()
             .zip(budgets)
             .map(|(m, &triangles)| {
-                let crown = &survey.trees[m.exemplar].crown;
-                let seed = job.survey.seed.derive("tree", crown.key);
+                let seed = job.survey.seed.derive("tree", survey.trees[m.exemplar].crown.key);
                 let detail = detail(triangles, job.foliage);
-                let species = &job.survey.species[m.species];
-                let target = Target::FromCrown(crown);
-                // A model that several trees share stands in no one place.
-                if m.members.len() > 1 {
-                    return skeleton::grow(species, target, detail, seed);
-                }
-                let ground =
-                    |p: Vec2| survey.terrain.height_at(p + crown.root.truncate()) - crown.root.z;
-                let around = Surroundings {
-                    ground: Some(&ground),
-                    neighbours: neighbours(survey, &roots, widest_m, m.exemplar),
-                    ..Surroundings::none()
-                };
-                skeleton::grow_among(species, target, detail, &around, seed)
+                let skeleton = grow_one(job, survey, &roots, widest_m, m, detail, seed)?;
+                Ok(decline::in_condition(&skeleton, job.state.condition, seed))
             })
             .collect::<Result<_>>()?;
         let nodes = skeletons.iter().map(Skeleton::len).sum();
@@ -264,6 +275,31 @@ fn grow(
         }
         Ok((skeletons, outcome))
     })
+}
+
+fn grow_one(
+    job: &ForestJob,
+    survey: &Survey,
+    roots: &Roots,
+    widest_m: f32,
+    model: &Model,
+    detail: Detail,
+    seed: Seed,
+) -> Result<Skeleton> {
+    let crown = &survey.trees[model.exemplar].crown;
+    let species = &job.survey.species[model.species];
+    let target = Target::FromCrown(crown);
+    // A model that several trees share stands in no one place.
+    if model.members.len() > 1 {
+        return skeleton::grow(species, target, detail, seed);
+    }
+    let ground = |p: Vec2| survey.terrain.height_at(p + crown.root.truncate()) - crown.root.z;
+    let around = Surroundings {
+        ground: Some(&ground),
+        neighbours: neighbours(survey, roots, widest_m, model.exemplar),
+        ..Surroundings::none()
+    };
+    skeleton::grow_among(species, target, detail, &around, seed)
 }
 
 /// Horizontal places of all roots, with the numbers of their trees.
@@ -293,7 +329,7 @@ fn neighbours(survey: &Survey, roots: &Roots, widest_m: f32, i: usize) -> Vec<Ne
 }
 
 /// Buttresses and finer rings are for trees that are seen from near.
-pub(super) fn mesh_options(triangles: usize) -> MeshOptions {
+pub fn mesh_options(triangles: usize) -> MeshOptions {
     let preset = if triangles < 10_000 { MeshOptions::FOREST } else { MeshOptions::HERO };
     MeshOptions { triangle_budget: Some(triangles), ..preset }
 }
@@ -370,10 +406,15 @@ fn build_meshes(
             .zip(skeletons)
             .filter_map(|((m, b), s)| textures[m.species].as_ref().map(|t| (m, *b, s, t)))
             .map(|(m, triangles, s, t)| {
-                let options = job.wood.options(triangles, job.foliage);
+                let options = MeshOptions {
+                    wind: job.levels.wind,
+                    ..job.wood.options(triangles, job.foliage)
+                };
                 let crown = &survey.trees[m.exemplar].crown;
                 let seed = job.survey.seed.derive("mesh", crown.key);
                 let species = &job.survey.species[m.species];
+                let leaf_share = job.state.leaf_share(species);
+                let options = MeshOptions { leaf_share, ..options };
                 let height_m = Some(crown.height_m);
                 levels::meshes(s, species, &t.atlas, &options, meshed, height_m, seed)
             })
@@ -404,7 +445,10 @@ fn paint_all(
         let textures: Vec<Option<TreeTextures>> = species
             .par_iter()
             .zip(&is_used)
-            .map(|(s, &used)| used.then(|| paint(s, size_px, seed, &job.cache)).transpose())
+            .map(|(s, &used)| {
+                let look = || job.state.look(s, seed);
+                used.then(|| paint(&look(), size_px, seed, &job.cache)).transpose()
+            })
             .collect::<Result<_>>()?;
         for (s, _) in species.iter().zip(&is_used).filter(|(_, used)| **used) {
             warnings.extend(s.remarks.iter().cloned());
@@ -550,6 +594,17 @@ pub(super) fn prototype(name: String, species: &Species, mesh: TreeMesh, look: L
         colliders: Vec::new(),
         octahedral: None,
     }
+}
+
+/// Models of one species with its textures, none of them in a place.
+pub fn model_scene(species: &Species, meshes: Vec<TreeMesh>, textures: TreeTextures) -> Scene {
+    let name = identifier(&species.name);
+    let mut scene = Scene::empty(name.clone(), Frame::local(glam::DVec3::ZERO));
+    let look = add_materials(&mut scene, species, textures);
+    for (k, mesh) in meshes.into_iter().enumerate() {
+        scene.prototypes.push(prototype(format!("{name}_{:02}", k + 1), species, mesh, look));
+    }
+    scene
 }
 
 pub(super) fn parts_of(mesh: TreeMesh, look: Look) -> Vec<Part> {

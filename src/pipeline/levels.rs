@@ -5,8 +5,8 @@ use rayon::prelude::*;
 
 use super::forest::{Look, coarser, parts_of};
 use crate::diagnostic::Result;
-use crate::lod::{self, Silhouettes, impostor};
-use crate::mesh::{self, MeshOptions, TreeMesh};
+use crate::lod::{self, From, Silhouettes, impostor};
+use crate::mesh::{self, MeshOptions, Surface, TreeMesh, WindProfile, p18};
 use crate::raster::Picture;
 use crate::render::capture::Sitter;
 use crate::report::{ErrorMeasure, Outcome};
@@ -22,14 +22,18 @@ use crate::texture::Atlas;
 /// Which forms are made of a model beside the finest.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct LevelsJob {
-    /// Meshed levels after the finest; at most [`SHARES`] says.
+    /// Meshed levels after the finest, as many as [`SHARES`] says; one more is the scheme of P18.
     pub meshed: usize,
     pub impostor: Option<lod::Kind>,
     pub collision: Option<ColliderShape>,
+    pub wind: Option<WindProfile>,
 }
 
 /// Triangles of LOD1, LOD2, LOD3 over those of the finest form: 20,000 give 8,000, 3,000 and 500.
 pub const SHARES: [f32; 3] = [0.4, 0.15, 0.025];
+
+/// The name of the last form.
+const IMPOSTOR: &str = "impostor";
 
 impl LevelsJob {
     pub fn is_empty(&self) -> bool {
@@ -66,7 +70,41 @@ pub fn meshes(
         mesh.clear_ground();
         out.push(mesh);
     }
+    if meshed > SHARES.len() {
+        out.push(scheme(&out[0], skeleton.crown_base_m() * factor, species, atlas)?);
+    }
     Ok(out)
+}
+
+/// A tree as two cones and a cylinder (P18), in the mean colour of its leaves; the cylinder alone
+/// for a bare one.
+fn scheme(
+    tree: &TreeMesh,
+    crown_base_m: f32,
+    species: &Species,
+    atlas: &Atlas,
+) -> Result<TreeMesh> {
+    const SIDES: u32 = 8;
+    let size = &species.size;
+    let height_m = tree.bounds().1.z.max(0.01);
+    let crown_length_m = (height_m - crown_base_m).clamp(0.05 * height_m, height_m);
+    let widest = size.profile.iter().fold([0.0f32; 2], |w, p| if p[1] > w[1] { *p } else { w });
+    let stem_diameter_m = size.stem_diameter_at(height_m);
+    let lowest = size.profile.first().map_or(1.0, |p| p[1]);
+    let measures = p18::Measures {
+        height_m,
+        stem_diameter_m,
+        crown_width_m: tree.crown_diameter_m().max(1.1 * stem_diameter_m),
+        crown_length_m,
+        widest_m: height_m - crown_length_m * (1.0 - widest[0].clamp(0.02, 0.98)),
+        lower_share: lowest / widest[1].max(1e-3),
+    };
+    let mut mesh = p18::Scheme::new(&measures)?.mesh(SIDES);
+    mesh.foliage.uv.fill(atlas.fill());
+    if tree.foliage.is_empty() {
+        mesh.foliage = Surface::default();
+    }
+    Ok(mesh)
 }
 
 /// What is told of one form of one model.
@@ -119,7 +157,7 @@ pub fn add(
             double_sided: true,
         });
         scene.prototypes[p].levels.push(Level {
-            name: "impostor".into(),
+            name: IMPOSTOR.into(),
             parts: vec![Part { material: first_material as u32, ..part }],
             silhouette: Apart { worst_m: 0.0, rms_m: 0.0 },
             octahedral,
@@ -176,9 +214,14 @@ fn measure(scene: &mut Scene) -> Result<()> {
         .zip(&first)
         .map(|(p, &first)| {
             let all = p.levels.iter().map(|l| bounds(&l.parts)).fold(bounds(&p.parts), union);
-            let finest = Silhouettes::of(&sitter, first, all)?;
-            (0..p.levels.len() as u32)
-                .map(|k| Ok(finest.apart(&Silhouettes::of(&sitter, first + 1 + k, all)?)))
+            let finest = Silhouettes::of(&sitter, first, all, From::All)?;
+            (first + 1..)
+                .zip(&p.levels)
+                .map(|(model, level)| {
+                    let is_sheets = level.name == IMPOSTOR;
+                    let from = if is_sheets { From::Sides } else { From::All };
+                    Ok(finest.apart(&Silhouettes::of(&sitter, model, all, from)?))
+                })
                 .collect()
         })
         .collect::<Result<_>>()?;

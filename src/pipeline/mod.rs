@@ -6,6 +6,7 @@ mod drape;
 pub mod effort;
 mod figure;
 pub mod forest;
+pub mod left_out;
 pub mod levels;
 mod paint;
 pub mod rules;

@@ -25,8 +25,7 @@ pub(super) fn paint(
     }
     let textures = texture::for_species(species, size_px, seed);
     if cache.is_on() {
-        let parts = textures.to_parts()?;
-        cache.put(key, &parts.iter().map(Vec::as_slice).collect::<Vec<_>>());
+        cache.put(key, &textures.to_parts()?);
     }
     Ok(textures)
 }

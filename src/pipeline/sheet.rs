@@ -8,17 +8,16 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::figure::{self, figure};
-use super::forest::{add_materials, detail, mesh_options, prototype};
+use super::forest::{detail, mesh_options, model_scene};
 use super::paint::paint;
 use crate::cache::Cache;
 use crate::diagnostic::Result;
-use crate::frame::Frame;
 use crate::mesh::{self, FoliageLevel, MeshOptions};
 use crate::raster::Picture;
 use crate::render::label::{Align, Pen, rule};
 use crate::render::{self, Backdrop, Camera, Placement, RenderOptions, View};
 use crate::report::{Outcome, Recorder};
-use crate::scene::{Alpha, Material, Part, Scene, identifier};
+use crate::scene::{Alpha, Material, Part, Scene};
 use crate::seed::Seed;
 use crate::skeleton::{self, Target};
 use crate::species::Species;
@@ -133,12 +132,7 @@ pub fn sheet(job: &SheetJob, run: &mut Recorder) -> Result<Sheet> {
         })
         .collect();
     run.stage("picture", |_| {
-        let name = identifier(&species.name);
-        let mut scene = Scene::empty(name.clone(), Frame::local(glam::DVec3::ZERO));
-        let look = add_materials(&mut scene, species, textures);
-        for mesh in meshes {
-            scene.prototypes.push(prototype(name.clone(), species, mesh, look));
-        }
+        let mut scene = model_scene(species, meshes, textures);
         let picture = draw(job, &mut scene, &trees)?;
         let count = trees.len();
         Ok((Sheet { picture, trees }, Outcome::items(count, "trees", 1, "picture")))

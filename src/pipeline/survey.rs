@@ -3,19 +3,19 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::Effort;
 use super::tiled::Tiled;
-use crate::crown::{self, Crown};
+use crate::crown::{self, Crown, Found};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::ground::{self, Classified, GroundOptions, Kind};
 use crate::inventory::{self, Tree};
 use crate::raster::{self, geotiff::Raster};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
-use crate::scan::{self, Census, PointCloud, ReadOptions};
+use crate::scan::{self, Bounds, Census, ReadOptions, Scan};
 use crate::seed::Seed;
 use crate::species::Species;
 use crate::species::allometry;
@@ -23,7 +23,7 @@ use crate::species::assign::{How, SpeciesBy, assign};
 use crate::species::look::{self, Looks};
 use crate::species::photo::Photo;
 use crate::terrain::{self, HeldOut, Terrain};
-use crate::voxel::{self, VoxelOctree};
+use crate::voxel;
 
 /// What to read and how.
 #[derive(Debug, Clone)]
@@ -57,29 +57,57 @@ pub struct Survey {
     pub species: Vec<usize>,
 }
 
-/// Reads the scans and finds the ground; gives the density beside it.
-fn classify(job: &SurveyJob, run: &mut Recorder) -> Result<(Classified, f32)> {
-    let scan = run.stage("scan", |warnings| {
-        let scan = scan::read(&job.scans, &ReadOptions::default())?.into_value(warnings);
+/// Work goes on in a frame in which no grid depends on the extent of the scan; what comes out
+/// stands near its origin.
+pub(super) const READ: ReadOptions =
+    ReadOptions { drop_noise_classes: true, drop_isolated: true, is_aligned: true };
+
+/// A frame with its origin near the least corner of a scan, and the way there.
+fn near_frame(frame: &Frame, bounds: &Bounds) -> (Frame, Vec3) {
+    const STEP: f64 = 10.0;
+    let origin = (frame.world_from_local(bounds.min) / STEP).floor() * STEP;
+    let by = -frame.local_from_world(origin);
+    (Frame { origin, crs: frame.crs.clone() }, by)
+}
+
+/// A scan in one piece.
+struct Whole {
+    classified: Classified,
+    density_per_m2: f32,
+    bounds: Bounds,
+}
+
+fn read(job: &SurveyJob, run: &mut Recorder) -> Result<Scan> {
+    run.stage("scan", |warnings| {
+        let scan = scan::read(&job.scans, &READ)?.into_value(warnings);
         let outcome = scan_outcome(&scan.census, scan.density_per_m2);
         Ok((scan, outcome))
-    })?;
+    })
+}
+
+fn classify(job: &SurveyJob, scan: Scan, run: &mut Recorder) -> Result<Whole> {
     run.stage("ground", |warnings| {
-        let points = scan.cloud.len();
+        let Scan { cloud, density_per_m2, bounds, .. } = scan;
+        let points = cloud.len();
         let options = GroundOptions { method: job.ground, is_normalised: None };
-        let classified = ground::classify(scan.cloud, &options)
+        let classified = ground::classify(cloud, &options)
             .map_err(|e| e.in_file(&job.scans[0]))?
             .into_value(warnings);
         let ground = classified.kind.iter().filter(|&&k| k == Kind::Ground).count();
-        let mut outcome = Outcome::items(points, "points", ground, "ground points");
-        if let Some(spread) = ground::spread_m(&classified) {
-            outcome = outcome.error(ErrorMeasure::new("spread in 0.5 m cells", spread, "m"));
-        }
+        let mut outcome = ground_outcome(points, ground, ground::spread_m(&classified));
         if classified.is_normalised {
             outcome = outcome.note("heights were already above ground");
         }
-        Ok(((classified, scan.density_per_m2), outcome))
+        Ok((Whole { classified, density_per_m2, bounds }, outcome))
     })
+}
+
+pub(super) fn ground_outcome(points: usize, ground: usize, spread_m: Option<f64>) -> Outcome {
+    let outcome = Outcome::items(points, "points", ground, "ground points");
+    match spread_m {
+        Some(m) => outcome.error(ErrorMeasure::new("spread in 0.5 m cells", m, "m")),
+        None => outcome,
+    }
 }
 
 pub(super) fn scan_outcome(census: &Census, density_per_m2: f32) -> Outcome {
@@ -117,7 +145,7 @@ fn place_photo(
     run: &mut Recorder,
     raster: Option<Raster>,
     frame: &Frame,
-    (low, high): (Vec2, Vec2),
+    bounds: Bounds,
 ) -> Result<Option<Photo>> {
     let (Some(path), Some(raster)) = (&job.photo, raster) else { return Ok(None) };
     let scan = frame.crs.as_ref().and_then(|crs| crs.epsg);
@@ -130,12 +158,8 @@ fn place_photo(
             path.display()
         ));
     }
+    let (low, high) = (bounds.min.truncate(), bounds.max.truncate());
     Photo::new(&path.display().to_string(), raster, frame, low, high).map(Some)
-}
-
-fn extent(cloud: &PointCloud) -> (Vec2, Vec2) {
-    let points = cloud.position.iter().map(|p| (p.truncate(), p.truncate()));
-    points.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((Vec2::ZERO, Vec2::ZERO))
 }
 
 /// Larger scans go by tiles of about so many points, though none is asked for.
@@ -165,11 +189,14 @@ pub fn terrain(job: &SurveyJob, run: &mut Recorder) -> Result<(Frame, Terrain)> 
     if let Some(tiles) = tiles_a_side(job) {
         let tiled = Tiled::read(job, run)?.classify(job, tiles, run)?;
         let terrain = tiled.terrain(job, tiles, run)?;
-        return Ok((tiled.into_frame(), terrain));
+        let (frame, by) = near_frame(tiled.frame(), &tiled.bounds());
+        return Ok((frame, terrain.moved(by)));
     }
-    let (classified, _) = classify(job, run)?;
+    let scan = read(job, run)?;
+    let Whole { classified, bounds, .. } = classify(job, scan, run)?;
     let terrain = build_terrain(job, &classified, run)?;
-    Ok((classified.cloud.frame, terrain))
+    let (frame, by) = near_frame(&classified.cloud.frame, &bounds);
+    Ok((frame, terrain.moved(by)))
 }
 
 /// Whether the pulses of a scan reached the ground. A ground is a layer: of the points from 0.3 m
@@ -228,24 +255,14 @@ pub(super) fn voxel_m(job: &SurveyJob, density_per_m2: f32) -> f32 {
     job.voxel_m.unwrap_or_else(|| voxel::choose_size_m(density_per_m2, TYPICAL_CROWN_M))
 }
 
-/// The vegetation as voxels, one centre of mass each.
-fn voxelise(
-    job: &SurveyJob,
-    classified: &Classified,
-    density_per_m2: f32,
-    run: &mut Recorder,
-) -> Result<VoxelOctree> {
-    run.stage("voxel", |_| {
-        let points = classified.cloud.position.par_iter().zip(&classified.kind);
-        let vegetation: Vec<Vec3> =
-            points.filter(|(_, k)| **k == Kind::Vegetation).map(|(p, _)| *p).collect();
-        let size_m = voxel_m(job, density_per_m2);
-        let octree = VoxelOctree::build(&vegetation, size_m)?;
-        let outcome = Outcome::items(vegetation.len(), "points", octree.len(), "voxels")
-            .error(ErrorMeasure::new("point to centre RMS", octree.spread_m(), "m"))
-            .note(format!("voxel {size_m:.2} m, {} bytes", octree.memory_bytes()));
-        Ok((octree, outcome))
-    })
+/// What the crown stage tells of itself.
+pub(super) fn crown_outcome(found: &Found, voxel_m: f32) -> Outcome {
+    let inside: usize = found.crowns.iter().map(|c| c.point_count as usize).sum();
+    let vegetation = found.tally.vegetation;
+    let left = 100.0 * (1.0 - inside as f64 / vegetation.max(1) as f64);
+    Outcome::items(vegetation, "points", found.crowns.len(), "trees")
+        .error(ErrorMeasure::new("vegetation points in no tree", left, "%"))
+        .note(format!("voxel {voxel_m:.2} m"))
 }
 
 /// Scan to trees with species.
@@ -257,30 +274,30 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
     let raster = job.photo.as_deref().map(photo_raster).transpose()?;
     if let Some(tiles) = tiles_a_side(job) {
         let tiled = Tiled::read(job, run)?;
-        let bounds = tiled.bounds();
-        let photo = place_photo(job, run, raster, tiled.frame(), bounds)?;
+        let (frame, by) = near_frame(tiled.frame(), &tiled.bounds());
+        let photo = place_photo(job, run, raster, &frame, tiled.bounds().moved(by))?;
         let tiled = tiled.classify(job, tiles, run)?;
         let terrain = tiled.terrain(job, tiles, run)?;
         let (crowns, looks) = tiled.crowns(job, tiles, &terrain, run)?;
-        let frame = tiled.into_frame();
-        return name_trees(job, crowns, &looks, frame, terrain, photo, run);
+        let crowns = crowns.into_iter().map(|c| c.moved(by)).collect();
+        return name_trees(job, crowns, &looks, frame, terrain.moved(by), photo, run);
     }
-    let (classified, density_per_m2) = classify(job, run)?;
-    let photo = place_photo(job, run, raster, &classified.cloud.frame, extent(&classified.cloud))?;
+    let scan = read(job, run)?;
+    let (frame, by) = near_frame(&scan.cloud.frame, &scan.bounds);
+    let photo = place_photo(job, run, raster, &frame, scan.bounds.moved(by))?;
+    let Whole { classified, density_per_m2, .. } = classify(job, scan, run)?;
     let terrain = build_terrain(job, &classified, run)?;
-    let voxels = voxelise(job, &classified, density_per_m2, run)?;
     let crowns = run.stage("crown", |warnings| {
-        let options = job.effort.crown(job.min_height_m);
-        let crowns = crown::detect(&classified, &terrain, &voxels, &options)?.into_value(warnings);
-        let vegetation = classified.kind.iter().filter(|&&k| k == Kind::Vegetation).count();
-        let inside: usize = crowns.iter().map(|c| c.point_count as usize).sum();
-        let left = 100.0 * (1.0 - inside as f64 / vegetation.max(1) as f64);
-        let outcome = Outcome::items(voxels.len(), "voxels", crowns.len(), "trees");
-        Ok((crowns, outcome.error(ErrorMeasure::new("vegetation points in no tree", left, "%"))))
+        let (options, voxel_m) = (job.effort.crown(job.min_height_m), voxel_m(job, density_per_m2));
+        let found = crown::detect_within(&classified, &terrain, voxel_m, &options, |_| true)?;
+        warnings.extend(found.tally.warnings(&found.crowns, options.min_height_m));
+        let outcome = crown_outcome(&found, voxel_m);
+        Ok((found.crowns, outcome))
     })?;
     let looks = look::measure(&crowns, &classified, &terrain);
-    let frame = classified.cloud.frame;
-    name_trees(job, crowns, &looks, frame, terrain, photo, run)
+    drop(classified);
+    let crowns = crowns.into_par_iter().map(|c| c.moved(by)).collect();
+    name_trees(job, crowns, &looks, frame, terrain.moved(by), photo, run)
 }
 
 /// The last stage: species, and what follows from them.

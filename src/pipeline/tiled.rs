@@ -8,20 +8,22 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 
-use super::survey::{SurveyJob, check_ground, scan_outcome, voxel_m, with_held_out};
-use crate::crown::{self, Crown, CrownOptions};
+use super::survey::{
+    READ, SurveyJob, check_ground, crown_outcome, ground_outcome, scan_outcome, voxel_m,
+    with_held_out,
+};
+use crate::crown::{self, Crown, CrownOptions, Found, Tally};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
-use crate::ground::{self, Classified, Floor, GroundOptions, Kind};
+use crate::ground::{self, Classified, Floor, GroundOptions, Kind, Spread};
 use crate::raster::{Grid, inpaint};
-use crate::report::{ErrorMeasure, Outcome, Recorder};
-use crate::scan::ReadOptions;
+use crate::report::{Outcome, Recorder};
+use crate::scan::Bounds;
 use crate::scan::tiles::{Tile, TiledScan, Window, tile_of};
 use crate::species::look::{self, GroundIntensity, Looks};
 use crate::terrain::{self, HeldOut, Terrain};
-use crate::voxel::VoxelOctree;
 
 /// Tiles about a block that are worked on with it.
 const MARGIN: i32 = 1;
@@ -39,7 +41,7 @@ pub(super) struct Tiled {
 impl Tiled {
     pub fn read(job: &SurveyJob, run: &mut Recorder) -> Result<Tiled> {
         run.stage("scan", |warnings| {
-            let scan = TiledScan::read(&job.scans, &ReadOptions::default())?.into_value(warnings);
+            let scan = TiledScan::read(&job.scans, &READ)?.into_value(warnings);
             let outcome = scan_outcome(&scan.census, scan.density_per_m2 as f32);
             let tiled = Tiled {
                 scan,
@@ -56,13 +58,9 @@ impl Tiled {
         &self.scan.frame
     }
 
-    pub fn into_frame(self) -> Frame {
-        self.scan.frame
-    }
-
     /// Of all points, local metres.
-    pub fn bounds(&self) -> (Vec2, Vec2) {
-        (self.scan.bounds.min.truncate(), self.scan.bounds.max.truncate())
+    pub fn bounds(&self) -> Bounds {
+        self.scan.bounds
     }
 
     /// Finds the kind of every point.
@@ -83,11 +81,17 @@ impl Tiled {
                 GroundOptions { method: job.ground, is_normalised: Some(self.is_normalised) };
             let (mut refused, mut bare) = (None, 0);
             let mut intensity = GroundIntensity::default();
+            let mut spread = Spread::default();
             for core in &blocks {
                 let Window { cloud, tiles } = self.scan.load(core, MARGIN)?;
                 let intensities = cloud.intensity.clone();
+                let own: BTreeSet<Tile> = core.iter().copied().collect();
                 let kinds = match ground::classify(cloud, &options) {
-                    Ok(classified) => classified.value.kind,
+                    Ok(classified) => {
+                        let is_own = |p| self.is_in(&own, p);
+                        spread.add(Spread::of(&classified.value, is_own));
+                        classified.value.kind
+                    }
                     // A window of water or of nothing but canopy has no ground of its own.
                     Err(error) => {
                         refused = Some(error);
@@ -95,8 +99,7 @@ impl Tiled {
                         vec![Kind::Vegetation; intensities.len()]
                     }
                 };
-                let core: BTreeSet<&Tile> = core.iter().collect();
-                for (tile, range) in tiles.into_iter().filter(|(tile, _)| core.contains(tile)) {
+                for (tile, range) in tiles.into_iter().filter(|(tile, _)| own.contains(tile)) {
                     let own = &kinds[range.clone()];
                     for (_, i) in
                         own.iter().zip(&intensities[range]).filter(|(k, _)| **k == Kind::Ground)
@@ -127,7 +130,7 @@ impl Tiled {
             }
             self.ground_intensity = intensity.median();
             let points = self.scan.census.kept as usize;
-            let outcome = Outcome::items(points, "points", self.ground_points, "ground points")
+            let outcome = ground_outcome(points, self.ground_points, spread.rms_m())
                 .note(format!("by tiles, in {} blocks", blocks.len()));
             Ok((self, outcome))
         })
@@ -154,7 +157,7 @@ impl Tiled {
         tiles_a_side: i32,
         run: &mut Recorder,
     ) -> Result<Terrain> {
-        run.stage("terrain", |_| {
+        run.stage("terrain", |warnings| {
             let bounds = self.scan.bounds;
             let mut options = job.effort.terrain(job.cell_m);
             let extent_m = (bounds.max - bounds.min).truncate();
@@ -192,6 +195,9 @@ impl Tiled {
             let is_known: Vec<bool> = whole.heights.data.iter().map(|z| z.is_finite()).collect();
             inpaint::fill(&mut whole.heights, &is_known);
             check_ground(job, near, self.is_normalised, &whole)?;
+            if !self.is_normalised {
+                warnings.extend(whole.warning());
+            }
             let mut outcome =
                 Outcome::items(self.ground_points, "ground points", geometry.len(), "cells")
                     .note(format!("cell {cell} m"));
@@ -232,39 +238,30 @@ impl Tiled {
                 ..job.effort.crown(job.min_height_m)
             };
             let size_m = voxel_m(job, self.scan.density_per_m2 as f32);
-            let mut found: BTreeMap<u64, (Crown, Option<look::Look>)> = BTreeMap::new();
-            let (mut vegetation, mut voxels) = (0usize, 0usize);
+            let mut kept: BTreeMap<u64, (Crown, Option<look::Look>)> = BTreeMap::new();
+            let mut tally = Tally::default();
             for core in self.scan.blocks(tiles_a_side) {
                 let window = self.window(&core, MARGIN)?;
                 let core: BTreeSet<Tile> = core.into_iter().collect();
-                let points = window.cloud.position.iter().zip(&window.kind);
-                let leaves: Vec<Vec3> =
-                    points.filter(|(_, k)| **k == Kind::Vegetation).map(|(p, _)| *p).collect();
-                vegetation += leaves.iter().filter(|p| self.is_in(&core, **p)).count();
-                let octree = VoxelOctree::build(&leaves, size_m)?;
-                drop(leaves);
-                voxels += octree.len();
-                let mut crowns = crown::detect(&window, terrain, &octree, &options)?.value;
-                crowns.retain(|c| self.is_in(&core, c.apex));
+                let is_own = |p| self.is_in(&core, p);
+                let found = crown::detect_within(&window, terrain, size_m, &options, is_own)?;
+                tally.add(found.tally);
+                let crowns = found.crowns;
                 let looks = look::measure(&crowns, &window, terrain).of_crown;
                 for (mut crown, look) in crowns.into_iter().zip(looks) {
                     // As within one window: the next key that is free.
-                    while found.contains_key(&crown.key) {
+                    while kept.contains_key(&crown.key) {
                         crown.key = crown.key.wrapping_add(1);
                     }
-                    found.insert(crown.key, (crown, look));
+                    kept.insert(crown.key, (crown, look));
                 }
             }
-            let (crowns, of_crown): (Vec<Crown>, Vec<_>) = found.into_values().unzip();
-            if crowns.is_empty() {
-                warnings.push("no tree found".to_owned());
-            }
-            let inside: usize = crowns.iter().map(|c| c.point_count as usize).sum();
-            let left = 100.0 * (1.0 - inside as f64 / vegetation.max(1) as f64);
-            let outcome = Outcome::items(voxels, "voxels", crowns.len(), "trees")
-                .error(ErrorMeasure::new("vegetation points in no tree", left, "%"));
+            let (crowns, of_crown): (Vec<Crown>, Vec<_>) = kept.into_values().unzip();
+            let found = Found { crowns, tally };
+            warnings.extend(tally.warnings(&found.crowns, options.min_height_m));
+            let outcome = crown_outcome(&found, size_m);
             let looks = Looks { of_crown, ground_intensity: self.ground_intensity };
-            Ok(((crowns, looks), outcome))
+            Ok(((found.crowns, looks), outcome))
         })
     }
 }

@@ -11,17 +11,18 @@ use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::lod::collision::collision;
-use crate::mesh::FoliageLevel;
+use crate::mesh::{FoliageLevel, MeshOptions};
 use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scan;
-use crate::scene::{Instance, Scene, TreeFacts, ValidScene, identifier};
+use crate::scene::{Instance, LeftOut, Scene, TreeFacts, ValidScene, identifier};
 use crate::seed::Seed;
 use crate::skeleton::envelope::Envelope;
 use crate::skeleton::surroundings::{Neighbour, Surroundings, Wall};
-use crate::skeleton::{self, STAGES, Skeleton, Target, cloud};
+use crate::skeleton::{self, STAGES, Skeleton, Target, cloud, decline};
 use crate::species::Species;
+use crate::species::state::State;
 
 /// What to grow.
 #[derive(Debug, Clone)]
@@ -42,6 +43,7 @@ pub struct TreeJob {
     pub wood: WoodJob,
     pub levels: LevelsJob,
     pub cache: Cache,
+    pub state: State,
     /// The scan of one tree to fit to, instead of growing one.
     pub cloud: Option<PathBuf>,
 }
@@ -54,6 +56,7 @@ pub struct Grown {
     pub levels: Vec<(String, ValidScene)>,
     /// What these forms are.
     pub rows: Vec<levels::Row>,
+    pub pruned: LeftOut,
     /// How the tree fits the scan, where there is one.
     pub fit: Option<cloud::Report>,
 }
@@ -63,17 +66,21 @@ pub struct Grown {
 /// # Errors
 /// A rule that grows beyond its limits; a scan that can't be read or is no single tree.
 pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<Grown> {
+    let leaf_share = job.state.leaf_share(&job.species);
+    let job = &TreeJob { species: job.state.look(&job.species, job.seed), ..job.clone() };
     match &job.cloud {
         Some(path) => {
             let (skeleton, frame, report) = fitted(job, path, run)?;
             let stem_m = report.stem_diameter_m;
-            let grown = stand(job, &skeleton, stem_m, frame, run)?;
+            let skeleton = decline::in_condition(&skeleton, job.state.condition, job.seed);
+            let grown = stand(job, &skeleton, leaf_share, stem_m, frame, run)?;
             Ok(Grown { fit: Some(report), ..grown })
         }
         None => {
             let skeleton = grown(job, run)?;
             let stem_m = job.species.size.stem_diameter_at(skeleton.height_m());
-            stand(job, &skeleton, stem_m, Frame::local(DVec3::ZERO), run)
+            let skeleton = decline::in_condition(&skeleton, job.state.condition, job.seed);
+            stand(job, &skeleton, leaf_share, stem_m, Frame::local(DVec3::ZERO), run)
         }
     }
 }
@@ -158,6 +165,7 @@ fn surroundings(job: &TreeJob) -> Surroundings<'static> {
 fn stand(
     job: &TreeJob,
     skeleton: &Skeleton,
+    leaf_share: f32,
     stem_diameter_m: f32,
     frame: Frame,
     run: &mut Recorder,
@@ -169,7 +177,11 @@ fn stand(
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mut meshes = run.stage("mesh", |_| {
-        let options = job.wood.options(job.triangles, job.foliage);
+        let options = MeshOptions {
+            wind: job.levels.wind,
+            leaf_share,
+            ..job.wood.options(job.triangles, job.foliage)
+        };
         let seed = job.seed.derive("mesh", 0);
         // Wood fitted to a cloud stays where it is.
         let height_m = job.cloud.is_none().then(|| skeleton.height_m());
@@ -212,7 +224,7 @@ fn stand(
         let scene = scene.validate()?;
         let triangles = crate::scene::statistics(&scene).unique_triangles as usize;
         Ok((
-            Grown { scene, levels, rows, fit: None },
+            Grown { scene, levels, rows, pruned: left_out, fit: None },
             Outcome::items(1, "model", triangles, "triangles")
                 .note(format!("left out: {left_out}")),
         ))

@@ -2,6 +2,8 @@
 
 use std::sync::{Arc, OnceLock};
 
+use bytes::Bytes;
+
 use super::Picture;
 use crate::diagnostic::{Error, Result};
 
@@ -12,7 +14,7 @@ pub struct Image {
     width: u32,
     height: u32,
     pixels: OnceLock<Arc<Picture>>,
-    png: OnceLock<Arc<[u8]>>,
+    png: OnceLock<Bytes>,
 }
 
 impl From<Picture> for Image {
@@ -38,18 +40,15 @@ impl Image {
     ///
     /// # Errors
     /// Bytes that do not begin as a PNG does.
-    pub fn from_png(png: Vec<u8>) -> Result<Self> {
+    pub fn from_png(png: Bytes) -> Result<Self> {
         let number = |at: usize| {
             let bytes = png.get(at..at + 4)?;
             Some(u32::from_be_bytes(bytes.try_into().ok()?))
         };
         match (png.get(..8), png.get(12..16), number(16), number(20)) {
-            (Some(b"\x89PNG\r\n\x1a\n"), Some(b"IHDR"), Some(width), Some(height)) => Ok(Image {
-                width,
-                height,
-                pixels: OnceLock::new(),
-                png: OnceLock::from(Arc::from(png)),
-            }),
+            (Some(b"\x89PNG\r\n\x1a\n"), Some(b"IHDR"), Some(width), Some(height)) => {
+                Ok(Image { width, height, pixels: OnceLock::new(), png: OnceLock::from(png) })
+            }
             _ => Err(Error::new("not a PNG picture")),
         }
     }
@@ -80,11 +79,11 @@ impl Image {
     ///
     /// # Errors
     /// A picture whose size and pixels disagree.
-    pub fn png(&self) -> Result<Arc<[u8]>> {
+    pub fn png(&self) -> Result<Bytes> {
         if let Some(png) = self.png.get() {
             return Ok(png.clone());
         }
-        let png: Arc<[u8]> = self.picture().to_png()?.into();
+        let png = Bytes::from(self.picture().to_png()?);
         Ok(self.png.get_or_init(|| png).clone())
     }
 
@@ -105,7 +104,7 @@ mod tests {
         let mut picture = Picture::filled(7, 5, [10, 200, 30, 255]);
         picture.set(3, 2, [1, 2, 3, 40]);
         let drawn = Image::from(picture.clone());
-        let read = Image::from_png(drawn.png().unwrap().to_vec()).unwrap();
+        let read = Image::from_png(drawn.png().unwrap()).unwrap();
         assert_eq!((read.width(), read.height()), (7, 5));
         assert!(read.is_whole() && drawn.is_whole());
         assert_eq!(read, drawn);
@@ -116,10 +115,10 @@ mod tests {
     #[test]
     fn what_is_no_png_is_refused_and_what_is_broken_is_grey() {
         for bytes in [&b""[..], b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff\xe0 a JPEG as it may begin"] {
-            assert!(Image::from_png(bytes.to_vec()).is_err());
+            assert!(Image::from_png(Bytes::from_static(bytes)).is_err());
         }
         let mut png = Picture::filled(4, 4, [9; 4]).to_png().unwrap();
         png.truncate(40);
-        assert_eq!(Image::from_png(png).unwrap().picture().data.len(), 1);
+        assert_eq!(Image::from_png(png.into()).unwrap().picture().data.len(), 1);
     }
 }

@@ -9,6 +9,10 @@
 //! Known limits: a membrane is level where nothing holds it, so a tilted surface runs flat beyond
 //! its border. Callers remove the trend first.
 
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use rayon::prelude::*;
+
 use super::Grid;
 
 /// Sweeps of relaxation at one level, at most.
@@ -77,7 +81,8 @@ fn coarser(fine: &Level) -> Level {
     let span = |at: usize, odd: usize, end: usize| {
         (at * 2).saturating_sub(odd)..(at * 2 + 2 - odd).min(end)
     };
-    for row in 0..rows {
+    let lines = value.par_chunks_mut(cols).zip(is_known.par_chunks_mut(cols)).enumerate();
+    lines.with_min_len(rows_together(cols)).for_each(|(row, (value, is_known))| {
         for col in 0..cols {
             let (mut sum, mut count) = (0.0, 0);
             for r in span(row, odd_row, fine.rows) {
@@ -89,11 +94,11 @@ fn coarser(fine: &Level) -> Level {
                 }
             }
             if count > 0 {
-                value[row * cols + col] = sum / count as f32;
-                is_known[row * cols + col] = true;
+                value[col] = sum / count as f32;
+                is_known[col] = true;
             }
         }
-    }
+    });
     Level { cols, rows, first: fine.first.map(|i| i.div_euclid(2)), value, is_known }
 }
 
@@ -117,72 +122,88 @@ impl Level {
 /// First guess of the unknown cells: bilinear from the coarser level.
 fn refine(coarse: &Level, fine: &mut Level) {
     let [odd_col, odd_row] = fine.odd();
-    for row in 0..fine.rows {
-        let v = (((row + odd_row) as f32 - 0.5) * 0.5).clamp(0.0, (coarse.rows - 1) as f32);
-        let (r0, fv) = (v as usize, v.fract());
-        let r1 = (r0 + 1).min(coarse.rows - 1);
-        for col in 0..fine.cols {
-            let i = row * fine.cols + col;
-            if fine.is_known[i] {
-                continue;
+    let lines = fine.value.par_chunks_mut(fine.cols).zip(fine.is_known.par_chunks(fine.cols));
+    lines.enumerate().with_min_len(rows_together(fine.cols)).for_each(
+        |(row, (value, is_known))| {
+            let v = (((row + odd_row) as f32 - 0.5) * 0.5).clamp(0.0, (coarse.rows - 1) as f32);
+            let (r0, fv) = (v as usize, v.fract());
+            let r1 = (r0 + 1).min(coarse.rows - 1);
+            let [top, bottom] =
+                [r0, r1].map(|r| &coarse.value[r * coarse.cols..(r + 1) * coarse.cols]);
+            for (col, value) in value.iter_mut().enumerate().filter(|(col, _)| !is_known[*col]) {
+                let u = (((col + odd_col) as f32 - 0.5) * 0.5).clamp(0.0, (coarse.cols - 1) as f32);
+                let (c0, fu) = (u as usize, u.fract());
+                let c1 = (c0 + 1).min(coarse.cols - 1);
+                let mixed = |line: &[f32]| line[c0] * (1.0 - fu) + line[c1] * fu;
+                *value = mixed(top) * (1.0 - fv) + mixed(bottom) * fv;
             }
-            let u = (((col + odd_col) as f32 - 0.5) * 0.5).clamp(0.0, (coarse.cols - 1) as f32);
-            let (c0, fu) = (u as usize, u.fract());
-            let c1 = (c0 + 1).min(coarse.cols - 1);
-            let at = |r: usize, c: usize| coarse.value[r * coarse.cols + c];
-            let top = at(r0, c0) * (1.0 - fu) + at(r0, c1) * fu;
-            let bottom = at(r1, c0) * (1.0 - fu) + at(r1, c1) * fu;
-            fine.value[i] = top * (1.0 - fv) + bottom * fv;
-        }
-    }
+        },
+    );
 }
 
-/// Gauss–Seidel with over-relaxation, alternating the colours of a chessboard.
+/// Rows that one thread takes at a time, at least: small grids are done sooner than handed out.
+fn rows_together(cols: usize) -> usize {
+    (1 << 15) / cols.max(1) + 1
+}
+
+/// Gauss–Seidel with over-relaxation, alternating the colours of a chessboard. Cells of one colour
+/// look at those of the other alone, so the order within a colour makes no difference.
 fn relax(level: &mut Level) {
     let (cols, rows) = (level.cols, level.rows);
     let [odd_col, odd_row] = level.odd();
-    let unknown = |colour: usize| -> Vec<u32> {
-        (0..cols * rows)
-            .filter(|&i| {
-                !level.is_known[i] && (i / cols + odd_row + i % cols + odd_col) % 2 == colour
-            })
-            .map(|i| i as u32)
-            .collect()
+    let value: Vec<AtomicU32> =
+        level.value.par_iter().with_min_len(1 << 12).map(|v| AtomicU32::new(v.to_bits())).collect();
+    // Columns of the unknown cells, by row.
+    let unknown = |colour: usize| -> Vec<Vec<u32>> {
+        let of_row = |row: usize| {
+            let known = &level.is_known[row * cols..(row + 1) * cols];
+            let first = (row + odd_row + odd_col + colour) % 2;
+            (first..cols).step_by(2).filter(|&c| !known[c]).map(|c| c as u32).collect()
+        };
+        (0..rows).into_par_iter().with_min_len(rows_together(cols)).map(of_row).collect()
     };
     let colours = [unknown(0), unknown(1)];
-    let value = &mut level.value;
-    for _ in 0..MAX_SWEEPS {
+    let at = |i: usize| f32::from_bits(value[i].load(Relaxed));
+    let sweep = |(row, unknown): (usize, &Vec<u32>)| {
         let mut greatest_change = 0.0f32;
-        for cells in &colours {
-            for &i in cells {
-                let i = i as usize;
-                let (row, col) = (i / cols, i % cols);
-                let (mut sum, mut count) = (0.0, 0.0);
-                if col > 0 {
-                    sum += value[i - 1];
-                    count += 1.0;
-                }
-                if col + 1 < cols {
-                    sum += value[i + 1];
-                    count += 1.0;
-                }
-                if row > 0 {
-                    sum += value[i - cols];
-                    count += 1.0;
-                }
-                if row + 1 < rows {
-                    sum += value[i + cols];
-                    count += 1.0;
-                }
-                if count > 0.0 {
-                    let change = sum / count - value[i];
-                    value[i] += OMEGA * change;
-                    greatest_change = greatest_change.max(change.abs());
-                }
+        for &col in unknown {
+            let col = col as usize;
+            let i = row * cols + col;
+            let (mut sum, mut count) = (0.0, 0.0);
+            if col > 0 {
+                sum += at(i - 1);
+                count += 1.0;
+            }
+            if col + 1 < cols {
+                sum += at(i + 1);
+                count += 1.0;
+            }
+            if row > 0 {
+                sum += at(i - cols);
+                count += 1.0;
+            }
+            if row + 1 < rows {
+                sum += at(i + cols);
+                count += 1.0;
+            }
+            if count > 0.0 {
+                let change = sum / count - at(i);
+                value[i].store((at(i) + OMEGA * change).to_bits(), Relaxed);
+                greatest_change = greatest_change.max(change.abs());
             }
         }
+        greatest_change
+    };
+    for _ in 0..MAX_SWEEPS {
+        let change_of = |rows: &Vec<Vec<u32>>| {
+            let changes = rows.par_iter().enumerate().with_min_len(rows_together(cols)).map(sweep);
+            changes.reduce(|| 0.0, f32::max)
+        };
+        let greatest_change = colours.iter().map(change_of).fold(0.0, f32::max);
         if greatest_change < AT_REST {
             break;
         }
     }
+    let values = level.value.par_iter_mut().with_min_len(1 << 12).zip(&value);
+    values.for_each(|(v, bits)| *v = f32::from_bits(bits.load(Relaxed)));
 }

@@ -6,14 +6,17 @@
 pub mod cog;
 mod encoded;
 pub mod geotiff;
+mod groups;
 pub mod inpaint;
 mod lzw;
 mod pad;
 pub mod picture;
+pub mod scatter;
 pub mod trend;
 mod world_file;
 
 pub use encoded::Image;
+pub use groups::Groups;
 pub use pad::pad_transparent;
 pub use picture::Picture;
 use rayon::prelude::*;
@@ -74,7 +77,7 @@ impl GridGeometry {
         let r = (self.north - y) / self.cell_y;
         // Truncation is the floor of what is not negative, and faster.
         (c >= 0.0 && r >= 0.0 && c < self.cols as f64 && r < self.rows as f64)
-            .then_some((c as usize, r as usize))
+            .then_some((c as i64 as usize, r as i64 as usize))
     }
 
     /// Middle of a cell.
@@ -168,7 +171,7 @@ impl Between {
     fn new(at: f64, cells: usize) -> Between {
         let last = cells - 1;
         let at = (at - 0.5).clamp(0.0, last as f64);
-        let first = (at as usize).min(cells.saturating_sub(2));
+        let first = (at as i64 as usize).min(cells.saturating_sub(2));
         Between { first, second: (first + 1).min(last), share: (at - first as f64) as f32 }
     }
 }

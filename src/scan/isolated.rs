@@ -7,6 +7,8 @@
 //!
 //! Known limit: clumps of more than [`MOST_POINTS`] noise points (flocks, clouds) stay.
 
+use std::sync::atomic::{AtomicU32, Ordering};
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -14,12 +16,14 @@ use super::PointCloud;
 use super::part::Part;
 
 /// A neighbourhood with at most this many points, the point itself among them, is noise.
-const MOST_POINTS: u32 = 2;
+pub(super) const MOST_POINTS: u32 = 2;
 /// Voxel edge in units of the mean distance between points.
 const EDGE_IN_SPACINGS: f64 = 8.0;
 /// With 2 m voxels, leaders of spruces 4 m above their crown and the rare ground points under dense
 /// canopy went; with 5 m, none in nine real scans.
 const LEAST_EDGE_M: f64 = 5.0;
+/// Larger edges grow by this factor, so that like densities give equal voxels.
+const EDGE_STEP: f64 = 1.5;
 /// Points whose keys are sorted at a time.
 const RUN_POINTS: usize = 1 << 18;
 const AXIS_BITS: u32 = 21;
@@ -28,15 +32,9 @@ const AXIS_VOXELS: f64 = ((1u64 << AXIS_BITS) - 3) as f64;
 
 /// World bounds in metres; `None` without points.
 pub(super) fn bounds_m(parts: &[Part], unit_m: DVec3) -> Option<(DVec3, DVec3)> {
-    let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let (min, max) = runs(parts)
-        .into_par_iter()
-        .map(|run| {
-            run.points(parts)
-                .fold(empty, |(min, max), p| (min.min(p * unit_m), max.max(p * unit_m)))
-        })
-        .reduce(|| empty, |a, b| (a.0.min(b.0), a.1.max(b.1)));
-    (min.x <= max.x).then_some((min, max))
+    let bounds = parts.iter().filter_map(|part| part.bounds);
+    let (min, max) = bounds.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
+    Some((min * unit_m, max * unit_m))
 }
 
 /// Points per occupied square metre, on cells of 1 m × 1 m; 0 without points.
@@ -44,12 +42,8 @@ pub(super) fn density_per_m2(parts: &[Part], unit_m: DVec3) -> f64 {
     let Some((min, max)) = bounds_m(parts, unit_m) else { return 0.0 };
     let points: usize = parts.iter().map(|part| part.coordinates.len()).sum();
     let edge_m = ((max - min).truncate().max_element() / f64::from(u32::MAX)).max(1.0);
-    let first = (min / edge_m).floor();
-    let cells = count(parts, |p| {
-        let cell = (p * unit_m / edge_m).floor() - first;
-        ((cell.y as u64) << 32) | cell.x as u64
-    });
-    points as f64 / (cells.len() as f64 * edge_m * edge_m)
+    let cells = Voxels::over(min, max, DVec3::new(edge_m, edge_m, f64::INFINITY), points);
+    points as f64 / (cells.count(parts, unit_m).len() as f64 * edge_m * edge_m)
 }
 
 /// Which points to keep.
@@ -63,19 +57,15 @@ pub(super) struct Keep {
 /// Finds the isolated points; `None` where there are none.
 pub(super) fn keep(parts: &[Part], unit_m: DVec3, density_per_m2: f64) -> Option<Keep> {
     let (min, max) = bounds_m(parts, unit_m)?;
-    let wanted_m = (EDGE_IN_SPACINGS / density_per_m2.sqrt()).max(LEAST_EDGE_M);
+    let least_m = (EDGE_IN_SPACINGS / density_per_m2.sqrt()).max(LEAST_EDGE_M);
+    let wanted_m = LEAST_EDGE_M * EDGE_STEP.powf((least_m / LEAST_EDGE_M).log(EDGE_STEP).ceil());
     let edge_m = wanted_m.max((max - min).max_element() / AXIS_VOXELS);
-    // Aligned to multiples of the edge, so that a voxel does not move with the cut of the scan.
-    let first = (min / edge_m).floor();
-    let key = |p: DVec3| {
-        let voxel = (p * unit_m / edge_m).floor() - first;
-        let index = |v: f64| v as u64 + 1;
-        (index(voxel.z) << (2 * AXIS_BITS)) | (index(voxel.y) << AXIS_BITS) | index(voxel.x)
-    };
-    let voxels = count(parts, key);
+    let points: usize = parts.iter().map(|part| part.coordinates.len()).sum();
+    let grid = Voxels::over(min, max, DVec3::splat(edge_m), points);
+    let voxels = grid.count(parts, unit_m);
     let mut isolated: Vec<u64> = voxels
         .par_iter()
-        .filter(|(key, n)| *n <= MOST_POINTS && is_lonely(*key, &voxels))
+        .filter(|(key, n)| *n <= MOST_POINTS && grid.is_lonely(*key, &voxels))
         .map(|(key, _)| *key)
         .collect();
     // A scan of a few points has nothing to be isolated from.
@@ -89,7 +79,8 @@ pub(super) fn keep(parts: &[Part], unit_m: DVec3, density_per_m2: f64) -> Option
             (0..part.coordinates.len())
                 .into_par_iter()
                 .map(|i| {
-                    part.coordinates.get(i).is_none_or(|p| isolated.binary_search(&key(p)).is_err())
+                    let place = part.coordinates.get(i);
+                    place.is_none_or(|p| isolated.binary_search(&grid.key(p * unit_m)).is_err())
                 })
                 .collect()
         })
@@ -107,25 +98,76 @@ pub(super) fn among(cloud: &PointCloud, density_per_m2: f64) -> Vec<bool> {
         .map_or(vec![false; cloud.len()], |keep| keep.iter().map(|keep| !keep).collect())
 }
 
-/// Whether the neighbourhood of a voxel holds at most [`MOST_POINTS`] points.
-fn is_lonely(key: u64, voxels: &[(u64, u32)]) -> bool {
-    let mut points = 0;
-    for dz in [-1i64, 0, 1] {
-        for dy in [-1i64, 0, 1] {
-            // Three voxels in a row along x have successive keys.
-            let row = (dz << (2 * AXIS_BITS)) + (dy << AXIS_BITS);
-            let middle = key.wrapping_add_signed(row);
-            let (from, to) = (middle.wrapping_sub(1), middle.wrapping_add(1));
-            let start = voxels.partition_point(|(k, _)| *k < from);
-            for (_, n) in voxels.iter().skip(start).take_while(|(k, _)| *k <= to) {
-                points += n;
+/// Boxes aligned to multiples of their edges, so that none moves with the cut of the scan.
+struct Voxels {
+    edge_m: DVec3,
+    first: DVec3,
+    /// Keys between neighbours along x, y and z.
+    stride: [u64; 3],
+    /// How many keys there are, where they are few enough to count each.
+    few: Option<usize>,
+}
+
+impl Voxels {
+    /// With a voxel's room on every side. An infinite edge makes a single layer.
+    fn over(min: DVec3, max: DVec3, edge_m: DVec3, points: usize) -> Voxels {
+        let first = (min / edge_m).floor() - 1.0;
+        let sides = (max / edge_m).floor() - first + 2.0;
+        let most = (2 * points).max(1 << 20);
+        let keys = sides.element_product();
+        if keys <= most as f64 {
+            let stride = [1, sides.x as u64, (sides.x * sides.y) as u64];
+            return Voxels { edge_m, first, stride, few: Some(keys as usize) };
+        }
+        let stride = match edge_m.z.is_finite() {
+            true => [1, 1 << AXIS_BITS, 1 << (2 * AXIS_BITS)],
+            false => [1, 1 << 33, 0],
+        };
+        Voxels { edge_m, first, stride, few: None }
+    }
+
+    fn key(&self, place_m: DVec3) -> u64 {
+        let voxel = place_m / self.edge_m - self.first;
+        let [x, y, z] = self.stride;
+        voxel.x as i64 as u64 * x + voxel.y as i64 as u64 * y + voxel.z as i64 as u64 * z
+    }
+
+    /// Sorted keys of the points, each once, with how many points have it.
+    fn count(&self, parts: &[Part], unit_m: DVec3) -> Vec<(u64, u32)> {
+        let key = |p: DVec3| self.key(p * unit_m);
+        let Some(keys) = self.few else { return count_sorted(parts, key) };
+        let counts: Vec<AtomicU32> = (0..keys).map(|_| AtomicU32::new(0)).collect();
+        runs(parts).into_par_iter().for_each(|run| {
+            for key in run.points(parts).map(key) {
+                if let Some(count) = counts.get(key as usize) {
+                    count.fetch_add(1, Ordering::Relaxed);
+                }
             }
-            if points > MOST_POINTS {
-                return false;
+        });
+        let counts = (0..).zip(counts).map(|(key, count)| (key, count.into_inner()));
+        counts.filter(|(_, n)| *n > 0).collect()
+    }
+
+    /// Whether the neighbourhood of a voxel holds at most [`MOST_POINTS`] points.
+    fn is_lonely(&self, key: u64, voxels: &[(u64, u32)]) -> bool {
+        let mut points = 0;
+        for dz in [-1i64, 0, 1] {
+            for dy in [-1i64, 0, 1] {
+                // Three voxels in a row along x have successive keys.
+                let row = dz * self.stride[2] as i64 + dy * self.stride[1] as i64;
+                let middle = key.wrapping_add_signed(row);
+                let (from, to) = (middle.wrapping_sub(1), middle.wrapping_add(1));
+                let start = voxels.partition_point(|(k, _)| *k < from);
+                for (_, n) in voxels.iter().skip(start).take_while(|(k, _)| *k <= to) {
+                    points += n;
+                }
+                if points > MOST_POINTS {
+                    return false;
+                }
             }
         }
+        true
     }
-    true
 }
 
 /// Points `start..end` of a part.
@@ -155,8 +197,8 @@ fn runs(parts: &[Part]) -> Vec<Run> {
     parts.iter().enumerate().flat_map(of_part).collect()
 }
 
-/// Sorted keys of the points, each once, with how many points have it.
-fn count(parts: &[Part], key: impl Fn(DVec3) -> u64 + Sync) -> Vec<(u64, u32)> {
+/// As [`Voxels::count`], where keys are too many to count each.
+fn count_sorted(parts: &[Part], key: impl Fn(DVec3) -> u64 + Sync) -> Vec<(u64, u32)> {
     let mut counts: Vec<(u64, u32)> = runs(parts)
         .into_par_iter()
         .flat_map_iter(|run| {

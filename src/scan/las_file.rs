@@ -14,14 +14,14 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::crs::{self, Records};
-use super::laz_chunks::{self, LazChunks, Points};
+use super::laz_chunks::{self, LazChunks, Packed, Points};
 use super::part::{ColourScale, Columns, Coordinates, Part, world_from_steps};
 use super::{ReadOptions, Removed};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Crs;
 
 /// Bytes of point records in memory at a time.
-const BATCH_BYTES: u64 = 32 << 20;
+const BATCH_BYTES: u64 = 16 << 20;
 /// Bytes of the header of LAS 1.0.
 const OLDEST_HEADER: u64 = 227;
 /// A system's description is never longer.
@@ -52,7 +52,7 @@ pub(super) struct Batch {
 }
 
 /// Takes the points of a file in place of [`Part`], in the file's order.
-pub(super) type Sink<'a> = &'a mut dyn FnMut(Option<&Crs>, Batch) -> Result<()>;
+pub(super) type Sink<'a> = &'a mut (dyn FnMut(Option<&Crs>, Batch) -> Result<()> + Send);
 
 /// Reads one file; with a sink the part that is returned holds no points.
 pub(super) fn read(path: &Path, options: &ReadOptions, sink: Option<Sink<'_>>) -> Result<Part> {
@@ -116,7 +116,7 @@ fn read_inner(path: &Path, options: &ReadOptions, sink: Option<Sink<'_>>) -> Res
     if bounds.is_some_and(|bounds| bounds_are_wrong(&header, &layout, bounds)) {
         warnings.push("the bounds in its header are wrong; those of its points are used".into());
     }
-    let colour = ColourScale::of(decoded.brightest);
+    let colour = ColourScale::of(decoded.all.brightest);
     let Decoded { steps, mut columns, removed, .. } = decoded.all;
     colour.apply(&mut columns.rgb);
     Ok(Part {
@@ -184,20 +184,28 @@ fn decode_laz(
     }
     let mut table_is_wrong = chunks.trouble.is_some();
     let mut passed = 0;
+    let unpack = |packed: Vec<Packed<'_>>| -> Vec<Option<Decoded>> {
+        let unpack_one = |chunk: Packed<'_>| {
+            let mut part = Decoded::with_room(chunk.points.most(), layout);
+            chunks.unpack_chunk(chunk, |slab| part.push(slab, layout, options))?;
+            Some(part)
+        };
+        packed.into_par_iter().map(unpack_one).collect()
+    };
+    // One batch unpacks while the points of the one before it are taken.
+    let mut waiting: Vec<Decoded> = Vec::new();
     'table: for batch in chunks.batches(BATCH_BYTES) {
         let bytes = chunks.load(source, batch)?;
-        let parts: Vec<Option<Decoded>> = laz_chunks::packed(batch, &bytes)
-            .into_par_iter()
-            .map(|chunk| {
-                let mut part = Decoded::default();
-                chunks.unpack_chunk(chunk, |slab| part.push(slab, layout, options))?;
-                Some(part)
-            })
-            .collect();
+        let before = std::mem::take(&mut waiting);
+        let (taken, parts) = rayon::join(
+            || before.into_iter().try_for_each(|part| decoded.append(part)),
+            || unpack(laz_chunks::packed(batch, &bytes)),
+        );
+        taken?;
         let is_sound: Vec<bool> = parts.iter().map(Option::is_some).collect();
         for (i, (chunk, part)) in batch.iter().zip(parts).enumerate() {
             match part {
-                Some(part) => decoded.append(part)?,
+                Some(part) => waiting.push(part),
                 // A table that is right about the next chunk, or about where all of them end, is
                 // right about this one.
                 None if chunks.is_table_whole || is_sound.get(i + 1) == Some(&true) => {
@@ -216,6 +224,7 @@ fn decode_laz(
             passed += chunk.points.most();
         }
     }
+    waiting.into_iter().try_for_each(|part| decoded.append(part))?;
     let mut told = Vec::new();
     // A table that holds too few points and does not reach the end of the data.
     table_is_wrong |= !chunks.is_table_whole && held > 0 && left > 0;
@@ -450,13 +459,22 @@ fn records(
     };
     let vlrs = header.number_of_variable_length_records;
     let vlrs_start = u64::from(header.header_size).max(OLDEST_HEADER);
-    let mut lost = vlrs - walk(vlrs_start, layout.data_offset, vlrs, false)?;
+    let mut places = vec![(vlrs_start, layout.data_offset, vlrs, false)];
     if let Some(evlr) = header.evlr {
         let count = evlr.number_of_evlrs;
-        lost += count - walk(evlr.start_of_first_evlr, layout.file_bytes, count, true)?;
+        places.push((evlr.start_of_first_evlr, layout.file_bytes, count, true));
     }
-    if lost > 0 {
-        warnings.push(format!("{lost} records of its header are damaged and were left out"));
+    for (start, end, count, is_extended) in places {
+        let sound = walk(start, end, count, is_extended)?;
+        let lost = count - sound;
+        let room = end.saturating_sub(start) / if is_extended { 60 } else { 54 };
+        if u64::from(count) > room {
+            warnings.push(format!(
+                "its header promises more records than it has room for; {sound} were read"
+            ));
+        } else if lost > 0 {
+            warnings.push(format!("{lost} records of its header are damaged and were left out"));
+        }
     }
     if laz_record.is_none() && header.point_data_record_format & 0x80 != 0 {
         laz_record = search_laz_record(source, vlrs_start, layout)?;
@@ -490,16 +508,34 @@ struct Decoded {
     columns: Columns,
     removed: Removed,
     repaired: u64,
+    /// Least and greatest steps; the wrong way round without points.
+    ends: Ends,
+    /// Greatest value of a colour.
+    brightest: u16,
+}
+
+#[derive(Clone, Copy)]
+struct Ends([[i32; 3]; 2]);
+
+impl Default for Ends {
+    fn default() -> Self {
+        Ends([[i32::MAX; 3], [i32::MIN; 3]])
+    }
+}
+
+impl Ends {
+    fn add(&mut self, low: &[i32; 3], high: &[i32; 3]) {
+        for k in 0..3 {
+            self.0[0][k] = self.0[0][k].min(low[k]);
+            self.0[1][k] = self.0[1][k].max(high[k]);
+        }
+    }
 }
 
 /// All points of a file decoded so far, or what is known of them where a sink takes them.
 struct Gathered<'a> {
     all: Decoded,
     kept: u64,
-    /// Least and greatest steps.
-    ends: Option<[[i32; 3]; 2]>,
-    /// Greatest value of a colour.
-    brightest: u16,
     scale: DVec3,
     offset: DVec3,
     crs: Option<Crs>,
@@ -522,22 +558,14 @@ impl<'a> Gathered<'a> {
             }
         }
         let (scale, offset) = (layout.scale, layout.offset);
-        Gathered { all, kept: 0, ends: None, brightest: 0, scale, offset, crs, sink }
+        Gathered { all, kept: 0, scale, offset, crs, sink }
     }
 
     fn append(&mut self, mut part: Decoded) -> Result<()> {
         self.kept += part.steps.len() as u64;
-        if let Some(first) = part.steps.first() {
-            let [low, high] = self.ends.get_or_insert([*first; 2]);
-            for s in &part.steps {
-                for k in 0..3 {
-                    low[k] = low[k].min(s[k]);
-                    high[k] = high[k].max(s[k]);
-                }
-            }
-        }
-        let colours = part.columns.rgb.iter().flatten().flatten();
-        self.brightest = colours.copied().fold(self.brightest, u16::max);
+        let [low, high] = &part.ends.0;
+        self.all.ends.add(low, high);
+        self.all.brightest = self.all.brightest.max(part.brightest);
         self.all.removed.add(&part.removed);
         self.all.repaired += part.repaired;
         let Some(sink) = &mut self.sink else {
@@ -552,13 +580,27 @@ impl<'a> Gathered<'a> {
 
     /// World coordinates.
     fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        let [low, high] = self.ends?.map(|steps| world_from_steps(steps, self.scale, self.offset));
+        let ends = (self.kept > 0).then_some(self.all.ends.0)?;
+        let [low, high] = ends.map(|steps| world_from_steps(steps, self.scale, self.offset));
         // A scale may be negative.
         Some((low.min(high), low.max(high)))
     }
 }
 
 impl Decoded {
+    /// Room for so many points, within reason.
+    fn with_room(points: u64, layout: &Layout) -> Self {
+        let room = points.min(1 << 16) as usize;
+        let columns = Columns {
+            intensity: Vec::with_capacity(room),
+            return_number: Vec::with_capacity(room),
+            return_count: Vec::with_capacity(room),
+            class: Vec::with_capacity(room),
+            rgb: layout.rgb_at.map(|_| Vec::with_capacity(room)),
+        };
+        Decoded { steps: Vec::with_capacity(room), columns, ..Decoded::default() }
+    }
+
     /// Takes the records of `slab` that are kept.
     fn push(&mut self, slab: &[u8], layout: &Layout, options: &ReadOptions) {
         let columns = &mut self.columns;
@@ -590,7 +632,9 @@ impl Decoded {
                 i32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]])
             };
             let short = |at: usize| u16::from_le_bytes([record[at], record[at + 1]]);
-            self.steps.push([step(0), step(4), step(8)]);
+            let steps = [step(0), step(4), step(8)];
+            self.ends.add(&steps, &steps);
+            self.steps.push(steps);
             columns.intensity.push(short(12));
             let sound = number >= 1 && number <= count;
             self.repaired += u64::from(!sound);
@@ -598,7 +642,9 @@ impl Decoded {
             columns.return_count.push(count.max(number).max(1));
             columns.class.push(class);
             if let (Some(at), Some(rgb)) = (layout.rgb_at, &mut columns.rgb) {
-                rgb.push([short(at), short(at + 2), short(at + 4)]);
+                let colour = [short(at), short(at + 2), short(at + 4)];
+                self.brightest = colour.into_iter().fold(self.brightest, u16::max);
+                rgb.push(colour);
             }
         }
     }

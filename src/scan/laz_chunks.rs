@@ -415,7 +415,7 @@ fn quietly<T>(work: impl FnOnce() -> T) -> T {
 #[derive(Clone, Copy)]
 pub(super) struct Packed<'a> {
     bytes: &'a [u8],
-    points: Points,
+    pub points: Points,
 }
 
 /// Pairs the chunks of a batch with their bytes.

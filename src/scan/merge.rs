@@ -5,11 +5,13 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 use super::las_file::io_error;
 use super::part::{ColourScale, Columns, Coordinates, Part};
 use super::{
-    Bounds, Census, PointCloud, ReadOptions, Removed, Scan, crs, isolated, las_file, text,
+    ALIGNMENT_M, Bounds, Census, PointCloud, ReadOptions, Removed, Scan, crs, isolated, las_file,
+    text,
 };
 use crate::diagnostic::{Error, Result, Warned};
 use crate::frame::{Crs, Frame};
@@ -38,16 +40,14 @@ pub(super) fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Sc
         for _ in 0..3 {
             let Some(keep) = isolated::keep(&parts, unit_m, density_per_m2) else { break };
             census.removed.isolated += drop_points(&mut parts, &keep.flags);
+            parts.iter_mut().for_each(|part| part.bounds = part.coordinates.bounds());
             density_per_m2 = isolated::density_per_m2(&parts, unit_m);
             if !keep.is_coarse {
                 break;
             }
         }
-        for part in &mut parts {
-            part.bounds = isolated::bounds_m(std::slice::from_ref(part), DVec3::ONE);
-        }
     }
-    let (frame, (min_m, max_m)) = frame(paths, &parts, &census)?;
+    let (frame, (min_m, max_m)) = frame(paths, &parts, &census, options)?;
     let cloud = assemble(parts, frame, &mut warnings);
     census.kept = cloud.len() as u64;
     let bounds = Bounds {
@@ -103,6 +103,7 @@ pub(super) fn frame(
     paths: &[PathBuf],
     parts: &[Part],
     census: &Census,
+    options: &ReadOptions,
 ) -> Result<(Frame, (DVec3, DVec3))> {
     let unit_m = unit_m(parts);
     let named = |error: Error| match paths.first() {
@@ -131,7 +132,11 @@ pub(super) fn frame(
             )),
         ));
     }
-    let origin = (min_m / unit_m / ORIGIN_STEP).floor() * ORIGIN_STEP + DVec3::ZERO;
+    let floor = |v: DVec3, step: f64| (v / step).floor() * step + DVec3::ZERO;
+    let origin = match options.is_aligned {
+        true => floor(min_m, ALIGNMENT_M) / unit_m,
+        false => floor(min_m / unit_m, ORIGIN_STEP),
+    };
     let crs = parts.first().and_then(|part| part.crs.clone());
     Ok((Frame { origin, crs }, (min_m, max_m)))
 }
@@ -319,10 +324,14 @@ fn assemble(parts: Vec<Part>, frame: Frame, warnings: &mut Vec<String>) -> Point
 /// Three i32 and three f32 have one size, so LAS steps turn into positions in place.
 fn local_positions(coordinates: Coordinates, frame: &Frame) -> Vec<Vec3> {
     match coordinates {
-        Coordinates::Scaled { steps, scale, offset } => steps
-            .into_iter()
-            .map(|s| frame.local_from_world(super::part::world_from_steps(s, scale, offset)))
-            .collect(),
+        Coordinates::Scaled { mut steps, scale, offset } => {
+            steps.par_iter_mut().for_each(|s| {
+                let local =
+                    frame.local_from_world(super::part::world_from_steps(*s, scale, offset));
+                *s = local.to_array().map(|v| v.to_bits().cast_signed());
+            });
+            bytemuck::allocation::cast_vec(steps)
+        }
         Coordinates::Real(world) => world.iter().map(|p| frame.local_from_world(*p)).collect(),
     }
 }

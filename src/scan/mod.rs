@@ -103,11 +103,17 @@ pub struct ReadOptions {
     pub drop_noise_classes: bool,
     /// Drop points with almost nothing around them.
     pub drop_isolated: bool,
+    /// Let the origin be a multiple of [`ALIGNMENT_M`], so that grids do not shift with what else
+    /// is read.
+    pub is_aligned: bool,
 }
+
+/// A multiple of every cell that is chosen from a density, and of the coarsest grids.
+pub const ALIGNMENT_M: f64 = 480.0;
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        ReadOptions { drop_noise_classes: true, drop_isolated: true }
+        ReadOptions { drop_noise_classes: true, drop_isolated: true, is_aligned: false }
     }
 }
 
@@ -155,6 +161,13 @@ pub struct Bounds {
     pub max: Vec3,
 }
 
+impl Bounds {
+    /// Into another frame.
+    pub fn moved(self, by: Vec3) -> Bounds {
+        Bounds { min: self.min + by, max: self.max + by }
+    }
+}
+
 /// A cloud as read, with what is known of it.
 #[derive(Debug, Clone)]
 pub struct Scan {
@@ -168,7 +181,8 @@ pub struct Scan {
 
 /// Reads all files into one cloud in one frame. Never empty.
 ///
-/// The origin is the least coordinate of the points kept, floored to 10 world units. Points keep
+/// The origin is the least coordinate of the points kept, floored to 10 world units, or to
+/// [`ALIGNMENT_M`] where asked for. Points keep
 /// the order of the files and of the points in them.
 ///
 /// # Errors

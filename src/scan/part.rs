@@ -1,6 +1,7 @@
 //! The points of one file, before the files share an origin.
 
 use glam::DVec3;
+use rayon::prelude::*;
 use std::path::PathBuf;
 
 use super::Removed;
@@ -31,6 +32,13 @@ impl Coordinates {
             }
             Coordinates::Real(world) => world.get(i).copied(),
         }
+    }
+
+    /// World coordinates; `None` without points.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        let around = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
+        let places = (0..self.len()).into_par_iter().filter_map(|i| self.get(i));
+        places.map(|p| (p, p)).reduce_with(around)
     }
 
     /// Takes the points of another piece of the same file; false, and nothing taken, where their
@@ -98,13 +106,15 @@ impl Columns {
     }
 
     pub fn retain(&mut self, keep: &[bool]) {
-        retain(&mut self.intensity, keep);
-        retain(&mut self.return_number, keep);
-        retain(&mut self.return_count, keep);
-        retain(&mut self.class, keep);
-        if let Some(rgb) = &mut self.rgb {
-            retain(rgb, keep);
-        }
+        rayon::scope(|s| {
+            s.spawn(|_| retain(&mut self.intensity, keep));
+            s.spawn(|_| retain(&mut self.return_number, keep));
+            s.spawn(|_| retain(&mut self.return_count, keep));
+            s.spawn(|_| retain(&mut self.class, keep));
+            if let Some(rgb) = &mut self.rgb {
+                s.spawn(|_| retain(rgb, keep));
+            }
+        });
     }
 }
 
@@ -159,13 +169,14 @@ pub(super) struct Part {
 impl Part {
     /// Places without a file, for what looks at places alone.
     pub fn of_places(world: Vec<DVec3>) -> Part {
+        let coordinates = Coordinates::Real(world);
         Part {
             path: PathBuf::new(),
             crs: None,
             in_degrees: false,
-            coordinates: Coordinates::Real(world),
+            bounds: coordinates.bounds(),
+            coordinates,
             columns: Columns::default(),
-            bounds: None,
             colour: ColourScale::None,
             in_file: 0,
             removed: Removed::default(),

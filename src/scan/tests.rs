@@ -261,7 +261,8 @@ fn noise_is_counted_by_its_reason() {
     assert_eq!((cloud.return_number[901], cloud.return_count[901]), (1, 1));
     assert_eq!(read.value.density_per_m2, 902.0 / 900.0);
 
-    let all = ReadOptions { drop_noise_classes: false, drop_isolated: false };
+    let all =
+        ReadOptions { drop_noise_classes: false, drop_isolated: false, ..ReadOptions::default() };
     let kept = super::read(&[path], &all).unwrap().value.census;
     assert_eq!((kept.kept, kept.removed.withheld), (906, 1));
 }

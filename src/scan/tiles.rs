@@ -4,8 +4,8 @@
 //!
 //! Tiles are aligned to multiples of their side in world metres, and a point's tile follows from the
 //! point alone, so that the same points make the same tiles however they are cut into files.
-//! Limits: points of plain text files stay in memory; one point that is very far from the rest makes
-//! the scan refused, where read whole it would be dropped as isolated.
+//! Limits: points of plain text files stay in memory; one point that is very far above or below the
+//! rest makes the scan refused, where read whole it would be dropped as isolated.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -13,12 +13,12 @@ use std::io::{Read, Seek, SeekFrom, Write};
 use std::ops::Range;
 use std::path::PathBuf;
 
-use glam::{DVec3, IVec2, Vec3};
+use glam::{DVec2, DVec3, IVec2, Vec3};
 
 use super::las_file::{self, Batch};
 use super::merge::{self, Format};
 use super::part::{ColourScale, Columns, Coordinates, Part};
-use super::{Bounds, Census, PointCloud, ReadOptions, isolated, text};
+use super::{Bounds, Census, MAX_EXTENT_M, PointCloud, ReadOptions, isolated, text};
 use crate::diagnostic::{Error, Result, Warned};
 use crate::frame::{Crs, Frame};
 
@@ -39,6 +39,15 @@ pub type Tile = [i32; 2];
 enum Piece {
     Held(Batch),
     Spilled { at: u64, points: usize, has_colour: bool, scale: DVec3, offset: DVec3 },
+}
+
+impl Piece {
+    fn points(&self) -> usize {
+        match self {
+            Piece::Held(batch) => batch.coordinates.len(),
+            Piece::Spilled { points, .. } => *points,
+        }
+    }
 }
 
 #[derive(Default)]
@@ -117,8 +126,11 @@ impl TiledScan {
             parts.push(part);
         }
         let mut warnings = Vec::new();
-        let census = merge::census(&parts, &mut warnings);
-        let (frame, _) = merge::frame(paths, &parts, &census)?;
+        let mut census = merge::census(&parts, &mut warnings);
+        if options.drop_isolated && spans_too_much(&parts) {
+            census.removed.isolated += drop_lonely_tiles(&mut tiles, &mut parts);
+        }
+        let (frame, _) = merge::frame(paths, &parts, &census, options)?;
         let colours: Vec<ColourScale> = parts.iter().map(|p| p.colour).collect();
         let keeps_colour = merge::keeps_colour(&parts, &mut warnings);
         let mut scan = TiledScan {
@@ -145,7 +157,7 @@ impl TiledScan {
             if let Some(first) = parts.first_mut() {
                 first.bounds = Some((low / unit_m, high / unit_m));
             }
-            scan.frame = merge::frame(paths, &parts, &scan.census)?.0;
+            scan.frame = merge::frame(paths, &parts, &scan.census, options)?.0;
             scan.survey()?;
         }
         Ok(Warned::with(scan, warnings))
@@ -259,6 +271,45 @@ impl TiledScan {
         }
         Ok(Window { cloud, tiles: ranges })
     }
+}
+
+fn spans_too_much(parts: &[Part]) -> bool {
+    let of_part = |part: &Part| {
+        let unit_m = unit_m(part.crs.as_ref());
+        part.bounds.map(|(low, high)| (low * unit_m, high * unit_m))
+    };
+    let bounds = parts.iter().filter_map(of_part).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+    bounds.is_some_and(|(low, high)| (high - low).truncate().max_element() > MAX_EXTENT_M)
+}
+
+/// Drops tiles of so few points that these are isolated whatever the density, with no tile beside
+/// them; gives the number of points. The parts get the bounds of the tiles that stay.
+fn drop_lonely_tiles(tiles: &mut BTreeMap<Tile, Stack>, parts: &mut [Part]) -> u64 {
+    let points =
+        |stack: &Stack| stack.pieces.iter().map(|(_, piece)| piece.points()).sum::<usize>();
+    let is_lonely = |[i, j]: &Tile| {
+        let beside = (-1..=1).flat_map(|di| (-1..=1).map(move |dj| [i + di, j + dj]));
+        !beside.filter(|t| t != &[*i, *j]).any(|t| tiles.contains_key(&t))
+    };
+    let lonely: Vec<Tile> = (tiles.iter())
+        .filter(|(tile, stack)| points(stack) <= isolated::MOST_POINTS as usize && is_lonely(tile))
+        .map(|(tile, _)| *tile)
+        .collect();
+    if lonely.len() == tiles.len() {
+        return 0;
+    }
+    let dropped =
+        lonely.iter().filter_map(|tile| tiles.remove(tile)).map(|s| points(&s)).sum::<usize>();
+    for (number, part) in parts.iter_mut().enumerate() {
+        let unit_m = unit_m(part.crs.as_ref());
+        let own = tiles.iter().filter(|(_, s)| s.pieces.iter().any(|(file, _)| *file == number));
+        let corners = own.map(|([i, j], _)| DVec2::new(f64::from(*i), f64::from(*j)) * TILE_M);
+        let ends = corners.map(|c| (c, c + TILE_M)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+        part.bounds = part.bounds.zip(ends).map(|((low, high), (a, b))| {
+            (a.extend(low.z * unit_m.z) / unit_m, b.extend(high.z * unit_m.z) / unit_m)
+        });
+    }
+    dropped as u64
 }
 
 fn unit_m(crs: Option<&Crs>) -> DVec3 {
@@ -503,6 +554,24 @@ mod tests {
                 let alone = tiled.load(&[tile], 0).unwrap().cloud;
                 assert_eq!(alone.position, window.cloud.position[range]);
             }
+        }
+    }
+
+    #[test]
+    fn a_point_very_far_away_is_dropped_as_isolated() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("scan.laz");
+        let mut with_stray = cloud(false);
+        with_stray.position[7] = Vec3::new(600_000.0, -3.0, 1.0);
+        std::fs::write(&path, encode_laz(&with_stray).unwrap()).unwrap();
+        let paths = [path];
+        let whole = crate::scan::read(&paths, &ReadOptions::default()).unwrap().value;
+        for held_bytes in [0, HELD_BYTES] {
+            let options = ReadOptions::default();
+            let tiled = TiledScan::read_within(held_bytes, &paths, &options).unwrap().value;
+            assert_eq!(tiled.census.removed.isolated, 1);
+            assert_eq!(tiled.census, whole.census);
+            assert_eq!(tiled.frame, whole.cloud.frame);
         }
     }
 

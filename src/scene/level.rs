@@ -99,3 +99,37 @@ impl Scene {
         out
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::sample::forest;
+
+    #[test]
+    fn levels_become_scenes_of_the_same_trees() {
+        let mut scene = forest(&["Larix sibirica", "Betula pendula"], 12, 60.0);
+        for prototype in &mut scene.prototypes {
+            // The second form is the wood alone, which leaves leaf textures unused.
+            for (name, parts) in [("LOD1", 2), ("LOD2", 1)] {
+                prototype.levels.push(Level {
+                    name: name.into(),
+                    parts: prototype.parts[..parts].to_vec(),
+                    silhouette: Apart { worst_m: 0.5, rms_m: 0.1 },
+                    octahedral: None,
+                });
+            }
+        }
+        let whole = scene.clone().validate().unwrap();
+        let levels = scene.take_levels();
+        assert!(scene.prototypes.iter().all(|p| p.levels.is_empty()));
+        let names: Vec<&str> = levels.iter().map(|(n, _)| n.as_str()).collect();
+        assert_eq!(names, ["LOD1", "LOD2"]);
+        for (_, level) in &levels {
+            assert_eq!(level.instances.len(), whole.instances().len());
+            assert!(level.terrain.is_none());
+            level.clone().validate().unwrap();
+        }
+        assert!(levels[1].1.textures.len() < levels[0].1.textures.len());
+        assert!(levels[1].1.materials.iter().all(|m| !m.name.contains("leaf")));
+    }
+}

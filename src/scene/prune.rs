@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{Part, Prototype, Scene};
+use super::{Part, Prototype, Scene, Texture};
 use crate::mesh::Surface;
 
 /// How many things [`Scene::prune`] left out.
@@ -16,6 +16,8 @@ pub struct LeftOut {
     pub prototypes: usize,
     pub materials: usize,
     pub textures: usize,
+    /// Of those textures, four a pixel.
+    pub texture_bytes: u64,
 }
 
 impl LeftOut {
@@ -93,6 +95,9 @@ impl Scene {
             moved.follow(&mut part.material);
         }
         let used = self.uses().textures;
+        let unused = self.textures.iter().zip(&used).filter(|(_, used)| !**used);
+        let bytes = |t: &Texture| 4 * u64::from(t.image.width()) * u64::from(t.image.height());
+        left_out.texture_bytes = unused.map(|(t, _)| bytes(t)).sum();
         let moved = keep(&mut self.textures, &used, &mut left_out.textures);
         for material in &mut self.materials {
             material.textures_mut().for_each(|texture| moved.follow(texture));
@@ -178,7 +183,7 @@ mod tests {
     #[test]
     fn what_nothing_uses_goes_and_the_rest_still_refers_right() {
         let mut scene = forest(&["Larix", "Betula", "Pinus"], 4, 20.0);
-        // No birches: their two models, two materials and three textures go with them.
+        // No birches: their two models, two materials and four textures go with them.
         scene.instances.retain(|i| i.facts.species != "Betula");
         let wood = &mut scene.prototypes[0].parts[0].surface;
         let triangles = wood.triangles();
@@ -201,11 +206,18 @@ mod tests {
         };
         let before = names(&scene);
         let left_out = scene.prune();
-        let expected = LeftOut { triangles: 1, parts: 1, prototypes: 2, materials: 2, textures: 3 };
+        let expected = LeftOut {
+            triangles: 1,
+            parts: 1,
+            prototypes: 2,
+            materials: 2,
+            textures: 4,
+            texture_bytes: 4 * 4 * 32 * 32,
+        };
         assert_eq!(left_out, expected);
         assert_eq!(
             left_out.to_string(),
-            "1 triangle, 1 part, 2 prototypes, 2 materials, 3 textures"
+            "1 triangle, 1 part, 2 prototypes, 2 materials, 4 textures"
         );
         assert_eq!(names(&scene), before);
         assert_eq!(scene.prototypes[0].parts[0].surface.triangles(), triangles);

@@ -128,7 +128,7 @@ mod tests {
         assert_eq!((s.trees, s.prototypes, s.terrain_triangles), (6, 4, 200));
         assert_eq!((s.unique_triangles, s.instanced_triangles), (200 + 4 * 62, 200 + 6 * 62));
         assert_eq!(s.geometry_bytes, 32 * (121 + 4 * (16 + 96)) + 12 * s.unique_triangles);
-        assert_eq!(s.texture_bytes, 7 * 32 * 32 * 4);
+        assert_eq!(s.texture_bytes, 9 * 32 * 32 * 4);
     }
 
     proptest! {

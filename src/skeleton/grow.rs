@@ -634,6 +634,7 @@ impl<'a> Tree<'a> {
             axis,
             order,
             birth: vec![0; n],
+            dead: Vec::new(),
         };
         let mut tree = whole.subset(&keep);
         fit(&mut tree, e, self.around.is_none());

@@ -3,6 +3,7 @@
 
 pub mod cloud;
 pub mod colonize;
+pub mod decline;
 pub mod derive;
 pub mod envelope;
 pub mod grow;
@@ -40,6 +41,8 @@ pub struct Skeleton {
     pub order: Vec<u8>,
     /// Stage of growth in which the node came, 0 for the root, up to [`STAGES`].
     pub birth: Vec<u16>,
+    /// Whether the node is dead wood, as then is all that springs from it; empty where all live.
+    pub dead: Vec<bool>,
 }
 
 /// The children of every node in one flat list, in the order of their ids.
@@ -165,8 +168,8 @@ impl Skeleton {
         sum / DIRECTIONS as f32
     }
 
-    /// Whether the internode that ends at each node bears leaves: it is thinner than
-    /// `bearing_radius_m`, or it is the last of its axis.
+    /// Whether the internode that ends at each node bears leaves: it is alive, and thinner than
+    /// `bearing_radius_m` or the last of its axis.
     pub fn bears_leaves(&self, bearing_radius_m: f32) -> Vec<bool> {
         let mut is_tip = vec![true; self.len()];
         for &p in &self.parent {
@@ -176,6 +179,8 @@ impl Skeleton {
         }
         (0..self.len())
             .map(|i| i != 0 && (is_tip[i] || self.radius_m[i] <= bearing_radius_m))
+            .zip(self.dead.iter().copied().chain(std::iter::repeat(false)))
+            .map(|(bears, is_dead)| bears && !is_dead)
             .collect()
     }
 
@@ -198,6 +203,9 @@ impl Skeleton {
         ];
         if lengths.iter().any(|&l| l != n) {
             return fail(format!("columns of unequal length: {n} positions, others {lengths:?}"));
+        }
+        if !self.dead.is_empty() && self.dead.len() != n {
+            return fail(format!("{} nodes known dead or alive, of {n}", self.dead.len()));
         }
         if self.parent[0] != NO_PARENT || self.axis[0] != 0 || self.order[0] != 0 {
             return fail("node 0 is not the root of axis 0".into());
@@ -228,6 +236,9 @@ impl Skeleton {
                     "node {i} grew in stage {}, its parent {p} in {}",
                     self.birth[i], self.birth[p]
                 ));
+            }
+            if self.dead.get(p) == Some(&true) && self.dead.get(i) == Some(&false) {
+                return fail(format!("node {i} lives on dead wood"));
             }
             if self.position[i] == self.position[p] {
                 return fail(format!("node {i} lies on its parent {p}"));
@@ -273,6 +284,7 @@ mod tests {
             axis: vec![0, 0, 0, 1],
             order: vec![0, 0, 0, 1],
             birth: vec![0, 1, 2, 2],
+            dead: Vec::new(),
         }
     }
 
@@ -302,7 +314,7 @@ mod tests {
     #[test]
     fn every_broken_invariant_is_found() {
         type Breakage = fn(&mut Skeleton);
-        let cases: [(&str, Breakage); 12] = [
+        let cases: [(&str, Breakage); 14] = [
             ("no nodes", |s| *s = Skeleton::default()),
             ("unequal length", |s| s.order.truncate(2)),
             ("not the root", |s| s.parent[0] = 1),
@@ -315,6 +327,8 @@ mod tests {
             ("axis 0 forks", |s| s.axis[3] = 0),
             ("grew in stage 0", |s| s.birth[3] = 0),
             ("grew in stage 99", |s| s.birth[3] = 99),
+            ("2 nodes known dead or alive", |s| s.dead = vec![true; 2]),
+            ("node 2 lives on dead wood", |s| s.dead = vec![false, true, false, true]),
         ];
         for (message, breakage) in cases {
             let mut s = fork();

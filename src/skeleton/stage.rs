@@ -118,6 +118,7 @@ impl Skeleton {
             out.axis.push(*axis);
             out.order.push(self.order[i]);
             out.birth.push(self.birth[i]);
+            out.dead.extend(self.dead.get(i));
         }
         out
     }

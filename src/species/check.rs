@@ -83,6 +83,8 @@ pub const RANGES: &[(&str, Range)] = &[
     ("foliage.droop", Within(-1.0, 1.0)),
     ("foliage.cover", Within(0.0, 1.0)),
     ("foliage.bearing_radius_m", Within(0.0, 10.0)),
+    ("season.winter_leaves", Within(0.0, 1.0)),
+    ("season.autumn_leaves", Within(0.0, 1.0)),
     ("bark.relief_m", Within(0.0, 0.5)),
     ("bark.lost", Within(0.0, 1.0)),
 ];

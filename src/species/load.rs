@@ -7,7 +7,9 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::model::{Bark, Branching, DecayBy, Foliage, Growth, Habit, Kind, Size, Species};
+use super::model::{
+    Bark, Branching, DecayBy, Foliage, Growth, Habit, Kind, Seasons, Size, Species,
+};
 use super::near::suggest;
 use super::node::{self, Node, Source, Sources, Value};
 use super::{builtin, check, own, own_bark, rule};
@@ -53,10 +55,12 @@ pub(super) struct Top {
     foliage: IgnoredAny,
     #[schemars(with = "Bark")]
     bark: IgnoredAny,
+    #[schemars(with = "Seasons")]
+    season: IgnoredAny,
 }
 
 /// The sections of a rule file with their keys; the first, without a name, is the top.
-pub fn sections() -> [(&'static str, &'static [&'static str]); 8] {
+pub fn sections() -> [(&'static str, &'static [&'static str]); 9] {
     [
         ("", node::keys_of::<Top>()),
         ("rule", node::keys_of::<rule::Section>()),
@@ -66,6 +70,7 @@ pub fn sections() -> [(&'static str, &'static [&'static str]); 8] {
         ("growth.order", node::keys_of::<Habit>()),
         ("foliage", node::keys_of::<Foliage>()),
         ("bark", node::keys_of::<Bark>()),
+        ("season", node::keys_of::<Seasons>()),
     ]
 }
 
@@ -254,6 +259,7 @@ fn build_reporting(
     let growth: Option<Growth> = section.read("growth");
     let foliage: Option<Foliage> = section.read("foliage");
     let bark: Option<Bark> = section.read("bark");
+    let season: Option<Seasons> = section.read("season");
     let rule = match (merged.get("rule"), defaults.get("rule")) {
         (Some(rule), Some(defaults)) => {
             let of_tree = size.as_ref().map_or([f64::NAN; 3], Size::of_tree);
@@ -282,6 +288,7 @@ fn build_reporting(
         bark: bark?,
         own_model,
         own_picture,
+        season: season?,
         own_bark,
         remarks,
         rule: rule?,

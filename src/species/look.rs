@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::photo::contains;
 use crate::crown::Crown;
 use crate::ground::{Classified, Kind};
+use crate::raster::Groups;
 use crate::terrain::Terrain;
 
 /// Returns lower than this above the ground say nothing of a crown, metres.
@@ -180,67 +181,50 @@ struct Places {
     cell: f32,
     cols: usize,
     rows: usize,
-    /// Where each cell's points begin in `points`; one more than cells.
-    start: Vec<u32>,
-    points: Vec<u32>,
+    points: Groups,
 }
 
 impl Places {
     /// `None` without vegetation.
     fn new(classified: &Classified) -> Option<Places> {
-        let all = || {
-            let points = classified.cloud.position.iter().zip(&classified.kind).enumerate();
-            points
-                .filter(|(_, (_, k))| **k == Kind::Vegetation)
-                .map(|(i, (p, _))| (i, p.truncate()))
+        let points = || classified.cloud.position.par_iter().zip(&classified.kind);
+        let add = |a: (Vec2, Vec2, usize), b: (Vec2, Vec2, usize)| {
+            (a.0.min(b.0), a.1.max(b.1), a.2 + b.2)
         };
-        let first = all().next()?.1;
-        let (low, high) = all().fold((first, first), |(l, h), (_, p)| (l.min(p), h.max(p)));
+        let (low, high, count) = points()
+            .filter(|(_, k)| **k == Kind::Vegetation)
+            .map(|(p, _)| (p.truncate(), p.truncate(), 1))
+            .reduce_with(add)?;
         let size = (high - low).as_dvec2();
         // No more cells than points, however far apart those lie.
-        let least = (size.x.max(CELL_M) * size.y.max(CELL_M) / all().count() as f64).sqrt();
+        let least = (size.x.max(CELL_M) * size.y.max(CELL_M) / count as f64).sqrt();
         let cell = CELL_M.max(least) as f32;
         let cols = ((high.x - low.x) / cell) as usize + 1;
         let rows = ((high.y - low.y) / cell) as usize + 1;
-        let mut places = Places { low, cell, cols, rows, start: Vec::new(), points: Vec::new() };
-        let mut start = vec![0u32; cols * rows + 1];
-        for (_, p) in all() {
-            start[places.cell_of(p) + 1] += 1;
-        }
-        for i in 1..start.len() {
-            start[i] += start[i - 1];
-        }
-        places.points = vec![0; start.last().copied().unwrap_or(0) as usize];
-        let mut next = start.clone();
-        for (i, p) in all() {
-            let slot = &mut next[places.cell_of(p)];
-            places.points[*slot as usize] = i as u32;
-            *slot += 1;
-        }
-        places.start = start;
-        Some(places)
-    }
-
-    fn place(&self, p: Vec2) -> (usize, usize) {
-        let c = (p - self.low) / self.cell;
-        ((c.x.max(0.0) as usize).min(self.cols - 1), (c.y.max(0.0) as usize).min(self.rows - 1))
-    }
-
-    fn cell_of(&self, p: Vec2) -> usize {
-        let (col, row) = self.place(p);
-        row * self.cols + col
+        let place = |p: Vec2| place(p, low, cell, (cols, rows));
+        let cell_of = points().map(|(p, k)| {
+            let (col, row) = place(p.truncate());
+            if *k == Kind::Vegetation { (row * cols + col) as u32 } else { u32::MAX }
+        });
+        let points = Groups::new(cols * rows, cell_of, |i| i);
+        Some(Places { low, cell, cols, rows, points })
     }
 
     /// Points in the cells that a polygon's bounding box touches.
     fn inside(&self, outline: &[Vec2]) -> impl Iterator<Item = u32> + '_ {
         let (low, high) = bounds(outline);
-        let ((west, south), (east, north)) = (self.place(low), self.place(high));
-        (south..=north).flat_map(move |row| {
-            let from = self.start[row * self.cols + west] as usize;
-            let to = self.start[row * self.cols + east + 1] as usize;
-            self.points[from..to].iter().copied()
-        })
+        let [(west, south), (east, north)] =
+            [low, high].map(|p| place(p, self.low, self.cell, (self.cols, self.rows)));
+        (south..=north)
+            .flat_map(move |row| (west..=east).map(move |col| row * self.cols + col))
+            .flat_map(|cell| self.points.of(cell).iter().copied())
     }
+}
+
+/// Column and row of the cell nearest to a place.
+fn place(p: Vec2, low: Vec2, cell: f32, (cols, rows): (usize, usize)) -> (usize, usize) {
+    let c = (p - low) / cell;
+    ((c.x.max(0.0) as usize).min(cols - 1), (c.y.max(0.0) as usize).min(rows - 1))
 }
 
 #[cfg(test)]

@@ -22,6 +22,7 @@ mod own_bark;
 pub mod photo;
 pub mod rule;
 mod schema;
+pub mod state;
 mod template;
 
 pub use load::{Listed, builtin_names, files, list, load, load_text, sections};

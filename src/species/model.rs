@@ -256,6 +256,28 @@ pub struct Foliage {
     pub picture: Option<String>,
 }
 
+/// What the seasons do to the leaves.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Seasons {
+    /// Share of the leaves that hang on through the winter; 1 for conifers and 0 for others where
+    /// absent.
+    #[serde(default)]
+    #[schemars(extend("examples" = [0.0]))]
+    pub winter_leaves: Option<f32>,
+    /// Share of the leaves still on the tree in autumn, of those it sheds.
+    pub autumn_leaves: f32,
+    /// Colours of autumn; each tree is somewhere on the way through them. Gold where absent, on
+    /// trees that shed.
+    #[serde(default)]
+    #[schemars(extend("examples" = [[[226, 178, 50], [196, 84, 42]]]))]
+    pub autumn: Option<Vec<[u8; 3]>>,
+    /// Colour of young leaves in spring; a lighter green where absent.
+    #[serde(default)]
+    #[schemars(extend("examples" = [[150, 176, 84]]))]
+    pub spring: Option<[u8; 3]>,
+}
+
 /// Patterns of bark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
@@ -350,6 +372,7 @@ pub struct Species {
     /// What `foliage.model` and `foliage.picture` name, read.
     pub own_model: Option<Arc<Model>>,
     pub own_picture: Option<Arc<Picture>>,
+    pub season: Seasons,
     /// Where `bark.picture` names one.
     pub own_bark: Option<OwnBark>,
     /// What the author may want to know, though nothing is wrong.

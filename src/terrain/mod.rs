@@ -2,11 +2,12 @@
 //! trees.
 //!
 //! Heights are cell-centred: the "cell-centred reading" of the two that T15 allows. A cell takes
-//! the height of the Delaunay triangulation of the ground points at its centre; cells outside the
-//! hull go on smoothly along the trend of the heights near them. Grids are aligned to multiples of
+//! the height at its centre of the Delaunay triangulation of the ground points, or, where cells are
+//! fine and hold points all around, of a plane through the nearest; cells outside the hull go on smoothly along the trend of the heights near them. Grids are aligned to multiples of
 //! their cell.
 
 mod facets;
+mod planes;
 mod tin;
 
 use std::collections::BTreeMap;
@@ -63,14 +64,7 @@ pub fn build(classified: &Classified, options: &TerrainOptions) -> Result<Warned
         return Ok(Warned::new(Terrain { heights: Grid::filled(geometry, zero), is_observed }));
     }
     let terrain = from_points(&ground, geometry)?;
-    let seen = terrain.is_observed.iter().filter(|&&o| o).count();
-    let mut warnings = Vec::new();
-    if seen * 20 < geometry.len() {
-        let share = 100.0 * seen as f64 / geometry.len() as f64;
-        warnings.push(format!(
-            "only {share:.1} % of the terrain's cells hold a ground point; the rest is interpolated"
-        ));
-    }
+    let warnings = terrain.warning().into_iter().collect();
     Ok(Warned::with(terrain, warnings))
 }
 
@@ -85,22 +79,72 @@ fn from_points(ground: &[Vec3], geometry: GridGeometry) -> Result<Terrain> {
             "give a scan whose lowest returns reach the ground, or try --ground voxel or --ground file",
         ));
     }
-    let half = GridGeometry {
-        cell_x: geometry.cell_x / 2.0,
-        cell_y: geometry.cell_y / 2.0,
-        cols: geometry.cols * 2,
-        rows: geometry.rows * 2,
+    // A cell of the terrain may be parted into more squares of vertices.
+    let parts = if geometry.cell_x <= PLANES_UP_TO_M { 1 } else { 2 };
+    let squares = GridGeometry {
+        cell_x: geometry.cell_x / parts as f64,
+        cell_y: geometry.cell_y / parts as f64,
+        cols: geometry.cols * parts,
+        rows: geometry.rows * parts,
         ..geometry
     };
-    let (vertices, squares) = tin::thinned(ground, &half);
-    let mut heights = tin::heights(&vertices, geometry);
+    let (vertices, square_of_vertex) = tin::thinned(ground, &squares);
     let mut is_observed = vec![false; geometry.len()];
-    for square in squares {
-        let (col, row) = (square as usize % half.cols, square as usize / half.cols);
-        is_observed[geometry.index(col / 2, row / 2)] = true;
+    for &square in &square_of_vertex {
+        let (col, row) = (square as usize % squares.cols, square as usize / squares.cols);
+        is_observed[geometry.index(col / parts, row / parts)] = true;
     }
+    let mut heights = match parts {
+        1 => by_planes(&vertices, &square_of_vertex, geometry),
+        _ => tin::heights(&vertices, geometry),
+    };
     fill(&mut heights, &vertices);
     Ok(Terrain { heights, is_observed })
+}
+
+/// Up to this cell, metres, a plane gives the height: terrain hardly bends across a few such cells,
+/// and the scanner's noise is averaged. Across larger ones it bends.
+const PLANES_UP_TO_M: f64 = 0.5;
+
+/// Planes where points lie around, and a triangulation of the rest.
+fn by_planes(vertices: &[Vec3], cell_of_vertex: &[u32], geometry: GridGeometry) -> Grid<f32> {
+    let mut heights = planes::heights(vertices, cell_of_vertex, geometry);
+    let open = about_open_cells(&heights);
+    if open.contains(&true) {
+        let corners: Vec<Vec3> = (vertices.iter().zip(cell_of_vertex))
+            .filter(|(_, cell)| open[**cell as usize])
+            .map(|(v, _)| *v)
+            .collect();
+        let drawn = tin::heights(&corners, geometry);
+        let cells = heights.data.par_iter_mut().zip(&drawn.data);
+        cells.filter(|(z, _)| z.is_nan()).for_each(|(z, drawn)| *z = *drawn);
+    }
+    heights
+}
+
+/// Cells within so many of one without a height: they hold the corners of the triangles over it.
+const CORNERS_WITHIN: usize = 6;
+
+fn about_open_cells(heights: &Grid<f32>) -> Vec<bool> {
+    let g = heights.geometry;
+    let within = |at: usize, end: usize| {
+        at.saturating_sub(CORNERS_WITHIN)..(at + CORNERS_WITHIN + 1).min(end)
+    };
+    let mut along = vec![false; g.len()];
+    let lines = along.par_chunks_mut(g.cols).zip(heights.data.par_chunks(g.cols));
+    lines.for_each(|(along, line)| {
+        for col in (0..g.cols).filter(|&col| line[col].is_nan()) {
+            along[within(col, g.cols)].fill(true);
+        }
+    });
+    let mut about = vec![false; g.len()];
+    about.par_chunks_mut(g.cols).enumerate().for_each(|(row, about)| {
+        for r in within(row, g.rows) {
+            let line = &along[r * g.cols..(r + 1) * g.cols];
+            about.iter_mut().zip(line).for_each(|(about, along)| *about |= along);
+        }
+    });
+    about
 }
 
 /// Side of the squares that the trend is fitted to; in cells where that is more.
@@ -279,6 +323,27 @@ fn hash(numbers: &[f32]) -> u64 {
 }
 
 impl Terrain {
+    /// What a user should know.
+    pub fn warning(&self) -> Option<String> {
+        let (seen, cells) =
+            (self.is_observed.iter().filter(|&&o| o).count(), self.is_observed.len());
+        let share = 100.0 * seen as f64 / cells.max(1) as f64;
+        (share < 5.0).then(|| {
+            format!(
+                "only {share:.1} % of the terrain's cells hold a ground point; the rest is \
+                 interpolated"
+            )
+        })
+    }
+
+    /// Into another frame.
+    pub fn moved(mut self, by: Vec3) -> Terrain {
+        self.heights.geometry.west += f64::from(by.x);
+        self.heights.geometry.north += f64::from(by.y);
+        self.heights.data.par_iter_mut().for_each(|z| *z += by.z);
+        self
+    }
+
     /// Height at a place, bilinear; clamped to the border outside.
     pub fn height_at(&self, p: Vec2) -> f32 {
         self.heights.bilinear(f64::from(p.x), f64::from(p.y))

@@ -1,5 +1,6 @@
 //! The pictures of a species as bytes, and what decides them: for a store that outlives the run.
 
+use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
 use super::{Atlas, BarkTextures, TreeTextures};
@@ -66,7 +67,7 @@ impl BarkHead {
         BarkHead { has, depth_m: bark.depth_m }
     }
 
-    fn read(&self, parts: &mut impl Iterator<Item = Vec<u8>>) -> Result<BarkTextures> {
+    fn read(&self, parts: &mut impl Iterator<Item = Bytes>) -> Result<BarkTextures> {
         let mut image = || Image::from_png(parts.next().ok_or_else(missing)?);
         let colour = image()?;
         let mut optional = |has: bool| has.then(&mut image).transpose();
@@ -90,7 +91,7 @@ impl TreeTextures {
     ///
     /// # Errors
     /// A picture whose size and pixels disagree.
-    pub fn to_parts(&self) -> Result<Vec<Vec<u8>>> {
+    pub fn to_parts(&self) -> Result<Vec<Bytes>> {
         use rayon::prelude::*;
         let head = Head {
             atlas: self.atlas.clone(),
@@ -106,14 +107,13 @@ impl TreeTextures {
             .chain(barks.into_iter().flatten().flat_map(of_bark).flatten())
             .collect();
         let head = serde_json::to_vec(&head).map_err(|e| Error::new(e.to_string()))?;
-        let pictures: Vec<Vec<u8>> =
-            images.par_iter().map(|i| Ok(i.png()?.to_vec())).collect::<Result<_>>()?;
-        Ok([head].into_iter().chain(pictures).collect())
+        let pictures: Vec<Bytes> = images.par_iter().map(Image::png).collect::<Result<_>>()?;
+        Ok([Bytes::from(head)].into_iter().chain(pictures).collect())
     }
 
     /// # Errors
     /// Parts that are not those of [`TreeTextures::to_parts`].
-    pub fn from_parts(parts: Vec<Vec<u8>>) -> Result<TreeTextures> {
+    pub fn from_parts(parts: Vec<Bytes>) -> Result<TreeTextures> {
         let mut parts = parts.into_iter();
         let head = parts.next().ok_or_else(missing)?;
         let head: Head = serde_json::from_slice(&head).map_err(|e| Error::new(e.to_string()))?;

@@ -603,7 +603,7 @@ impl Painter<'_> {
     /// Larch: rosettes on short shoots along few thin, long, hanging twigs, apart from each other.
     fn tufts(&mut self, main: Shoot, bough: bool) {
         let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.006, 0.3);
-        let mut shoots = self.laterals(&main, if bough { 0.085 } else { 0.16 }, 0.34, 0.7);
+        let mut shoots = self.laterals(&main, if bough { 0.075 } else { 0.11 }, 0.4, 0.7);
         if bough {
             let mut fine = Vec::new();
             for lateral in shoots.iter().filter(|l| l.length > 0.12) {

@@ -24,8 +24,8 @@ pub const MAX_SIDE: u32 = 1 << morton::AXIS_BITS;
 
 /// Cells across a crown: no finer than this many …
 const MOST_CELLS: f32 = 10.0;
-/// … and no coarser than this few.
-const LEAST_CELLS: f32 = 4.0;
+/// … and so much coarser.
+const STEPS: [f32; 5] = [1.0, 1.25, 1.5, 2.0, 2.5];
 /// Points wanted under a voxel's square metre of sky, on average.
 const POINTS_PER_COLUMN: f32 = 2.0;
 
@@ -49,23 +49,19 @@ pub struct Voxel {
 
 /// The edge of a voxel in metres for crowns of `crown_diameter_m` in a scan of `density_per_m2`.
 ///
-/// The edge is such that a column of voxels holds 2 points on average, but not less than 1/10 and
-/// not more than 1/4 of the crown: the crown then spans at least 4 and at most 10 cells, 8–10
-/// wherever the density carries it (TD17). In steps of 5 cm, so that nearly equal densities give
-/// equal voxels.
+/// The edge is such that a column of voxels holds about 2 points, but not less than 1/10 and not
+/// more than 1/4 of the crown: the crown then spans at least 4 and at most 10 cells, 8–10
+/// wherever the density carries it (TD17). In few steps, so that like densities give equal voxels.
 pub fn choose_size_m(density_per_m2: f32, crown_diameter_m: f32) -> f32 {
     let crown_m = if crown_diameter_m.is_finite() { crown_diameter_m.max(0.1) } else { 0.1 };
-    let (finest, coarsest) = (crown_m / MOST_CELLS, crown_m / LEAST_CELLS);
-    if density_per_m2 > 0.0 {
-        let wanted = (POINTS_PER_COLUMN / density_per_m2).sqrt();
-        ((wanted * 20.0).round() / 20.0).clamp(finest, coarsest)
-    } else {
-        coarsest
-    }
+    let sizes = STEPS.map(|step| crown_m / MOST_CELLS * step);
+    let wanted = (POINTS_PER_COLUMN / density_per_m2.max(1e-9)).sqrt();
+    let off = |size: &f32| (size / wanted).ln().abs();
+    sizes.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(crown_m)
 }
 
-/// The centre of mass of every occupied voxel of edge `size_m`, in Morton order. Points that are
-/// not finite count for nothing. A size that is not positive, or too small for the extent, is
+/// The centre of mass of every occupied voxel of edge `size_m`, in Morton order, found on the
+/// calling thread: for the points of one tree. Points that are not finite count for nothing. A size that is not positive, or too small for the extent, is
 /// raised to the least that [`MAX_SIDE`] allows.
 pub fn centres_of_mass(points: &[Vec3], size_m: f32) -> Vec<Vec3> {
     let finite: Vec<Vec3>;
@@ -81,7 +77,14 @@ pub fn centres_of_mass(points: &[Vec3], size_m: f32) -> Vec<Vec3> {
     let least_m = (extent_m / f64::from(MAX_SIDE - 2)).max(1e-3) as f32;
     let size_m = if size_m.is_finite() { size_m.max(least_m) } else { least_m };
     let Some(grid) = Grid::over(points, size_m) else { return Vec::new() };
-    grid.occupied(points).centres_of_mass
+    let key = |(i, p): (u32, &Vec3)| Some((morton::encode(grid.index_of(*p)?), i));
+    let mut keys: Vec<(u64, u32)> = (0..).zip(points).filter_map(key).collect();
+    keys.sort_unstable();
+    let centre = |same: &[(u64, u32)]| {
+        let place = |k: &(u64, u32)| points[k.1 as usize].as_dvec3();
+        (same.iter().map(place).sum::<DVec3>() / same.len() as f64).as_vec3()
+    };
+    keys.chunk_by(|a, b| a.0 == b.0).map(centre).collect()
 }
 
 /// Where voxels are: the edge, and the indices of voxel (0, 0, 0) counted from the local origin.

@@ -141,11 +141,15 @@ fn each_fault_is_told_in_its_own_words() {
         ),
         (
             bark(|m| m.normal_texture = Some(77)),
-            format!("{stem}normal texture 77 of 7 does not exist"),
+            format!("{stem}normal texture 77 of 9 does not exist"),
         ),
         (
             bark(|m| m.normal_texture = Some(0)),
             format!("{stem}normal texture `photo` is Srgb, not Raw"),
+        ),
+        (
+            bark(|m| m.orm_texture = Some(0)),
+            format!("{stem}occlusion and roughness texture `photo` is Srgb, not Raw"),
         ),
         (
             larch(|s| s.uv.truncate(15)),

@@ -404,7 +404,8 @@ fn grown(
     let radius_m = thickness(species, &nodes, &axis, start, height_m);
     let birth = vec![0; radius_m.len()];
     let (position, parent) = (nodes.position, nodes.parent);
-    let mut tree = Skeleton { position, parent, radius_m, axis, order, birth };
+    let dead = Vec::new();
+    let mut tree = Skeleton { position, parent, radius_m, axis, order, birth, dead };
     tree.birth = births(&tree, &species.size);
     Ok(tree)
 }

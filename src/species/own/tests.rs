@@ -115,7 +115,7 @@ fn faults_are_told_with_file_line_and_remedy() {
         ),
         (
             spoilt("f 1/1/1 2/2/1 3/3/1 4/4/1", ""),
-            "`model`: it has no faces; export a mesh, as triangles",
+            "`model`: twig.obj: it has no faces; export a mesh, as triangles",
         ),
         (spoilt("twig.mtl", "none.mtl"), "none.mtl"),
         (

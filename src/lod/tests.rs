@@ -1,0 +1,146 @@
+use glam::{Vec2, Vec3};
+
+use super::*;
+use crate::mesh::Surface;
+use crate::render::capture::{Sitter, Window};
+use crate::scene::{Alpha, Colorspace, Material, Part, Texture};
+
+/// An upright box with its foot at the origin.
+fn block(half: f32, height_m: f32) -> Surface {
+    let mut out = Surface::default();
+    let mut side = |at: Vec3, right: Vec3, up: Vec3| {
+        let first = out.position.len() as u32;
+        for (s, t) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+            out.position.push(at + right * s + up * t);
+            out.normal.push(right.cross(up).normalize());
+            out.uv.push(Vec2::new(s, t));
+        }
+        out.index.extend([0, 1, 2, 0, 2, 3].map(|k| first + k));
+    };
+    let (middle, up) = (Vec3::Z * height_m * 0.5, Vec3::Z * height_m * 0.5);
+    for (out, right) in
+        [(Vec3::X, Vec3::Y), (Vec3::Y, -Vec3::X), (-Vec3::X, -Vec3::Y), (-Vec3::Y, Vec3::X)]
+    {
+        side(middle + out * half, right * half, up);
+    }
+    side(Vec3::Z * height_m, Vec3::X * half, Vec3::Y * half);
+    side(Vec3::ZERO, Vec3::X * half, -Vec3::Y * half);
+    out
+}
+
+fn part(surface: Surface) -> Vec<Part> {
+    vec![Part { name: "wood".into(), surface, material: 0 }]
+}
+
+fn red() -> Vec<Material> {
+    vec![Material {
+        name: "red".into(),
+        base_color: [0.5, 0.1, 0.1],
+        base_color_texture: None,
+        normal_texture: None,
+        orm_texture: None,
+        roughness: 1.0,
+        alpha: Alpha::Opaque,
+        double_sided: false,
+    }]
+}
+
+#[test]
+fn silhouettes_are_as_far_apart_as_the_blocks() {
+    let (thin, wide, tall) =
+        (part(block(1.0, 10.0)), part(block(1.5, 10.0)), part(block(1.0, 12.0)));
+    let materials = red();
+    let sitter = Sitter::new(&[&thin, &wide, &tall], &materials, &[]);
+    let all = (Vec3::new(-1.5, -1.5, 0.0), Vec3::new(1.5, 1.5, 12.0));
+    let of = |model| Silhouettes::of(&sitter, model, all, From::All).unwrap();
+    let finest = of(0);
+    let same = finest.apart(&of(0));
+    assert_eq!((same.worst_m, same.rms_m), (0.0, 0.0));
+    // From above a corner of the wider block is 0.5 √2 away, the top of the taller one 2 m.
+    let sample_m = finest.sample_m;
+    for (model, wanted) in [(1, 0.5 * 2f32.sqrt()), (2, 2.0)] {
+        let got = finest.apart(&of(model));
+        assert!((got.worst_m - wanted).abs() <= 2.0 * sample_m, "{} {wanted}", got.worst_m);
+        assert!(got.rms_m > 0.0 && got.rms_m < got.worst_m);
+        assert_eq!(of(model).apart(&finest), got, "both ways the same");
+    }
+}
+
+#[test]
+fn a_window_shows_the_block_where_it_is() {
+    let (parts, materials) = (part(block(1.0, 10.0)), red());
+    let sitter = Sitter::new(&[&parts], &materials, &[]);
+    let window = Window { centre: Vec3::Z * 5.0, forward: Vec3::Y, sample_m: 0.25, size: [16, 48] };
+    let texels = sitter.portrait(0, &window).unwrap();
+    let seen = texels.iter().filter(|t| t.is_seen()).count();
+    assert_eq!(seen, 8 * 40, "2 m by 10 m");
+    for t in texels.iter().filter(|t| t.is_seen()) {
+        assert!((t.before_m - 1.0).abs() < 1e-4, "its face is 1 m before the middle");
+        assert!((t.normal + Vec3::Y).length() < 1e-5);
+        assert_eq!(t.albedo, [0.5, 0.1, 0.1]);
+    }
+    assert!(sitter.portrait(0, &Window { size: [0, 8], ..window }).is_err());
+    assert!(sitter.portrait(0, &Window { forward: Vec3::ZERO, ..window }).is_err());
+}
+
+#[test]
+fn an_impostor_covers_what_the_model_covers_in_its_colour() {
+    let (parts, materials) = (part(block(1.0, 10.0)), red());
+    let sitter = Sitter::new(&[&parts], &materials, &[]);
+    let bounds = (Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 10.0));
+    for kind in [Kind::Cross, Kind::Octahedral] {
+        let got = impostor::bake(&sitter, 0, bounds, kind, 256).unwrap();
+        assert_eq!(got.octahedral.is_some(), kind == Kind::Octahedral);
+        let seen: Vec<_> = got.colour.data.iter().filter(|p| p[3] >= 128).collect();
+        // sRGB of 0.5 and 0.1.
+        assert!(seen.iter().all(|p| p[..3] == [188, 89, 89]));
+        // Under what is transparent too, for mip levels.
+        assert!(got.colour.data.iter().all(|p| p[..3] == [188, 89, 89]));
+        if kind == Kind::Cross {
+            assert_eq!(got.surface.triangles(), 4);
+            let texel_m = 10.0 / 256.0;
+            let area = seen.len() as f32 * texel_m * texel_m;
+            assert!((area - 2.0 * 20.0).abs() < 0.5, "two views of 2 m by 10 m: {area}");
+            // Both look squarely at a face: the normal map is flat.
+            let flat = |p: &[u8; 4]| (i32::from(p[0]) - 128).abs() < 3 && p[2] > 250;
+            assert!(got.normal.data.iter().all(flat));
+        }
+        let model = part(got.surface.clone());
+        let textures = [Texture {
+            name: "colour".into(),
+            image: got.colour.into(),
+            colorspace: Colorspace::Srgb,
+        }];
+        let mut look = red();
+        look[0].base_color_texture = Some(0);
+        look[0].alpha = Alpha::Mask { cutoff: impostor::CUTOFF };
+        look[0].double_sided = true;
+        let shown = Sitter::new(&[&model], &look, &textures);
+        let window =
+            Window { centre: Vec3::Z * 5.0, forward: Vec3::Y, sample_m: 0.1, size: [40, 120] };
+        let of = |s: &Sitter<'_>| s.silhouette(0, &window).unwrap().iter().filter(|c| **c).count();
+        let (drawn, truth) = (of(&shown) as f32, of(&sitter) as f32);
+        assert!((drawn / truth - 1.0).abs() < 0.1, "{kind:?}: {drawn} {truth}");
+    }
+}
+
+#[test]
+fn octahedral_views_cover_the_upper_half_of_the_sky() {
+    // Any direction of the upper half has a view within 15°.
+    let views: Vec<Vec3> = (0..impostor::FRAMES)
+        .flat_map(|row| (0..impostor::FRAMES).map(move |col| impostor::direction(col, row)))
+        .collect();
+    for k in 0..400 {
+        let (turn, z) = (k as f32 * 2.399_963, (k as f32 + 0.5) / 400.0);
+        let flat = (1.0 - z * z).sqrt();
+        let d = Vec3::new(flat * turn.cos(), flat * turn.sin(), z);
+        let near = views.iter().map(|v| v.dot(d)).fold(-1.0, f32::max);
+        assert!(near > 15f32.to_radians().cos(), "{d}: {near}");
+        // And it is the one that the formula of `Octahedral` leads to.
+        let p = d.truncate() / (d.x.abs() + d.y.abs() + d.z);
+        let e = Vec2::new(p.x + p.y, p.x - p.y);
+        let cell = (e + 1.0) * 0.5 * (impostor::FRAMES - 1) as f32;
+        let found = impostor::direction(cell.x.round() as u32, cell.y.round() as u32);
+        assert!(found.dot(d) > 15f32.to_radians().cos());
+    }
+}

@@ -1,0 +1,107 @@
+//! What a scene did without, and what that saved.
+//!
+//! Bytes are those the file would hold more, uncompressed. Seconds are at this run's own rates: of
+//! writing, for bytes; of meshing, for forms that were not made. What was never made has no
+//! measured time.
+
+use super::levels::{LevelsJob, SHARES};
+use super::view::Chosen;
+use crate::report::StageRecord;
+use crate::scene::{LeftOut, ValidScene};
+
+/// A line of the table.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Saved {
+    pub what: String,
+    pub count: u64,
+    pub of: &'static str,
+    pub bytes: u64,
+    pub seconds: f64,
+}
+
+/// What decides what is left out.
+pub struct Told<'a> {
+    pub scene: &'a ValidScene,
+    pub levels: &'a LevelsJob,
+    /// Whether forms were made for a camera to choose among.
+    pub has_forms: bool,
+    pub pruned: LeftOut,
+    pub clipped: usize,
+    pub chosen: Option<&'a Chosen>,
+    pub stages: &'a [StageRecord],
+}
+
+/// Bytes of an attribute of a vertex.
+const TANGENT: u64 = 16;
+const WIND: u64 = 4;
+/// Of a vertex without tangents and wind, and of an index.
+const VERTEX: u64 = 32;
+const INDEX: u64 = 4;
+
+/// The lines that say something.
+pub fn table(told: &Told<'_>) -> Vec<Saved> {
+    let seconds = |stage: &str| -> f64 {
+        told.stages.iter().filter(|s| s.stage == stage).map(|s| s.seconds).sum()
+    };
+    let vertices = |of: &dyn Fn(&crate::scene::Part) -> bool| -> u64 {
+        let parts = told.scene.parts().filter(|p| of(p));
+        parts.map(|p| p.surface.position.len() as u64).sum()
+    };
+    let geometry: u64 = told
+        .scene
+        .parts()
+        .map(|p| VERTEX * p.surface.position.len() as u64 + INDEX * p.surface.index.len() as u64)
+        .sum();
+    let per_byte = seconds("export") / geometry.max(1) as f64;
+    let mut lines = Vec::new();
+    let mut line = |what: &str, count: u64, of, bytes: u64, more_s: f64| {
+        if count > 0 {
+            let seconds = bytes as f64 * per_byte + more_s;
+            lines.push(Saved { what: what.to_owned(), count, of, bytes, seconds });
+        }
+    };
+    let flat = |p: &crate::scene::Part| {
+        told.scene.materials()[p.material as usize].normal_texture.is_none()
+    };
+    let count = vertices(&flat);
+    line("tangents where no normal map needs them", count, "vertices", count * TANGENT, 0.0);
+    let still = |p: &crate::scene::Part| p.surface.wind.is_empty() && p.name != "terrain";
+    let count = vertices(&still);
+    line("vertex colours of wind", count, "vertices", count * WIND, 0.0);
+    let made = if told.has_forms { SHARES.len() } else { told.levels.meshed.min(SHARES.len()) };
+    let share: f64 = SHARES[made..].iter().map(|&s| f64::from(s)).sum();
+    let models = told.scene.prototypes().len() as u64;
+    let forms = models * (SHARES.len() - made) as u64;
+    let bytes = (geometry as f64 * share) as u64;
+    line("coarser levels", forms, "meshes", bytes, seconds("mesh") * share);
+    let p = told.pruned;
+    line(
+        "triangles without area",
+        p.triangles as u64,
+        "triangles",
+        3 * INDEX * p.triangles as u64,
+        0.0,
+    );
+    line("textures no material uses", p.textures as u64, "textures", p.texture_bytes, 0.0);
+    line("trees outside the box", told.clipped as u64, "trees", 0, 0.0);
+    if let Some(chosen) = told.chosen {
+        let shown: usize = chosen.shown.values().sum();
+        let all = (shown + chosen.outside + chosen.hidden) as u64;
+        let spared = chosen.triangles_before.saturating_sub(chosen.triangles) as u64;
+        line("trees the camera does not see", all - shown as u64, "trees", 0, 0.0);
+        line("triangles in place the camera can't tell", spared, "triangles", 0, 0.0);
+    }
+    lines
+}
+
+/// For people.
+pub fn lines(table: &[Saved]) -> Vec<String> {
+    let line = |s: &Saved| {
+        let saved = match s.bytes {
+            0 => String::new(),
+            b => format!(": {:.1} MB, {:.2} s", b as f64 / 1e6, s.seconds),
+        };
+        format!("left out: {}, {} {}{saved}", s.what, s.count, s.of)
+    };
+    table.iter().map(line).collect()
+}

@@ -1,0 +1,272 @@
+//! How a tree fares and what time of year it is, and what that does to the look of its species.
+//!
+//! Conditions are the six categories of the sanitary rules for forests that are in use in Siberia,
+//! from healthy to old dead; shares of foliage and of dead branches are chosen within the bounds
+//! these give (dead branches: up to a quarter in II, up to two thirds in III, more in IV).
+//!
+//! Limits: leaves of one tree turn all at once; flowers, fruit and snow are not shown.
+
+use std::str::FromStr;
+
+use super::model::{Kind, Seasons, Species};
+use crate::seed::Seed;
+
+/// Category of the sanitary scale.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub enum Condition {
+    /// I.
+    #[default]
+    Healthy,
+    /// II: thinner crown, single dry branches.
+    Weakened,
+    /// III: open crown, up to two thirds of the branches dry.
+    StronglyWeakened,
+    /// IV: the last leaves are yellowing.
+    Dying,
+    /// V: died this year; dry leaves still hang.
+    FreshDead,
+    /// VI: bare, top and twigs broken, bark falling off.
+    OldDead,
+}
+
+impl Condition {
+    pub const ALL: [Condition; 6] = [
+        Condition::Healthy,
+        Condition::Weakened,
+        Condition::StronglyWeakened,
+        Condition::Dying,
+        Condition::FreshDead,
+        Condition::OldDead,
+    ];
+}
+
+impl FromStr for Condition {
+    type Err = String;
+
+    /// `1` … `6` or `I` … `VI`.
+    fn from_str(text: &str) -> Result<Self, String> {
+        const ROMAN: [&str; 6] = ["I", "II", "III", "IV", "V", "VI"];
+        let text = text.trim();
+        let at = match text.parse::<usize>() {
+            Ok(number) => number.checked_sub(1),
+            Err(_) => ROMAN.iter().position(|r| r.eq_ignore_ascii_case(text)),
+        };
+        at.and_then(|i| Condition::ALL.get(i).copied())
+            .ok_or_else(|| "give 1 (healthy) to 6 (old dead), or I to VI".into())
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Season {
+    Spring,
+    #[default]
+    Summer,
+    Autumn,
+    Winter,
+}
+
+impl FromStr for Season {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.trim().to_ascii_lowercase().as_str() {
+            "spring" => Ok(Season::Spring),
+            "summer" => Ok(Season::Summer),
+            "autumn" | "fall" => Ok(Season::Autumn),
+            "winter" => Ok(Season::Winter),
+            _ => Err("give spring, summer, autumn or winter".into()),
+        }
+    }
+}
+
+/// The state of a tree; by default healthy, in summer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct State {
+    pub condition: Condition,
+    pub season: Season,
+}
+
+/// Leaves that yellow before they die.
+const TIRED: [u8; 3] = [176, 158, 74];
+/// Dry needles, and dry leaves.
+const DRY_NEEDLES: [u8; 3] = [134, 80, 46];
+const DRY_LEAVES: [u8; 3] = [132, 102, 64];
+/// What comes out in spring.
+const YOUNG: [u8; 3] = [156, 184, 84];
+/// Autumn where the rule file says nothing.
+const AUTUMN: [u8; 3] = [206, 164, 56];
+/// What frost leaves of the green.
+const FROSTED: [u8; 3] = [74, 82, 62];
+
+impl State {
+    /// Share of the leaves of a healthy tree in summer that hang on the branches that live, 0…1.
+    pub fn leaf_share(self, species: &Species) -> f32 {
+        let Seasons { winter_leaves, autumn_leaves, .. } = species.season;
+        let winter = winter_leaves.unwrap_or(evergreen_share(species.kind));
+        let of_season = match self.season {
+            Season::Spring => winter.max(0.85),
+            Season::Summer => 1.0,
+            Season::Autumn => winter.max(autumn_leaves),
+            Season::Winter => winter,
+        };
+        let of_condition = match self.condition {
+            Condition::Healthy => 1.0,
+            Condition::Weakened => 0.8,
+            Condition::StronglyWeakened => 0.6,
+            Condition::Dying => 0.45,
+            Condition::FreshDead => 0.5,
+            Condition::OldDead => 0.0,
+        };
+        of_season * of_condition
+    }
+
+    /// The species as it looks in this state: colour of its leaves, loss of its bark. `seed` tells
+    /// the autumn colours of one tree from those of another.
+    pub fn look(self, species: &Species, seed: Seed) -> Species {
+        let mut out = species.clone();
+        let summer = species.foliage.colour;
+        let winter = species.season.winter_leaves.unwrap_or(evergreen_share(species.kind));
+        let sheds = 1.0 - winter;
+        let of_season = match self.season {
+            Season::Summer => summer,
+            Season::Spring => {
+                let own = species.season.spring;
+                own.unwrap_or_else(|| mixed(summer, YOUNG, 0.15 + 0.5 * sheds))
+            }
+            Season::Autumn => match species.season.autumn.as_deref() {
+                Some([one]) => *one,
+                Some(several) if !several.is_empty() => between(several, seed),
+                _ => mixed(summer, AUTUMN, sheds),
+            },
+            // What hangs on through the winter on a tree that sheds is dry.
+            Season::Winter => mixed(mixed(summer, FROSTED, 0.25), DRY_LEAVES, sheds),
+        };
+        let dry = if species.kind == Kind::Conifer { DRY_NEEDLES } else { DRY_LEAVES };
+        let (colour, more_variation) = match self.condition {
+            Condition::Healthy => (of_season, 0.0),
+            Condition::Weakened => (mixed(of_season, TIRED, 0.15), 0.03),
+            Condition::StronglyWeakened => (mixed(of_season, TIRED, 0.4), 0.08),
+            Condition::Dying => (mixed(of_season, TIRED, 0.75), 0.12),
+            Condition::FreshDead | Condition::OldDead => (dry, 0.1),
+        };
+        out.foliage.colour = colour;
+        if self.season == Season::Autumn && sheds > 0.5 {
+            out.foliage.variation = (out.foliage.variation + 0.1).min(1.0);
+        }
+        out.foliage.variation = (out.foliage.variation + more_variation).min(1.0);
+        let fallen = match self.condition {
+            Condition::FreshDead => 0.06,
+            Condition::OldDead => 0.6,
+            _ => 0.0,
+        };
+        out.bark.lost = out.bark.lost.max(fallen);
+        out
+    }
+}
+
+/// Conifers keep their needles, unless their file says otherwise.
+fn evergreen_share(kind: Kind) -> f32 {
+    if kind == Kind::Conifer { 1.0 } else { 0.0 }
+}
+
+fn mixed(a: [u8; 3], b: [u8; 3], share: f32) -> [u8; 3] {
+    std::array::from_fn(|c| {
+        let (a, b) = (f32::from(a[c]), f32::from(b[c]));
+        (a + (b - a) * share.clamp(0.0, 1.0)).round() as u8
+    })
+}
+
+/// A place on the way through several colours.
+fn between(colours: &[[u8; 3]], seed: Seed) -> [u8; 3] {
+    let at = seed.derive("autumn", 0).draws().unit() * (colours.len() - 1) as f32;
+    let i = (at as usize).min(colours.len() - 2);
+    mixed(colours[i], colours[i + 1], at - i as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::species::load;
+
+    fn state(condition: &str, season: &str) -> State {
+        State { condition: condition.parse().unwrap(), season: season.parse().unwrap() }
+    }
+
+    #[test]
+    fn both_ways_to_write_a_condition() {
+        for (i, roman) in ["I", "ii", "III", "iv", "V", "VI"].into_iter().enumerate() {
+            let both = [roman.to_owned(), (i + 1).to_string()];
+            assert!(both.iter().all(|t| t.parse() == Ok(Condition::ALL[i])), "{roman}");
+        }
+        for wrong in ["0", "7", "IIII", "", "-1", "healthy"] {
+            assert!(wrong.parse::<Condition>().is_err(), "{wrong}");
+        }
+        assert!("spirng".parse::<Season>().is_err());
+    }
+
+    #[test]
+    fn larch_and_broadleaves_are_bare_in_winter_and_spruce_is_not() {
+        let share = |name: &str, season| state("I", season).leaf_share(&load(name).unwrap());
+        for name in ["larix_sibirica", "larix_decidua", "betula_pendula", "populus_tremula"] {
+            assert_eq!(share(name, "winter"), 0.0, "{name}");
+            assert!(share(name, "autumn") < 1.0 && share(name, "autumn") > 0.3, "{name}");
+        }
+        for name in ["picea_abies", "pinus_sylvestris", "abies_sibirica"] {
+            for season in ["spring", "summer", "autumn", "winter"] {
+                assert_eq!(share(name, season), 1.0, "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn leaves_get_fewer_and_less_green_from_i_to_vi() {
+        let green = |c: [u8; 3]| i32::from(c[1]) - i32::from(c[0]);
+        for name in ["picea_abies", "betula_pendula"] {
+            let species = load(name).unwrap();
+            let looks = ["I", "II", "III", "IV", "V"].map(|c| state(c, "summer"));
+            for pair in looks.windows(2) {
+                let colours =
+                    [pair[0], pair[1]].map(|s| s.look(&species, Seed::new(1)).foliage.colour);
+                assert!(green(colours[1]) < green(colours[0]), "{name}: {colours:?}");
+            }
+            for pair in looks[..4].windows(2) {
+                assert!(pair[1].leaf_share(&species) < pair[0].leaf_share(&species));
+            }
+            assert_eq!(state("VI", "summer").leaf_share(&species), 0.0);
+            assert!(state("VI", "summer").look(&species, Seed::new(1)).bark.lost > 0.3);
+            assert_eq!(state("I", "summer").look(&species, Seed::new(1)).bark, species.bark);
+        }
+    }
+
+    /// In degrees of the colour wheel: red 0, yellow 60, green 120.
+    fn hue(c: [u8; 3]) -> f32 {
+        let [r, g, b] = c.map(f32::from);
+        (3f32.sqrt() * (g - b)).atan2(2.0 * r - g - b).to_degrees()
+    }
+
+    #[test]
+    fn autumn_is_of_the_species() {
+        let autumn = |name: &str, seed| {
+            hue(state("I", "autumn").look(&load(name).unwrap(), Seed::new(seed)).foliage.colour)
+        };
+        for seed in 1..9 {
+            for name in ["betula_pendula", "larix_sibirica", "larix_decidua"] {
+                assert!((38.0..56.0).contains(&autumn(name, seed)), "{name}");
+            }
+            assert!(autumn("sorbus_aucuparia", seed) < 25.0);
+            assert!((20.0..45.0).contains(&autumn("quercus_robur", seed)));
+            assert!(autumn("picea_abies", seed) > 90.0);
+        }
+        let aspens: Vec<f32> = (1..30).map(|seed| autumn("populus_tremula", seed)).collect();
+        assert!(aspens.iter().any(|h| *h > 42.0) && aspens.iter().any(|h| *h < 25.0), "{aspens:?}");
+    }
+
+    #[test]
+    fn spring_is_lighter_where_leaves_are_new() {
+        for name in ["betula_pendula", "larix_sibirica", "quercus_robur"] {
+            let species = load(name).unwrap();
+            let spring = state("I", "spring").look(&species, Seed::new(1)).foliage.colour;
+            assert!(spring[1] > species.foliage.colour[1] + 15, "{name}: {spring:?}");
+        }
+    }
+}
