@@ -22,8 +22,8 @@ use crate::texture::atlas::{Atlas, Cell, Row};
 
 /// Least share of a twig's needles, or leaves, that a budget leaves on it before whole twigs go.
 const LEAST_SHARE: [f32; 2] = [0.2, 0.5];
-/// How far needles or leaves may grow to make up for those left out.
-const MOST_WIDENED: f32 = 2.0;
+/// How far the area of needles or leaves may grow to make up for those left out.
+const MOST_WIDENED: f32 = 3.0;
 /// Places for needles or leaves on one shoot at most.
 const MOST_PLACES: f32 = 4_000.0;
 /// Share of the crown's outside in a normal.

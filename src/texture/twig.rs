@@ -426,7 +426,7 @@ impl Painter<'_> {
             LeafShape::Lobed => (0.3, 0.05),
             LeafShape::Round => (0.5, 0.5),
             LeafShape::Deltoid => (0.34, 0.3),
-            LeafShape::Pinnate => (0.3, 0.0),
+            LeafShape::Pinnate => (0.18, 0.0),
             _ => (0.34, 0.14),
         };
         let count = (shoot.length / (gap * leaf)).clamp(1.0, 80.0) as usize;
