@@ -216,6 +216,9 @@ pub struct SceneArgs {
     /// spring, summer, autumn or winter.
     #[arg(long, value_name = "SEASON", default_value = "summer")]
     pub season: Season,
+    /// Leaves in the colours of other seasons and conditions, too, as glTF material variants.
+    #[arg(long)]
+    pub variants: bool,
     /// Files to write, comma separated.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "glb,usda")]
     pub format: Vec<Format>,
@@ -309,6 +312,9 @@ pub struct Tree {
     /// spring, summer, autumn or winter.
     #[arg(long, value_name = "SEASON", default_value = "summer")]
     pub season: Season,
+    /// Leaves in the colours of other seasons and conditions, too, as glTF material variants.
+    #[arg(long)]
+    pub variants: bool,
     /// Without leaves.
     #[arg(long)]
     pub bare: bool,

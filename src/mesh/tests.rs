@@ -15,7 +15,13 @@ pub(crate) const SPECIES: [&str; 6] = [
 ];
 
 fn bare(tolerance_m: f32) -> MeshOptions {
-    MeshOptions { tolerance_m, triangle_budget: None, foliage: false, detail: true }
+    MeshOptions {
+        tolerance_m,
+        triangle_budget: None,
+        foliage: false,
+        leaf_share: 1.0,
+        detail: true,
+    }
 }
 
 fn oak() -> Species {
@@ -313,7 +319,8 @@ fn speed() {
     );
     let atlas = texture::for_species(&s, 128, Seed::new(1)).atlas;
     let start = std::time::Instant::now();
-    let cards = foliage::foliage(&skeleton, &axes, &s, &atlas, None, true, Seed::new(1));
+    let cards =
+        foliage::foliage(&skeleton, &axes, &s, &atlas, None, &MeshOptions::HERO, Seed::new(1));
     println!(
         "foliage: {} triangles in {:?}: {:.1} M/s",
         cards.triangles(),

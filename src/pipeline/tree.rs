@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec2, Vec3};
 
 use super::forest::{add_materials, detail, mesh_options, prototype};
-use super::paint::paint;
+use super::paint::{leaf_variants, paint};
 use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
@@ -40,6 +40,8 @@ pub struct TreeJob {
     pub cache: Cache,
     pub is_bare: bool,
     pub state: State,
+    /// Whether the leaves come in the colours of other seasons and conditions, too.
+    pub has_variants: bool,
     /// The scan of one tree to fit to, instead of growing one.
     pub cloud: Option<PathBuf>,
 }
@@ -50,21 +52,19 @@ pub struct TreeJob {
 /// # Errors
 /// A rule that grows beyond its limits; a scan that can't be read or is no single tree.
 pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<(ValidScene, Option<cloud::Report>)> {
-    let leaf_share = job.state.leaf_share(&job.species);
-    let job = &TreeJob { species: job.state.look(&job.species, job.seed), ..job.clone() };
     match &job.cloud {
         Some(path) => {
             let (skeleton, frame, report) = fitted(job, path, run)?;
             let stem_m = report.stem_diameter_m;
             let skeleton = decline::in_condition(&skeleton, job.state.condition, job.seed);
-            Ok((stand(job, &skeleton, leaf_share, stem_m, frame, run)?, Some(report)))
+            Ok((stand(job, &skeleton, stem_m, frame, run)?, Some(report)))
         }
         None => {
             let skeleton = grown(job, run)?;
             let stem_m = job.species.size.stem_diameter_at(skeleton.height_m());
             let skeleton = decline::in_condition(&skeleton, job.state.condition, job.seed);
             let frame = Frame::local(DVec3::ZERO);
-            Ok((stand(job, &skeleton, leaf_share, stem_m, frame, run)?, None))
+            Ok((stand(job, &skeleton, stem_m, frame, run)?, None))
         }
     }
 }
@@ -149,15 +149,19 @@ fn surroundings(job: &TreeJob) -> Surroundings<'static> {
 fn stand(
     job: &TreeJob,
     skeleton: &Skeleton,
-    leaf_share: f32,
     stem_diameter_m: f32,
     frame: Frame,
     run: &mut Recorder,
 ) -> Result<ValidScene> {
-    let species = &job.species;
+    let species = &job.state.look(&job.species, job.seed);
+    let leaf_share = job.state.leaf_share(&job.species);
     let textures = run.stage("texture", |warnings| {
         warnings.extend(species.remarks.iter().cloned());
-        let textures = paint(species, job.texture_px, job.seed, &job.cache)?;
+        let mut textures = paint(species, job.texture_px, job.seed, &job.cache)?;
+        if job.has_variants {
+            textures.leaf_variants =
+                leaf_variants(&job.species, job.state, job.texture_px, job.seed, &job.cache)?;
+        }
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mesh = run.stage("mesh", |_| {
