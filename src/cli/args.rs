@@ -334,6 +334,9 @@ pub struct SceneArgs {
     /// spring, summer, autumn or winter.
     #[arg(long, value_name = "SEASON", default_value = "summer")]
     pub season: Season,
+    /// Leaves in the colours of other seasons and conditions, too, as glTF material variants.
+    #[arg(long)]
+    pub variants: bool,
     #[command(flatten)]
     pub levels: LevelArgs,
     /// Files to write, comma separated.
@@ -442,6 +445,9 @@ pub struct Tree {
     /// spring, summer, autumn or winter.
     #[arg(long, value_name = "SEASON", default_value = "summer")]
     pub season: Season,
+    /// Leaves in the colours of other seasons and conditions, too, as glTF material variants.
+    #[arg(long)]
+    pub variants: bool,
     /// What stands for the leaves.
     #[arg(long, value_enum, value_name = "LEVEL", default_value = "cards")]
     pub foliage: Foliage,

@@ -188,6 +188,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
         wood: wood(&scene.wood),
         texture_px: scene.texture,
         state: State { condition: scene.condition, season: scene.season },
+        has_variants: scene.variants,
         cache,
         levels: levels_job(&scene.levels),
         scene_triangles: scene.scene_triangles.map(|n| n as usize),
@@ -393,6 +394,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         foliage,
         levels: levels_job(&a.levels),
         state: State { condition: a.condition, season: a.season },
+        has_variants: a.variants,
         cache,
         cloud: a.cloud.clone(),
     };

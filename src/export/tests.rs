@@ -18,6 +18,58 @@ fn sample() -> Scene {
     forest(&["Larix sibirica", "Betula pendula", "Pinus sylvestris"], 50, 60.0)
 }
 
+/// Names of the variants, and of each primitive what it is in each of them.
+#[test]
+fn variants_are_on_every_primitive() {
+    let mut scene = forest(&["Larix sibirica", "Betula pendula"], 3, 20.0);
+    for (owner, name) in [
+        ("Larix_sibirica_leaf", "autumn"),
+        ("Betula_pendula_leaf", "dying"),
+        ("Betula_pendula_leaf", "autumn"),
+    ] {
+        let material = scene.materials.iter_mut().find(|m| m.name == owner).unwrap();
+        material.variants.push(crate::scene::Variant {
+            name: name.into(),
+            base_color: [1.0, 0.5, 0.1],
+            base_color_texture: material.base_color_texture,
+        });
+    }
+    let scene = scene.validate().unwrap();
+    let files = files(&scene, "x", &[Format::Gltf]).unwrap();
+    let json = files.iter().find(|f| f.path.ends_with("x.gltf")).unwrap();
+    let json: serde_json::Value = serde_json::from_slice(&json.bytes).unwrap();
+    const KEY: &str = "KHR_materials_variants";
+    assert_eq!(json["extensionsUsed"], serde_json::json!([KEY]));
+    let names = &json["extensions"][KEY]["variants"];
+    assert_eq!(*names, serde_json::json!([{ "name": "autumn" }, { "name": "dying" }]));
+    let primitives = json["meshes"].as_array().unwrap().iter();
+    let mut seen = std::collections::BTreeSet::new();
+    for primitive in primitives.flat_map(|m| m["primitives"].as_array().unwrap()) {
+        let name = |index: &serde_json::Value| {
+            let index = index.as_u64().unwrap() as usize;
+            json["materials"][index]["name"].as_str().unwrap().to_owned()
+        };
+        let mut shown = vec![String::new(); 2];
+        for mapping in primitive["extensions"][KEY]["mappings"].as_array().unwrap() {
+            for variant in mapping["variants"].as_array().unwrap() {
+                let slot = &mut shown[variant.as_u64().unwrap() as usize];
+                assert!(slot.is_empty(), "a variant is mapped once");
+                *slot = name(&mapping["material"]);
+            }
+        }
+        seen.insert((name(&primitive["material"]), shown.join(" ")));
+    }
+    let expected = [
+        ("Betula_pendula_bark", "Betula_pendula_bark Betula_pendula_bark"),
+        ("Betula_pendula_leaf", "Betula_pendula_leaf_autumn Betula_pendula_leaf_dying"),
+        ("Larix_sibirica_bark", "Larix_sibirica_bark Larix_sibirica_bark"),
+        ("Larix_sibirica_leaf", "Larix_sibirica_leaf_autumn Larix_sibirica_leaf"),
+        ("ground", "ground ground"),
+    ];
+    let expected = expected.map(|(own, shown)| (own.to_owned(), shown.to_owned()));
+    assert_eq!(seen, expected.into_iter().collect());
+}
+
 /// Two trees, each part a triangle or two, textures of one colour.
 fn two_trees() -> ValidScene {
     let mut scene = forest(&["Larix sibirica"], 2, 4.0);

@@ -42,6 +42,7 @@ fn red() -> Vec<Material> {
         roughness: 1.0,
         alpha: Alpha::Opaque,
         double_sided: false,
+        variants: Vec::new(),
     }]
 }
 

@@ -10,7 +10,7 @@ use rstar::primitives::GeomWithData;
 
 use super::drape::drape;
 use super::levels::{self, LevelsJob};
-use super::paint::paint;
+use super::paint::{leaf_variants, paint};
 use super::survey;
 use super::survey::{Survey, SurveyJob};
 use super::view::{self, Chosen, Clip, Eye};
@@ -26,7 +26,7 @@ use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scene::sharing::{Build, Model, share};
 use crate::scene::{
     Alpha, Colorspace, Instance, LeftOut, Material, Part, Prototype, Scene, Texture, TreeFacts,
-    ValidScene, identifier,
+    ValidScene, Variant, identifier,
 };
 use crate::seed::Seed;
 use crate::skeleton::surroundings::{Neighbour, Surroundings};
@@ -65,6 +65,8 @@ pub struct ForestJob {
     pub cache: Cache,
     /// Of every tree.
     pub state: State,
+    /// Whether the leaves come in the colours of other seasons and conditions, too.
+    pub has_variants: bool,
     /// The terrain's triangles keep this near to its heights, as far as their number allows.
     pub terrain_error_m: f32,
     /// Identifier of the scene.
@@ -87,6 +89,7 @@ impl ForestJob {
             levels: LevelsJob::default(),
             cache: Cache::off(),
             state: State::default(),
+            has_variants: false,
             terrain_error_m: 0.05,
             name: "forest".into(),
         }
@@ -446,8 +449,16 @@ fn paint_all(
             .par_iter()
             .zip(&is_used)
             .map(|(s, &used)| {
-                let look = || job.state.look(s, seed);
-                used.then(|| paint(&look(), size_px, seed, &job.cache)).transpose()
+                let draw = || {
+                    let look = job.state.look(s, seed);
+                    let mut textures = paint(&look, size_px, seed, &job.cache)?;
+                    if job.has_variants {
+                        textures.leaf_variants =
+                            leaf_variants(s, job.state, size_px, seed, &job.cache)?;
+                    }
+                    Ok(textures)
+                };
+                used.then(draw).transpose()
             })
             .collect::<Result<_>>()?;
         for (s, _) in species.iter().zip(&is_used).filter(|(_, used)| **used) {
@@ -547,12 +558,22 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         textures.bark_upper.map_or(bark, |t| add_bark(scene, &format!("{stem}_bark_upper"), t));
     let name = format!("{stem}_leaf");
     let leaf = add_texture(scene, &name, textures.leaf, Colorspace::Srgb);
+    let variants = textures.leaf_variants.into_iter().map(|(variant, image)| {
+        let texture = add_texture(scene, &format!("{name}_{variant}"), image, Colorspace::Srgb);
+        Variant {
+            name: variant.to_owned(),
+            base_color: [1.0; 3],
+            base_color_texture: Some(texture),
+        }
+    });
+    let variants = variants.collect();
     scene.materials.push(Material {
         name,
         base_color: [1.0; 3],
         base_color_texture: Some(leaf),
         normal_texture: None,
         orm_texture: None,
+        variants,
         roughness: 0.65,
         alpha: Alpha::Mask { cutoff: 0.5 },
         double_sided: true,
@@ -577,6 +598,7 @@ fn add_bark(scene: &mut Scene, name: &str, bark: BarkTextures) -> u32 {
         base_color_texture: Some(colour),
         normal_texture,
         orm_texture,
+        variants: Vec::new(),
         roughness: if orm_texture.is_some() { 1.0 } else { 0.9 },
         alpha: Alpha::Opaque,
         double_sided: false,
@@ -646,6 +668,7 @@ fn place_terrain(scene: &mut Scene, surface: Surface, picture: Picture) {
         base_color_texture: Some(scene.textures.len() as u32 - 1),
         normal_texture: None,
         orm_texture: None,
+        variants: Vec::new(),
         roughness: 1.0,
         alpha: Alpha::Opaque,
         double_sided: false,

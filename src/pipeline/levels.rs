@@ -155,6 +155,7 @@ pub fn add(
             roughness: 0.75,
             alpha: Alpha::Mask { cutoff: impostor::CUTOFF },
             double_sided: true,
+            variants: Vec::new(),
         });
         scene.prototypes[p].levels.push(Level {
             name: IMPOSTOR.into(),

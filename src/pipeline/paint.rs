@@ -2,8 +2,10 @@
 
 use crate::cache::{Cache, Key};
 use crate::diagnostic::Result;
+use crate::raster::Image;
 use crate::seed::Seed;
 use crate::species::Species;
+use crate::species::state::{Condition, Season, State};
 use crate::texture::{self, TreeTextures, stored};
 
 /// The same pictures, to the byte, with or without a cache.
@@ -30,9 +32,75 @@ pub(super) fn paint(
     Ok(textures)
 }
 
+/// The leaves in the colours they have in other seasons and conditions, as far as these differ.
+///
+/// # Errors
+/// A picture that can't be encoded.
+pub(super) fn leaf_variants(
+    species: &Species,
+    state: State,
+    size_px: u32,
+    seed: Seed,
+    cache: &Cache,
+) -> Result<Vec<(&'static str, Image)>> {
+    const SEASONS: [(&str, Season); 3] =
+        [("spring", Season::Spring), ("summer", Season::Summer), ("autumn", Season::Autumn)];
+    const CONDITIONS: [(&str, Condition); 4] = [
+        ("weakened", Condition::Weakened),
+        ("strongly_weakened", Condition::StronglyWeakened),
+        ("dying", Condition::Dying),
+        ("fresh_dead", Condition::FreshDead),
+    ];
+    let seasons = SEASONS.map(|(name, season)| (name, State { season, ..state }));
+    let conditions = CONDITIONS.map(|(name, condition)| (name, State { condition, ..state }));
+    let own = state.look(species, seed).foliage;
+    let mut variants = Vec::new();
+    for (name, state) in seasons.into_iter().chain(conditions) {
+        let look = state.look(species, seed);
+        if look.foliage != own {
+            variants.push((name, leaf(&look, size_px, seed, cache)?));
+        }
+    }
+    Ok(variants)
+}
+
+fn leaf(species: &Species, size_px: u32, seed: Seed, cache: &Cache) -> Result<Image> {
+    let mut decides = stored::decides(species, size_px, seed);
+    decides.push("leaf".into());
+    let key = Key::of(decides.iter().map(Vec::as_slice));
+    if let Some(Ok(image)) = cache.get(key).and_then(|p| p.into_iter().next()).map(Image::from_png)
+    {
+        return Ok(image);
+    }
+    let image = texture::leaf(species, size_px, seed);
+    if cache.is_on() {
+        cache.put(key, &[image.png()?]);
+    }
+    Ok(image)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn variants_differ_in_colour_alone() {
+        let species = crate::species::load("larix_sibirica").unwrap();
+        let (state, cache) = (State::default(), Cache::off());
+        let own = texture::leaf(&species, 64, Seed::new(1));
+        let variants = leaf_variants(&species, state, 64, Seed::new(1), &cache).unwrap();
+        let names: Vec<_> = variants.iter().map(|v| v.0).collect();
+        let all = ["spring", "autumn", "weakened", "strongly_weakened", "dying", "fresh_dead"];
+        assert_eq!(names, all);
+        for (name, image) in &variants {
+            assert_ne!(*image, own, "{name}");
+            let alpha = |i: &Image| i.picture().data.iter().map(|p| p[3]).collect::<Vec<_>>();
+            assert_eq!(alpha(image), alpha(&own), "{name}: the same leaves");
+        }
+        let spruce = crate::species::load("picea_abies").unwrap();
+        let variants = leaf_variants(&spruce, state, 64, Seed::new(1), &cache).unwrap();
+        assert!(variants.iter().all(|v| v.0 != "autumn"), "an evergreen has no autumn");
+    }
 
     #[test]
     fn kept_drawn_and_mended_pictures_are_the_same() {

@@ -6,7 +6,7 @@ use glam::{DVec3, Vec2, Vec3};
 
 use super::forest::{WoodJob, add_materials, detail, prototype};
 use super::levels::{self, LevelsJob};
-use super::paint::paint;
+use super::paint::{leaf_variants, paint};
 use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
@@ -44,6 +44,8 @@ pub struct TreeJob {
     pub levels: LevelsJob,
     pub cache: Cache,
     pub state: State,
+    /// Whether the leaves come in the colours of other seasons and conditions, too.
+    pub has_variants: bool,
     /// The scan of one tree to fit to, instead of growing one.
     pub cloud: Option<PathBuf>,
 }
@@ -66,21 +68,19 @@ pub struct Grown {
 /// # Errors
 /// A rule that grows beyond its limits; a scan that can't be read or is no single tree.
 pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<Grown> {
-    let leaf_share = job.state.leaf_share(&job.species);
-    let job = &TreeJob { species: job.state.look(&job.species, job.seed), ..job.clone() };
     match &job.cloud {
         Some(path) => {
             let (skeleton, frame, report) = fitted(job, path, run)?;
             let stem_m = report.stem_diameter_m;
             let skeleton = decline::in_condition(&skeleton, job.state.condition, job.seed);
-            let grown = stand(job, &skeleton, leaf_share, stem_m, frame, run)?;
+            let grown = stand(job, &skeleton, stem_m, frame, run)?;
             Ok(Grown { fit: Some(report), ..grown })
         }
         None => {
             let skeleton = grown(job, run)?;
             let stem_m = job.species.size.stem_diameter_at(skeleton.height_m());
             let skeleton = decline::in_condition(&skeleton, job.state.condition, job.seed);
-            stand(job, &skeleton, leaf_share, stem_m, Frame::local(DVec3::ZERO), run)
+            stand(job, &skeleton, stem_m, Frame::local(DVec3::ZERO), run)
         }
     }
 }
@@ -165,15 +165,19 @@ fn surroundings(job: &TreeJob) -> Surroundings<'static> {
 fn stand(
     job: &TreeJob,
     skeleton: &Skeleton,
-    leaf_share: f32,
     stem_diameter_m: f32,
     frame: Frame,
     run: &mut Recorder,
 ) -> Result<Grown> {
-    let species = &job.species;
+    let species = &job.state.look(&job.species, job.seed);
+    let leaf_share = job.state.leaf_share(&job.species);
     let textures = run.stage("texture", |warnings| {
         warnings.extend(species.remarks.iter().cloned());
-        let textures = paint(species, job.texture_px, job.seed, &job.cache)?;
+        let mut textures = paint(species, job.texture_px, job.seed, &job.cache)?;
+        if job.has_variants {
+            textures.leaf_variants =
+                leaf_variants(&job.species, job.state, job.texture_px, job.seed, &job.cache)?;
+        }
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mut meshes = run.stage("mesh", |_| {

@@ -69,6 +69,18 @@ pub struct Material {
     pub roughness: f32,
     pub alpha: Alpha,
     pub double_sided: bool,
+    /// Its other colours; no two of one name.
+    pub variants: Vec<Variant>,
+}
+
+/// Another colour of a material, by a name that materials share, e.g. `autumn`.
+#[derive(Debug, Clone)]
+pub struct Variant {
+    /// Identifier.
+    pub name: String,
+    /// As in the [`Material`].
+    pub base_color: [f32; 3],
+    pub base_color_texture: Option<u32>,
 }
 
 /// A surface with its material (index into [`Scene::materials`]).
@@ -136,17 +148,22 @@ pub struct Instance {
 
 impl Material {
     /// The textures that it shows, each with what it is for.
-    pub fn textures(&self) -> [(&'static str, Option<u32>, Colorspace); 3] {
-        [
+    pub fn textures(&self) -> impl Iterator<Item = (&'static str, u32, Colorspace)> {
+        let own = [
             ("base colour", self.base_color_texture, Colorspace::Srgb),
             ("normal", self.normal_texture, Colorspace::Raw),
             ("occlusion and roughness", self.orm_texture, Colorspace::Raw),
-        ]
+        ];
+        let variants = self.variants.iter().map(|v| v.base_color_texture);
+        own.into_iter()
+            .chain(variants.map(|texture| ("variant's base colour", texture, Colorspace::Srgb)))
+            .filter_map(|(slot, texture, colorspace)| Some((slot, texture?, colorspace)))
     }
 
     pub(super) fn textures_mut(&mut self) -> impl Iterator<Item = &mut u32> {
         [&mut self.base_color_texture, &mut self.normal_texture, &mut self.orm_texture]
             .into_iter()
+            .chain(self.variants.iter_mut().map(|v| &mut v.base_color_texture))
             .flatten()
     }
 }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{Part, Prototype, Scene, Texture};
+use super::{Material, Part, Prototype, Scene, Texture};
 use crate::mesh::Surface;
 
 /// How many things [`Scene::prune`] left out.
@@ -108,11 +108,12 @@ impl Scene {
     /// Whether something refers to each thing. Indices out of range are for `validate` to tell.
     pub(super) fn uses(&self) -> Uses {
         let parts = self.prototypes.iter().flat_map(Prototype::all_parts).chain(&self.terrain);
-        let slots = self.materials.iter().flat_map(|m| m.textures()).map(|(_, texture, _)| texture);
+        let slots =
+            self.materials.iter().flat_map(Material::textures).map(|(_, texture, _)| texture);
         Uses {
             prototypes: flags(self.prototypes.len(), self.instances.iter().map(|i| i.prototype)),
             materials: flags(self.materials.len(), parts.map(|p| p.material)),
-            textures: flags(self.textures.len(), slots.flatten()),
+            textures: flags(self.textures.len(), slots),
         }
     }
 }

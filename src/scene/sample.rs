@@ -140,6 +140,7 @@ fn plain(name: &str, texture: u32) -> Material {
         base_color_texture: Some(texture),
         normal_texture: None,
         orm_texture: None,
+        variants: Vec::new(),
         roughness: 0.9,
         alpha: Alpha::Opaque,
         double_sided: false,

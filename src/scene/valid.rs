@@ -227,8 +227,24 @@ impl Scene {
                     wrong("is masked but has no texture to take alpha from".into());
                 }
             }
-            for (slot, texture, colorspace) in material.textures() {
-                let Some(index) = texture else { continue };
+            for (at, variant) in material.variants.iter().enumerate() {
+                let name = &variant.name;
+                if !is_identifier(name) || material.variants[..at].iter().any(|v| v.name == *name) {
+                    wrong(format!("its variant `{name}` has no name of its own"));
+                }
+                if !variant.base_color.iter().all(|c| unit.contains(c)) {
+                    wrong(format!(
+                        "base colour {:?} of `{name}` is not within 0…1",
+                        variant.base_color
+                    ));
+                }
+                if matches!(material.alpha, Alpha::Mask { .. })
+                    && variant.base_color_texture.is_none()
+                {
+                    wrong(format!("its variant `{name}` has no texture to take alpha from"));
+                }
+            }
+            for (slot, index, colorspace) in material.textures() {
                 match self.textures.get(index as usize) {
                     None => {
                         let count = self.textures.len();
@@ -400,7 +416,7 @@ impl Scene {
                 continue;
             }
             let material = &self.materials[part.material as usize];
-            for texture in material.textures().into_iter().filter_map(|(_, texture, _)| texture) {
+            for (_, texture, _) in material.textures() {
                 wraps[texture as usize] = Wrap::Repeat;
             }
         }

@@ -28,6 +28,8 @@ pub struct TreeTextures {
     pub leaf: Image,
     /// Where the twigs of `leaf` lie.
     pub atlas: Atlas,
+    /// The same twigs in other colours, by name.
+    pub leaf_variants: Vec<(&'static str, Image)>,
 }
 
 /// The pictures of one bark; they tile in both directions, a tile is [`BARK_REPEAT_M`] wide and
@@ -76,7 +78,19 @@ pub fn for_species(species: &Species, size_px: u32, seed: Seed) -> TreeTextures 
             )
         },
     );
-    TreeTextures { bark: lower, bark_upper: upper, leaf: leaf.into(), atlas }
+    TreeTextures {
+        bark: lower,
+        bark_upper: upper,
+        leaf: leaf.into(),
+        atlas,
+        leaf_variants: Vec::new(),
+    }
+}
+
+/// The leaf picture of [`for_species`] alone.
+pub fn leaf(species: &Species, size_px: u32, seed: Seed) -> Image {
+    let size_px = size_px.clamp(*SIZE_PX.start(), *SIZE_PX.end()) & !1;
+    twig::draw(species, size_px, seed.derive("texture", 0)).0.into()
 }
 
 /// The user's own bark; `None` where the file names none.

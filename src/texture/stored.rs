@@ -123,6 +123,7 @@ impl TreeTextures {
             bark_upper: head.upper.as_ref().map(|b| b.read(&mut parts)).transpose()?,
             leaf,
             atlas: head.atlas,
+            leaf_variants: Vec::new(),
         })
     }
 }

@@ -13,6 +13,7 @@ use super::buffer::{
     Layout, NORMAL_BYTES, POSITION_BYTES, TANGENT_BYTES, UV_BYTES, WIND_BYTES, has_short_indices,
     has_tangents, has_wind,
 };
+use super::variants::{self, Extensions, PrimitiveExtensions};
 use super::y_up;
 use crate::frame::Frame;
 use crate::mesh::Surface;
@@ -33,6 +34,10 @@ const REPEAT: u32 = 10497;
 #[serde(rename_all = "camelCase")]
 pub(super) struct Document<'a> {
     asset: Asset<'a>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    extensions_used: Vec<&'static str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    extensions: Option<Extensions<'a>>,
     scene: u32,
     scenes: [SceneNodes<'a>; 1],
     nodes: Vec<Node<'a>>,
@@ -131,6 +136,8 @@ struct Primitive {
     indices: u32,
     #[serde(skip_serializing_if = "Option::is_none")]
     material: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    extensions: Option<PrimitiveExtensions>,
 }
 
 #[derive(Serialize)]
@@ -150,7 +157,7 @@ struct Attributes {
 #[derive(Serialize)]
 #[serde(rename_all = "camelCase")]
 struct Material<'a> {
-    name: &'a str,
+    name: Cow<'a, str>,
     pbr_metallic_roughness: MetallicRoughness,
     #[serde(skip_serializing_if = "Option::is_none")]
     normal_texture: Option<TextureRef>,
@@ -293,13 +300,16 @@ fn document<'a>(
     uri: Option<String>,
 ) -> Document<'a> {
     let (textures, samplers) = textures(scene);
+    let extensions = variants::of_document(scene);
     Document {
+        extensions_used: extensions.iter().map(|_| variants::EXTENSION).collect(),
+        extensions,
         asset: Asset { version: "2.0", generator: GENERATOR, extras: place(scene.frame()) },
         scene: 0,
         scenes: [SceneNodes { name: scene.name(), nodes: [0] }],
         nodes: nodes(scene),
         meshes: meshes(scene),
-        materials: scene.materials().iter().map(material).collect(),
+        materials: materials(scene),
         textures,
         samplers,
         images,
@@ -391,6 +401,7 @@ fn tree_node(tree: &Instance, first_mesh: u32, colliders: Vec<u32>) -> Node<'_> 
 /// The terrain if there is one, then one a prototype, then one a collider; a primitive a part, with
 /// the accessors of [`accessors`].
 fn meshes(scene: &ValidScene) -> Vec<Mesh<'_>> {
+    let names = variants::names(scene);
     let mut next = 0u32..;
     let mut take = |is_there: bool| is_there.then(|| next.next().unwrap_or(0));
     let mut primitive = |part: &scene::Part| Primitive {
@@ -403,6 +414,7 @@ fn meshes(scene: &ValidScene) -> Vec<Mesh<'_>> {
         },
         indices: take(true).unwrap_or(0),
         material: Some(part.material),
+        extensions: variants::of_primitive(scene, part.material, &names),
     };
     let mut meshes = Vec::with_capacity(scene.prototypes().len() + 1);
     if let Some(terrain) = scene.terrain() {
@@ -435,7 +447,12 @@ fn meshes(scene: &ValidScene) -> Vec<Mesh<'_>> {
             let indices = take(true).unwrap_or(0);
             meshes.push(Mesh {
                 name: collider.name(&prototype.name, k).into(),
-                primitives: vec![Primitive { attributes, indices, material: None }],
+                primitives: vec![Primitive {
+                    attributes,
+                    indices,
+                    material: None,
+                    extensions: None,
+                }],
                 extras: None,
             });
         }
@@ -547,6 +564,23 @@ fn views(layout: &Layout) -> (Vec<View>, u32) {
     (views, first_picture)
 }
 
+/// The scene's, then their variants in the same order.
+fn materials(scene: &ValidScene) -> Vec<Material<'_>> {
+    let own = scene.materials().iter().map(material);
+    let others = scene.materials().iter().flat_map(|m| {
+        m.variants.iter().map(move |v| {
+            let [r, g, b] = v.base_color;
+            let mut other = material(m);
+            other.name = format!("{}_{}", m.name, v.name).into();
+            other.pbr_metallic_roughness.base_color_factor = [r, g, b, 1.0];
+            other.pbr_metallic_roughness.base_color_texture =
+                v.base_color_texture.map(|index| TextureRef { index });
+            other
+        })
+    });
+    own.chain(others).collect()
+}
+
 fn material(material: &scene::Material) -> Material<'_> {
     let [r, g, b] = material.base_color;
     let texture = |index: Option<u32>| index.map(|index| TextureRef { index });
@@ -555,7 +589,7 @@ fn material(material: &scene::Material) -> Material<'_> {
         Alpha::Mask { cutoff } => (Some("MASK"), Some(cutoff)),
     };
     Material {
-        name: &material.name,
+        name: Cow::Borrowed(&material.name),
         pbr_metallic_roughness: MetallicRoughness {
             base_color_factor: [r, g, b, 1.0],
             base_color_texture: texture(material.base_color_texture),

@@ -1,7 +1,7 @@
 //! glTF 2.0 (Khronos, ISO/IEC 12113:2022), as GLB and as .gltf + .bin + textures.
 //!
-//! The profile is the one every importer reads: no extension, one mesh a prototype, and one node
-//! a tree that shares it. Y up is made here and nowhere else: the vertices themselves are turned,
+//! The profile is the one every importer reads: no extension but that for variants of materials
+//! where there are any, one mesh a prototype, and one node a tree that shares it. Y up is made here and nowhere else: the vertices themselves are turned,
 //! (x, y, z) → (x, z, −y), a rotation by −90° about X, so no node needs a correcting turn.
 //!
 //! Parts with a normal map carry tangents. Limit: a GLB holds less than 4 GiB, for its lengths
@@ -10,6 +10,7 @@
 mod buffer;
 mod document;
 mod tangent;
+mod variants;
 
 use glam::Vec3;
 
