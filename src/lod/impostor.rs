@@ -6,7 +6,7 @@
 //! hemi-octahedral map (Cigolle et al. 2014), for shaders that blend the nearest three; the
 //! sheet that comes with it shows the view from the side.
 //!
-//! Samples are taken 4 × 4 a texel; colour is averaged in linear light over what is seen, alpha
+//! Samples are taken 2 × 2 a texel; colour is averaged in linear light over what is seen, alpha
 //! is the share seen, scaled so that as much passes the cutoff as was covered. Normals are those
 //! of the mesh in the sheet's own tangent space. Known limit: a sheet has no depth, so that near
 //! by its parts slide against the tree's.
@@ -41,7 +41,7 @@ pub struct Impostor {
 /// Where alpha is cut.
 pub const CUTOFF: f32 = 0.5;
 /// Samples along a side of a texel.
-const PER_TEXEL: usize = 4;
+const PER_TEXEL: usize = 2;
 /// Texels between two views of a cross.
 const GUTTER: usize = 8;
 /// Views along a side of an octahedral picture.

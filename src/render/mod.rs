@@ -271,9 +271,20 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
             cutoffs.entry(t).or_insert(cutoff);
         }
     }
-    let textures: Vec<_> = (view.textures.par_iter().enumerate())
-        .map(|(i, t)| {
-            Pyramid::new(t.image.picture(), t.colorspace, cutoffs.get(&(i as u32)).copied())
+    // A texture that nothing here shows stays as it is.
+    let mut is_used = vec![false; view.textures.len()];
+    for part in view.models.iter().flat_map(|parts| parts.iter()).chain(view.terrain) {
+        let Some(material) = view.materials.get(part.material as usize) else { continue };
+        for t in [material.base_color_texture, material.normal_texture].into_iter().flatten() {
+            if let Some(used) = is_used.get_mut(t as usize) {
+                *used = true;
+            }
+        }
+    }
+    let textures: Vec<_> = (view.textures.par_iter().zip(&is_used).enumerate())
+        .map(|(i, (t, &used))| {
+            let cutoff = cutoffs.get(&(i as u32)).copied();
+            used.then(|| Pyramid::new(t.image.picture(), t.colorspace, cutoff)).flatten()
         })
         .collect();
     let known = |id: Option<u32>| id.filter(|&i| (i as usize) < textures.len());
