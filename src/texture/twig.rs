@@ -584,7 +584,7 @@ impl Painter<'_> {
         let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.006, 0.3);
         let density = 3.4 / needle.max(0.01);
         // Shoots stand so close that their needles meet.
-        let gap = (1.35 * needle).clamp(0.03, 0.2);
+        let gap = (1.35 * needle).clamp(0.045, 0.2);
         let mut shoots = Vec::new();
         for lateral in self.laterals(&main, gap, 0.62, 0.95) {
             if lateral.length > 4.0 * gap {
