@@ -205,6 +205,9 @@ pub fn build(
     seed: Seed,
 ) -> Result<TreeMesh> {
     skeleton.check()?;
+    // Where no leaf is borne the twigs are the crown.
+    let foliage = options.foliage && options.leaf_share > 0.0;
+    let options = &MeshOptions { foliage, ..*options };
     let far = skeleton.position.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
     if far > 1e4 {
         return Err(Error::new(format!("a skeleton reaches {far} m from its root"))
@@ -223,7 +226,7 @@ pub fn build(
             .remedy("give the species a greater height"));
     }
     let [wood, upper_wood] = plan.surfaces(skeleton, has_young, seed);
-    let foliage = if options.foliage && options.leaf_share > 0.0 {
+    let foliage = if options.foliage {
         let left = options.triangle_budget.map(|b| b.saturating_sub(plan.triangles));
         foliage::foliage(skeleton, &axes, species, atlas, left, options, seed)
     } else {
