@@ -243,6 +243,9 @@ pub fn build(
     seed: Seed,
 ) -> Result<TreeMesh> {
     skeleton.check()?;
+    // Where no leaf is borne the twigs are the crown.
+    let foliage = if options.leaf_share > 0.0 { options.foliage } else { FoliageLevel::None };
+    let options = &MeshOptions { foliage, ..*options };
     let far = skeleton.position.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
     if far > 1e4 {
         return Err(Error::new(format!("a skeleton reaches {far} m from its root"))

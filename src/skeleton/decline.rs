@@ -63,7 +63,10 @@ fn dried(s: &Skeleton, share: f32, seed: Seed) -> Skeleton {
 /// Dead for years.
 fn broken(s: &Skeleton, seed: Seed) -> Skeleton {
     let is_stem = s.is_stem();
-    let top_m = s.height_m() * seed.derive("top", 0).draws().between(0.6, 0.88);
+    // Within the crown, where the stem is thin.
+    let base_m = s.crown_base_m();
+    let top_m =
+        base_m + (s.height_m() - base_m) * seed.derive("top", 0).draws().between(0.45, 0.85);
     // Nodes along each axis: the last of them break off.
     let axes = s.axes();
     let mut keep = vec![true; s.len()];
@@ -151,7 +154,9 @@ mod tests {
         for name in ["pinus_sylvestris", "betula_pendula"] {
             let healthy = grown(name);
             let s = in_condition(&healthy, Condition::OldDead, Seed::new(2));
-            assert!(s.height_m() < 0.95 * healthy.height_m());
+            let (base_m, height_m) = (healthy.crown_base_m(), healthy.height_m());
+            let most_m = base_m + 0.85 * (height_m - base_m);
+            assert!(s.height_m() > base_m && s.height_m() <= most_m, "{name}: {}", s.height_m());
             assert!(s.length_m() < 0.5 * healthy.length_m());
             assert!(s.bears_leaves(1.0).iter().all(|b| !b));
         }

@@ -145,7 +145,7 @@ impl State {
         let (colour, more_variation) = match self.condition {
             Condition::Healthy => (of_season, 0.0),
             Condition::Weakened => (mixed(of_season, TIRED, 0.15), 0.03),
-            Condition::StronglyWeakened => (mixed(of_season, TIRED, 0.4), 0.08),
+            Condition::StronglyWeakened => (mixed(of_season, TIRED, 0.35), 0.08),
             Condition::Dying => (mixed(of_season, TIRED, 0.75), 0.12),
             Condition::FreshDead | Condition::OldDead => (dry, 0.1),
         };
