@@ -59,6 +59,16 @@ pub struct Hole {
     half_m: f32,
 }
 
+#[cfg(test)]
+impl Hole {
+    /// `x` and `t`: middle and half width.
+    pub fn new(facet: u32, facets: u32, x: [f32; 2], t: [f32; 2], start: Start) -> Hole {
+        let ([x, half_x], [t, half_t]) = (x, t);
+        let (child, band, arc_m, half_m) = (0, 0, 0.0, 0.0);
+        Hole { child, band, facet, facets, x, half_x, t, half_t, start, arc_m, half_m }
+    }
+}
+
 /// The nearest place on a path: segment, share of it, distance, radius there; from the segment
 /// given, downhill.
 fn nearest(path: &[Ring], mut segment: usize, p: Vec3) -> (usize, f32, f32, f32) {

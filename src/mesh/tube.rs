@@ -352,3 +352,77 @@ fn band(a: u32, a_sides: u32, b: u32, b_sides: u32, index: &mut Vec<u32>) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::path::Start;
+    use super::*;
+
+    fn ring(z: f32, sides: u32) -> Ring {
+        Ring {
+            centre: Vec3::Z * z,
+            tangent: Vec3::Z,
+            normal: Vec3::X,
+            radius_m: 1.0,
+            arc_m: z,
+            slope: 0.0,
+            sides,
+            lobe: 0.0,
+            repeats: 6.0,
+            v: z,
+        }
+    }
+
+    proptest! {
+        /// Feet of every shape anywhere in their block: laid flat, the filling covers the block but
+        /// for the foot, once.
+        #[test]
+        fn the_filling_of_a_block_folds_nowhere(
+            facet in 0u32..12,
+            facets in 1u32..7,
+            corners_of_foot in 3u32..24,
+            across in 0.0f32..1.0,
+            wide in 0.05f32..1.0,
+            along in 0.0f32..1.0,
+            high in 0.02f32..0.4,
+        ) {
+            let sides = 12;
+            let circles = Circles::new();
+            let (low, top) = (ring(0.0, sides), ring(0.7, sides));
+            let mut out = Surface::default();
+            corners(&low, circles.of(sides), 0.0, &mut out);
+            corners(&top, circles.of(sides), 0.0, &mut out);
+            let half_x = 0.42 * facets as f32 * wide;
+            let room = facets as f32 - 2.0 * (half_x + 0.08);
+            let start = Start {
+                at: Vec3::ZERO,
+                around: Vec3::Y,
+                arc_m: 0.0,
+                radius_m: 0.1,
+                wide_m: 0.1,
+                rise_m: 0.1,
+                has_collar: true,
+                sides: corners_of_foot,
+            };
+            let x = half_x + 0.08 + room.max(0.0) * across;
+            let t = high + 0.06 + (1.0 - 2.0 * (high + 0.06)) * along;
+            let hole = Hole::new(facet, facets, [x, half_x], [t, high], start);
+            let mut rim = vec![(Vec3::ZERO, Vec3::ZERO); corners_of_foot as usize];
+            fill(&hole, [&low, &top], [0, sides + 1], &circles, &mut rim, &mut out);
+            prop_assert_eq!(out.triangles() as u32, 2 * facets + 2 + corners_of_foot);
+            // The texture coordinates are the tube laid flat.
+            let mut sum = 0.0;
+            for t in out.index.chunks_exact(3) {
+                let [a, b, c] = [0, 1, 2].map(|k| out.uv[t[k] as usize]);
+                let area = 0.5 * (b - a).perp_dot(c - a);
+                prop_assert!(area > 0.0, "{area}");
+                sum += area;
+            }
+            let n = corners_of_foot as f32;
+            let foot = 0.5 * n * (TAU / n).sin() * (half_x * 0.5) * (high * 0.7);
+            prop_assert!((sum - (facets as f32 * 0.5 * 0.7 - foot)).abs() < 1e-4);
+        }
+    }
+}
