@@ -8,7 +8,8 @@
 //! - feet that overlap along the tube lie side by side in one band, shifted around where needed;
 //! - where there is no room, the later one goes up the tube into a band of its own;
 //! - where a tube is too short for that, all its feet are spread evenly and made smaller;
-//! - a branch that never leaves the bark, or finds no room that f32 can tell apart, has no mesh.
+//! - a branch that never leaves the bark by more than its collar, or finds no room that f32 can
+//!   tell apart, has no mesh.
 //!
 //! A ring that would cut through a foot moves to its edge, and a foot's band keeps its sides.
 
@@ -56,6 +57,16 @@ pub struct Hole {
     pub start: Start,
     arc_m: f32,
     half_m: f32,
+}
+
+#[cfg(test)]
+impl Hole {
+    /// `x` and `t`: middle and half width.
+    pub fn new(facet: u32, facets: u32, x: [f32; 2], t: [f32; 2], start: Start) -> Hole {
+        let ([x, half_x], [t, half_t]) = (x, t);
+        let (child, band, arc_m, half_m) = (0, 0, 0.0, 0.0);
+        Hole { child, band, facet, facets, x, half_x, t, half_t, start, arc_m, half_m }
+    }
 }
 
 /// The nearest place on a path: segment, share of it, distance, radius there; from the segment
@@ -131,9 +142,6 @@ pub fn leave(
     }
     let (on_branch_m, at, direction, radius) = found?;
     let length: f32 = knots.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
-    if length - on_branch_m < 2.0 * least.step_m {
-        return None;
-    }
     let (segment, share, _, parent_radius) = nearest(path, segment, at);
     let ring = between(&path[segment], &path[segment + 1], share);
     let direction = direction.normalize_or(Vec3::Z);
@@ -149,6 +157,10 @@ pub fn leave(
     let wide = r * if has_collar { COLLAR } else { NO_COLLAR };
     let lean = direction.dot(radial).clamp(0.22, 1.0);
     let rise_m = r * (0.5 + (1.0 - lean * lean).sqrt() / lean);
+    // A stub shorter than its collar is bark.
+    if length - on_branch_m < (rise_m + r).max(2.0 * least.step_m) {
+        return None;
+    }
     Some(Branch {
         child,
         arc_m: ring.arc_m,

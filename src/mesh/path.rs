@@ -375,7 +375,7 @@ fn flare(
             last = k.at;
             let up = 1.0 - (walked / height.max(1e-6)).min(1.0);
             k.radius_m *= 1.0 + wide * up * up * up;
-            lobes.push(if detail { 0.11 * up * up } else { 0.0 });
+            lobes.push(if detail { 0.2 * up * up } else { 0.0 });
         }
     }
     let depth = BELOW_GROUND_M.min(0.1 * length).max(2.0 * least_step);
@@ -437,6 +437,9 @@ fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, around: Option<Vec3>, out
             normal = flat.try_normalize().unwrap_or_else(|| next.any_orthonormal_vector());
         }
         tangent = next;
+        let lobe = lobes.get(i).copied().unwrap_or(0.0);
+        // Five lobes need about five corners each.
+        let least_sides = if lobe > 0.02 { 24 } else { MIN_SIDES };
         out.push(Ring {
             centre: kept[i].at,
             tangent,
@@ -444,8 +447,8 @@ fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, around: Option<Vec3>, out
             radius_m: kept[i].radius_m,
             arc_m: arc,
             slope: 0.0,
-            sides: sides.of(kept[i].radius_m),
-            lobe: lobes.get(i).copied().unwrap_or(0.0),
+            sides: sides.of(kept[i].radius_m).max(least_sides),
+            lobe,
             repeats: 1.0,
             v: 0.0,
         });

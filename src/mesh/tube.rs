@@ -203,7 +203,7 @@ fn rim(ring: &Ring, circle: &[Vec2], base: &[(Vec3, Vec3)], is_collar: bool, out
         let (position, parent) = base[k % base.len()];
         let own = ring.normal * c.x + binormal * c.y;
         // In a crotch the branch's side faces the parent: there both count alike.
-        let weight = if is_collar { 0.5 - 0.5 * parent.dot(own) } else { 2.0 };
+        let weight = if is_collar { 0.6 - 0.6 * parent.dot(own) } else { 3.0 };
         let normal = (parent + own * weight).normalize_or(own);
         out.position.push(position);
         out.normal.push(normal);
@@ -212,8 +212,7 @@ fn rim(ring: &Ring, circle: &[Vec2], base: &[(Vec3, Vec3)], is_collar: bool, out
 }
 
 /// Fills a block of facets but for the foot of a branch, whose corners go to `rim`. Both edges are
-/// walked in step, each edge taking the corner opposite that lies nearest in angle about the
-/// foot's middle: all of it lies in the parent's facets.
+/// walked in step: all of it lies in the parent's facets.
 fn fill(
     hole: &Hole,
     [low, high]: [&Ring; 2],
@@ -262,42 +261,41 @@ fn fill(
         out.normal.push(normal);
         out.uv.push(Vec2::new(u, low.v + (high.v - low.v) * t));
     }
-    // Counter-clockwise both, from the top; angles in turns.
-    let outer = 2 * (facets + 1);
+    // Both counter-clockwise; the outer edge from its upper right, the inner one from its top. Each
+    // inner edge takes the outer corner furthest out as it sees it, which is never hidden (the
+    // block is convex and holds the foot), as two calipers turn around.
+    let (outer, inner) = (2 * (facets + 1), hole.start.sides);
     let corner = |j: u32| {
         let j = j % outer;
         if j <= facets { q + facets - j } else { p + j - facets - 1 }
     };
-    let turn_of = |k: u32| {
+    let place = |j: u32| {
+        let k = j % outer;
         let (x, t) =
             if k <= facets { ((facets - k) as f32, 1.0) } else { ((k - facets - 1) as f32, 0.0) };
-        let (x, t) = ((x - hole.x) / hole.half_x, (t - hole.t) / hole.half_t);
-        let turn = (-x).atan2(t) / TAU;
-        // The first corner, upper right, lies before the top; the lower ones after it.
-        if turn < 0.0 && k > facets { turn + 1.0 } else { turn }
+        Vec2::new((x - hole.x) / hole.half_x, (t - hole.t) / hole.half_t)
     };
-    let mut turns = [0.0; 2 * MAX_SIDES as usize + 3];
-    for k in 0..outer {
-        turns[k as usize] = turn_of(k);
-    }
-    turns[outer as usize] = turns[0] + 1.0;
-    let angle = |j: u32| turns[j as usize];
-    let inner = hole.start.sides;
-    let turn = |i: u32| i as f32 / inner as f32;
-    // The inner edge starts at the corner nearest to the outer's first.
-    let offset = (angle(0) * inner as f32).round() as i32;
-    let at = |i: u32| first + (i as i32 + offset).rem_euclid(inner as i32) as u32;
-    let (mut i, mut j) = (0, 0);
-    while i < inner || j < outer {
-        let middle_in = turn(i) + turn(i + 1) + 2.0 * offset as f32 / inner as f32;
-        let goes_out = i == inner || (j < outer && angle(j) + angle(j + 1) <= middle_in);
-        if goes_out {
-            out.index.extend([corner(j), corner(j + 1), at(i)]);
-            j += 1;
-        } else {
-            out.index.extend([corner(j), at(i + 1), at(i)]);
-            i += 1;
+    let away = |i: u32| {
+        let sum = circle[i as usize] + circle[i as usize + 1];
+        Vec2::new(-sum.y, sum.x)
+    };
+    let mut start = 0;
+    for j in 1..outer {
+        if place(j).dot(away(0)) > place(start).dot(away(0)) {
+            start = j;
         }
+    }
+    let (mut j, last) = (start, start + outer);
+    for i in 0..inner {
+        while j < last && place(j + 1).dot(away(i)) > place(j).dot(away(i)) {
+            out.index.extend([corner(j), corner(j + 1), first + i]);
+            j += 1;
+        }
+        out.index.extend([corner(j), first + (i + 1) % inner, first + i]);
+    }
+    while j < last {
+        out.index.extend([corner(j), corner(j + 1), first]);
+        j += 1;
     }
 }
 
@@ -314,14 +312,16 @@ fn corners(ring: &Ring, circle: &[Vec2], lobe_phase: f32, out: &mut Surface) {
         out.normal
             .extend(circle.iter().map(|c| (ring.normal * c.x + binormal * c.y) * flat + rise));
     } else {
-        // Buttresses: r(θ) = r (1 + lobe · cos(5θ + φ)).
+        // Buttresses, uneven: r(θ) = r (1 + lobe · (¾ cos(5θ + φ) + ½ cos(2θ + 2φ))).
         for (k, c) in circle.iter().enumerate() {
             let turn = (k % ring.sides.max(1) as usize) as f32 / ring.sides as f32;
-            let (s5, c5) = (5.0 * turn * std::f32::consts::TAU + lobe_phase).sin_cos();
+            let (s5, c5) = (5.0 * turn * TAU + lobe_phase).sin_cos();
+            let (s2, c2) = (2.0 * (turn * TAU + lobe_phase)).sin_cos();
+            let (out_by, change) = (0.75 * c5 + 0.5 * c2, -3.75 * s5 - s2);
             let out_dir = ring.normal * c.x + binormal * c.y;
             let around = binormal * c.x - ring.normal * c.y;
-            let radius = ring.radius_m * (1.0 + ring.lobe * c5);
-            let turned = -5.0 * ring.lobe * s5 / (1.0 + ring.lobe * c5);
+            let radius = ring.radius_m * (1.0 + ring.lobe * out_by);
+            let turned = ring.lobe * change / (1.0 + ring.lobe * out_by);
             out.position.push(ring.centre + out_dir * radius);
             let normal = (out_dir - around * turned) * flat + rise;
             out.normal.push(normal.normalize_or(out_dir));
@@ -349,6 +349,80 @@ fn band(a: u32, a_sides: u32, b: u32, b_sides: u32, index: &mut Vec<u32>) {
         } else {
             index.extend([a + i, b + j + 1, b + j]);
             j += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::path::Start;
+    use super::*;
+
+    fn ring(z: f32, sides: u32) -> Ring {
+        Ring {
+            centre: Vec3::Z * z,
+            tangent: Vec3::Z,
+            normal: Vec3::X,
+            radius_m: 1.0,
+            arc_m: z,
+            slope: 0.0,
+            sides,
+            lobe: 0.0,
+            repeats: 6.0,
+            v: z,
+        }
+    }
+
+    proptest! {
+        /// Feet of every shape anywhere in their block: laid flat, the filling covers the block but
+        /// for the foot, once.
+        #[test]
+        fn the_filling_of_a_block_folds_nowhere(
+            facet in 0u32..12,
+            facets in 1u32..7,
+            corners_of_foot in 3u32..24,
+            across in 0.0f32..1.0,
+            wide in 0.05f32..1.0,
+            along in 0.0f32..1.0,
+            high in 0.02f32..0.4,
+        ) {
+            let sides = 12;
+            let circles = Circles::new();
+            let (low, top) = (ring(0.0, sides), ring(0.7, sides));
+            let mut out = Surface::default();
+            corners(&low, circles.of(sides), 0.0, &mut out);
+            corners(&top, circles.of(sides), 0.0, &mut out);
+            let half_x = 0.42 * facets as f32 * wide;
+            let room = facets as f32 - 2.0 * (half_x + 0.08);
+            let start = Start {
+                at: Vec3::ZERO,
+                around: Vec3::Y,
+                arc_m: 0.0,
+                radius_m: 0.1,
+                wide_m: 0.1,
+                rise_m: 0.1,
+                has_collar: true,
+                sides: corners_of_foot,
+            };
+            let x = half_x + 0.08 + room.max(0.0) * across;
+            let t = high + 0.06 + (1.0 - 2.0 * (high + 0.06)) * along;
+            let hole = Hole::new(facet, facets, [x, half_x], [t, high], start);
+            let mut rim = vec![(Vec3::ZERO, Vec3::ZERO); corners_of_foot as usize];
+            fill(&hole, [&low, &top], [0, sides + 1], &circles, &mut rim, &mut out);
+            prop_assert_eq!(out.triangles() as u32, 2 * facets + 2 + corners_of_foot);
+            // The texture coordinates are the tube laid flat.
+            let mut sum = 0.0;
+            for t in out.index.chunks_exact(3) {
+                let [a, b, c] = [0, 1, 2].map(|k| out.uv[t[k] as usize]);
+                let area = 0.5 * (b - a).perp_dot(c - a);
+                prop_assert!(area > 0.0, "{area}");
+                sum += area;
+            }
+            let n = corners_of_foot as f32;
+            let foot = 0.5 * n * (TAU / n).sin() * (half_x * 0.5) * (high * 0.7);
+            prop_assert!((sum - (facets as f32 * 0.5 * 0.7 - foot)).abs() < 1e-4);
         }
     }
 }

@@ -133,7 +133,7 @@ pub fn plan(
     let is_bare = options.foliage == FoliageLevel::None;
     let thin_m = if is_bare { 0.0003 } else { 0.0015 };
     let attempt = |coarse: f32| {
-        let detail = options.detail && coarse < 3.0;
+        let detail = options.detail && coarse < 30.0;
         planner.attempt(tolerance_m * coarse.powf(0.6), thin_m * (coarse - 1.0), detail)
     };
     let finest = attempt(1.0);
