@@ -119,7 +119,7 @@ pub fn spots(skeleton: &Skeleton, axes: &[Axis], species: &Species) -> Vec<Spot>
                     shoot,
                     turn,
                     is_tip: true,
-                    key: (u64::from(i) << KEY_BITS) | (1 << KEY_BITS) - 1,
+                    key: (u64::from(i) << KEY_BITS) | ((1 << KEY_BITS) - 1),
                 });
             }
         }

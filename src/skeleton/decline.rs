@@ -85,9 +85,9 @@ fn broken(s: &Skeleton, seed: Seed) -> Skeleton {
     }
     // Something stands, however low the tree.
     let first = (1..s.len()).find(|&i| is_stem[i]);
-    for i in 1..s.len() {
+    for (i, keep) in keep.iter_mut().enumerate().skip(1) {
         let is_above = s.position[i].z > top_m;
-        keep[i] = Some(i) == first || (keep[i] && !is_above);
+        *keep = Some(i) == first || (*keep && !is_above);
     }
     let mut out = s.clone();
     out.dead = vec![true; s.len()];
