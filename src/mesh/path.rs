@@ -18,8 +18,8 @@ pub const MAX_SIDES: u32 = 32;
 pub const MIN_SIDES: u32 = 3;
 /// How far a stem goes on below ground, so that no slope shows its end.
 pub const BELOW_GROUND_M: f32 = 0.3;
-/// Rings where two barks mix.
-const MIXED_RINGS: u32 = 6;
+/// Rings where two barks mix, without and with detail.
+const MIXED_RINGS: [u32; 2] = [6, 24];
 /// Nodes that one straight piece may replace.
 const SPAN: usize = 24;
 
@@ -160,8 +160,9 @@ pub fn rings(
         Foot::Ground { mixed_m } => {
             path.extend_from_slice(kept);
             if let Some([low, high]) = mixed_m {
-                for k in 0..MIXED_RINGS {
-                    let t = (k as f32 + 0.5) / MIXED_RINGS as f32;
+                let rings = MIXED_RINGS[usize::from(detail)];
+                for k in 0..rings {
+                    let t = (k as f32 + 0.5) / rings as f32;
                     insert(path, low + (high - low) * t, least.step_m, |r| r);
                 }
             }
