@@ -41,7 +41,7 @@ pub(super) fn bounds_m(parts: &[Part], unit_m: DVec3) -> Option<(DVec3, DVec3)> 
 pub(super) fn density_per_m2(parts: &[Part], unit_m: DVec3) -> f64 {
     let Some((min, max)) = bounds_m(parts, unit_m) else { return 0.0 };
     let points: usize = parts.iter().map(|part| part.coordinates.len()).sum();
-    let edge_m = ((max - min).truncate().max_element() / f64::from(u32::MAX)).max(1.0);
+    let edge_m = ((max - min).truncate().max_element() / f64::from(i32::MAX)).max(1.0);
     let cells = Voxels::over(min, max, DVec3::new(edge_m, edge_m, f64::INFINITY), points);
     points as f64 / (cells.count(parts, unit_m).len() as f64 * edge_m * edge_m)
 }
@@ -121,15 +121,16 @@ impl Voxels {
         }
         let stride = match edge_m.z.is_finite() {
             true => [1, 1 << AXIS_BITS, 1 << (2 * AXIS_BITS)],
-            false => [1, 1 << 33, 0],
+            false => [1, 1 << 32, 0],
         };
         Voxels { edge_m, first, stride, few: None }
     }
 
     fn key(&self, place_m: DVec3) -> u64 {
         let voxel = place_m / self.edge_m - self.first;
+        let along = |v: f64, stride: u64| (v as i64 as u64).wrapping_mul(stride);
         let [x, y, z] = self.stride;
-        voxel.x as i64 as u64 * x + voxel.y as i64 as u64 * y + voxel.z as i64 as u64 * z
+        along(voxel.x, x).wrapping_add(along(voxel.y, y)).wrapping_add(along(voxel.z, z))
     }
 
     /// Sorted keys of the points, each once, with how many points have it.
