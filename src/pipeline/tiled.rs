@@ -27,6 +27,8 @@ use crate::terrain::{self, HeldOut, Terrain};
 
 /// Tiles about a block that are worked on with it.
 const MARGIN: i32 = 1;
+/// For the ground more: its coarsest windows, each judged by one coarser, see beyond a tile.
+const GROUND_MARGIN: i32 = 2;
 
 /// A scan by tiles; after [`Tiled::classify`] with the kind of every point.
 pub(super) struct Tiled {
@@ -83,7 +85,7 @@ impl Tiled {
             let mut intensity = GroundIntensity::default();
             let mut spread = Spread::default();
             for core in &blocks {
-                let Window { cloud, tiles } = self.scan.load(core, MARGIN)?;
+                let Window { cloud, tiles } = self.scan.load(core, GROUND_MARGIN)?;
                 let intensities = cloud.intensity.clone();
                 let own: BTreeSet<Tile> = core.iter().copied().collect();
                 let kinds = match ground::classify(cloud, &options) {

@@ -3,7 +3,7 @@
 //!
 //! Heights are cell-centred: the "cell-centred reading" of the two that T15 allows. A cell takes
 //! the height at its centre of the Delaunay triangulation of the ground points, or, where cells are
-//! fine, of a plane through the nearest around it; cells outside the hull and in wide voids go on smoothly along the trend of the heights near them. Grids are aligned to multiples of
+//! fine, of a plane through the nearest around it; cells outside the hull go on smoothly along the trend of the heights near them. Grids are aligned to multiples of
 //! their cell.
 
 mod facets;
@@ -95,7 +95,7 @@ fn from_points(ground: &[Vec3], geometry: GridGeometry) -> Result<Terrain> {
         is_observed[geometry.index(col / parts, row / parts)] = true;
     }
     let mut heights = match parts {
-        1 => planes::heights(&vertices, &square_of_vertex, geometry),
+        1 => by_planes(&vertices, &square_of_vertex, geometry),
         _ => tin::heights(&vertices, geometry),
     };
     fill(&mut heights, &vertices);
@@ -105,6 +105,47 @@ fn from_points(ground: &[Vec3], geometry: GridGeometry) -> Result<Terrain> {
 /// Up to this cell, metres, a plane gives the height: terrain hardly bends across a few such cells,
 /// and the scanner's noise is averaged. Across larger ones it bends.
 const PLANES_UP_TO_M: f64 = 1.0;
+
+/// Planes where points lie around, and a triangulation of the rest.
+fn by_planes(vertices: &[Vec3], cell_of_vertex: &[u32], geometry: GridGeometry) -> Grid<f32> {
+    let mut heights = planes::heights(vertices, cell_of_vertex, geometry);
+    let open = about_open_cells(&heights);
+    if open.contains(&true) {
+        let corners: Vec<Vec3> = (vertices.iter().zip(cell_of_vertex))
+            .filter(|(_, cell)| open[**cell as usize])
+            .map(|(v, _)| *v)
+            .collect();
+        let drawn = tin::heights(&corners, geometry);
+        let cells = heights.data.par_iter_mut().zip(&drawn.data);
+        cells.filter(|(z, _)| z.is_nan()).for_each(|(z, drawn)| *z = *drawn);
+    }
+    heights
+}
+
+/// Cells within so many of one without a height: they hold the corners of the triangles over it.
+const CORNERS_WITHIN: usize = 16;
+
+fn about_open_cells(heights: &Grid<f32>) -> Vec<bool> {
+    let g = heights.geometry;
+    let within = |at: usize, end: usize| {
+        at.saturating_sub(CORNERS_WITHIN)..(at + CORNERS_WITHIN + 1).min(end)
+    };
+    let mut along = vec![false; g.len()];
+    let lines = along.par_chunks_mut(g.cols).zip(heights.data.par_chunks(g.cols));
+    lines.for_each(|(along, line)| {
+        for col in (0..g.cols).filter(|&col| line[col].is_nan()) {
+            along[within(col, g.cols)].fill(true);
+        }
+    });
+    let mut about = vec![false; g.len()];
+    about.par_chunks_mut(g.cols).enumerate().for_each(|(row, about)| {
+        for r in within(row, g.rows) {
+            let line = &along[r * g.cols..(r + 1) * g.cols];
+            about.iter_mut().zip(line).for_each(|(about, along)| *about |= along);
+        }
+    });
+    about
+}
 
 /// Side of the squares that the trend is fitted to; in cells where that is more.
 const SQUARE_M: f64 = 8.0;

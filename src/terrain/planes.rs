@@ -3,8 +3,8 @@
 //! It averages the scanner's noise and costs a fraction of a triangulation.
 //!
 //! The plane reaches over no more cells than it needs for points all around the centre. Where they
-//! lie on one side only within [`REACH_M`], or too few, there is no height. What is farther away
-//! plays no part, so the height does not depend on where a scan is cut.
+//! lie on one side only within [`REACH_M`], or too few, there is no height: hulls and wide voids are
+//! left to the triangulation. What is farther away plays no part in a plane.
 //!
 //! Known limit: edges sharper than two cells are rounded.
 

@@ -1,5 +1,5 @@
 //! Heights on a grid from scattered points: a Delaunay triangulation, linear in each triangle. It
-//! serves where cells are too coarse for `planes`.
+//! serves where cells are too coarse, or points too far apart, for `planes`.
 //!
 //! Large sets are triangulated in square blocks side by side, each with the vertices of a margin
 //! around it. A triangle whose circumcircle is no wider than the margin is one of the whole
