@@ -26,7 +26,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
         ("scene", &["mesh"]),
         ("export", &["scene", "mesh"]),
         ("render", &["scene", "mesh"]),
-        ("lod", &["mesh", "render", "skeleton"]),
+        ("lod", &["mesh", "render", "scene", "skeleton"]),
         ("inventory", &["crown"]),
         ("simulate", &["scan", "species"]),
         ("report", &[]),
