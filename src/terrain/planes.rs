@@ -3,7 +3,7 @@
 //! It averages the scanner's noise and costs a fraction of a triangulation.
 //!
 //! The plane reaches over no more cells than it needs for points all around the centre. Where they
-//! lie on one side only within [`REACH_M`], or too few, there is no height: hulls and wide voids are
+//! lie on one side only within [`MOST_REACH`] cells, or too few, there is no height: hulls and voids are
 //! left to the triangulation. What is farther away plays no part in a plane.
 //!
 //! Known limit: edges sharper than two cells are rounded.
@@ -13,13 +13,10 @@ use rayon::prelude::*;
 
 use crate::raster::{Grid, GridGeometry};
 
-/// What a plane may take in to each side, metres; four cells where that is more.
-const REACH_M: f64 = 8.0;
-const REACH_CELLS: usize = 4;
-/// However fine the cells, no more of them.
-const MOST_CELLS: usize = 64;
-/// Fewest points of a plane.
-const FEWEST: u32 = 4;
+/// Cells to each side that a plane may take in, and the part of them that must hold points: among
+/// fewer a plane rounds what a triangulation keeps.
+const MOST_REACH: usize = 2;
+const FILLED: f32 = 0.5;
 /// Squared distance, cells, within which nearness counts no more.
 const NEAR_SQ: f32 = 0.3;
 
@@ -52,15 +49,7 @@ struct Near<'a> {
 
 impl Near<'_> {
     fn height(&self, col: usize) -> f32 {
-        let most = ((REACH_M / self.geometry.cell_x) as usize).clamp(REACH_CELLS, MOST_CELLS);
-        let mut reach = 1;
-        while reach <= most {
-            if let Some(z) = self.plane(col, reach) {
-                return z;
-            }
-            reach += (reach / 2).max(1);
-        }
-        f32::NAN
+        (1..=MOST_REACH).find_map(|reach| self.plane(col, reach)).unwrap_or(f32::NAN)
     }
 
     fn plane(&self, col: usize, reach: usize) -> Option<f32> {
@@ -96,7 +85,8 @@ impl Near<'_> {
                 yz += w * dy * dz;
             }
         }
-        if n < FEWEST || !is_around(octants) {
+        let window = (2.0 * reach as f32 + 1.0).powi(2);
+        if (n as f32) < FILLED * window || !is_around(octants) {
             return None;
         }
         let (mx, my, mz) = (sx / s, sy / s, sz / s);
@@ -150,7 +140,7 @@ mod tests {
         let mut found: Vec<(u32, Vec3)> = Vec::new();
         for i in 0..g.len() {
             let (col, row) = (i % g.cols, i / g.cols);
-            if (col * 7 + row * 5) % 3 == 0 && col < 25 {
+            if (col * 7 + row * 5) % 3 != 0 && col < 25 {
                 let [x, y] = g.centre(col, row).map(|v| v as f32 + 0.3);
                 found.push((i as u32, Vec3::new(x, y, height(x, y))));
             }
