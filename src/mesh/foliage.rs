@@ -19,7 +19,7 @@ use super::wind::Wind;
 use super::{Surface, shell, stamp};
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
-use crate::skeleton::{Axis, Skeleton};
+use crate::skeleton::Skeleton;
 use crate::species::Species;
 use crate::species::model::LeafShape;
 use crate::texture::Atlas;
@@ -69,11 +69,14 @@ pub struct Order<'a> {
 ///
 /// # Errors
 /// A model of the user's that alone exceeds the budget.
-pub fn foliage(skeleton: &Skeleton, axes: &[Axis], order: &Order<'_>) -> Result<Surface> {
+pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Surface> {
     let Order { species, atlas, level, seed, .. } = *order;
     let f = &species.foliage;
-    let mut spots =
-        if level == FoliageLevel::None { Vec::new() } else { spots(skeleton, axes, species) };
+    let mut spots = if level == FoliageLevel::None {
+        Vec::new()
+    } else {
+        spots(skeleton, &skeleton.axes(), species)
+    };
     if spots.is_empty() {
         return Ok(Surface::default());
     }

@@ -30,7 +30,7 @@ fn leaves(
         wind: None,
         seed: Seed::new(1),
     };
-    foliage(skeleton, &skeleton.axes(), &order).unwrap()
+    foliage(skeleton, &order).unwrap()
 }
 
 /// Least cosine between a corner's normal and the front of its triangle.
@@ -169,6 +169,6 @@ fn a_user_s_model_stands_where_twigs_stand() {
         wind: None,
         seed: Seed::new(1),
     };
-    let error = foliage(skeleton, &skeleton.axes(), &order).unwrap_err();
+    let error = foliage(skeleton, &order).unwrap_err();
     assert_eq!(error.message(), "the model twig.obj has 1 triangles, the crown 0");
 }

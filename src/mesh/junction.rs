@@ -30,6 +30,8 @@ const ROOM_AROUND: f32 = 0.08;
 #[derive(Debug, Clone, Copy)]
 pub struct Branch {
     pub child: u32,
+    /// Which of two alike goes first.
+    rank: u32,
     /// Middle and half length of the foot along the parent.
     arc_m: f32,
     half_m: f32,
@@ -99,7 +101,7 @@ pub fn leave(
     path: &[Ring],
     base_arc_m: f32,
     knots: &[Knot],
-    child: u32,
+    [child, rank]: [u32; 2],
     least: Least,
     sides: &Sides,
 ) -> Option<Branch> {
@@ -116,7 +118,7 @@ pub fn leave(
     segment = s;
     let mut walked = 0.0;
     let mut found = None;
-    for w in knots.windows(2) {
+    for (i, w) in knots.windows(2).enumerate() {
         let step = w[0].at.distance(w[1].at);
         let (s, mut outer) = depth(segment, w[1].at);
         if outer < 0.0 {
@@ -133,15 +135,15 @@ pub fn leave(
             }
             let out = if inner <= 0.0 { lo } else { hi };
             let radius = w[0].radius_m + (w[1].radius_m - w[0].radius_m) * out;
-            found =
-                Some((walked + step * out, w[0].at.lerp(w[1].at, out), w[1].at - w[0].at, radius));
+            let at = w[0].at.lerp(w[1].at, out);
+            found = Some((walked + step * out, at, w[1].at - w[0].at, radius, i + 1));
+            walked += step;
             break;
         }
         (segment, inner) = (s, outer);
         walked += step;
     }
-    let (on_branch_m, at, direction, radius) = found?;
-    let length: f32 = knots.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
+    let (on_branch_m, at, direction, radius, beyond) = found?;
     let (segment, share, _, parent_radius) = nearest(path, segment, at);
     let ring = between(&path[segment], &path[segment + 1], share);
     let direction = direction.normalize_or(Vec3::Z);
@@ -153,16 +155,20 @@ pub fn leave(
         .unwrap_or(ring.normal);
     let host = parent_radius.max(least.radius_m);
     let r = radius.max(least.radius_m).min(host);
-    let has_collar = r * (COLLAR - 1.0) > 0.5 * sides.tolerance_m;
+    let has_collar = has_collar(r, sides);
     let wide = r * if has_collar { COLLAR } else { NO_COLLAR };
     let lean = direction.dot(radial).clamp(0.22, 1.0);
     let rise_m = r * (0.5 + (1.0 - lean * lean).sqrt() / lean);
     // A stub shorter than its collar is bark.
-    if length - on_branch_m < (rise_m + r).max(2.0 * least.step_m) {
-        return None;
+    let stub_m = (rise_m + r).max(2.0 * least.step_m);
+    let mut further = knots[beyond..].windows(2);
+    while walked - on_branch_m < stub_m {
+        let w = further.next()?;
+        walked += w[0].at.distance(w[1].at);
     }
     Some(Branch {
         child,
+        rank,
         arc_m: ring.arc_m,
         half_m: wide / lean.max(0.45),
         turn: radial.dot(ring.binormal()).atan2(radial.dot(ring.normal)),
@@ -178,6 +184,11 @@ pub fn leave(
             sides: sides.of(r),
         },
     })
+}
+
+/// Whether a branch of this radius has a collar.
+pub fn has_collar(radius_m: f32, sides: &Sides) -> bool {
+    radius_m * (COLLAR - 1.0) > 0.5 * sides.tolerance_m
 }
 
 /// A ring of the path between two others.
@@ -231,7 +242,7 @@ pub fn open(
     let most = (2.0 * room / least.step_m).floor().max(1.0) as usize;
     if branches.len() > most {
         branches.sort_by(|a, b| {
-            b.start.radius_m.total_cmp(&a.start.radius_m).then(a.child.cmp(&b.child))
+            b.start.radius_m.total_cmp(&a.start.radius_m).then(a.rank.cmp(&b.rank))
         });
         branches.truncate(most);
     }
@@ -258,7 +269,7 @@ pub fn open(
 
 fn sort(branches: &mut [Branch]) {
     let low = |b: &Branch| b.arc_m - b.half_m * ROOM_ALONG;
-    branches.sort_by(|a, b| low(a).total_cmp(&low(b)).then(a.child.cmp(&b.child)));
+    branches.sort_by(|a, b| low(a).total_cmp(&low(b)).then(a.rank.cmp(&b.rank)));
 }
 
 /// The feet of the band that is being built: the facets taken, and how far up they reach.

@@ -2,6 +2,7 @@
 //! Knows nothing of files or scenes.
 
 mod card;
+mod chain;
 mod check;
 mod foliage;
 mod junction;
@@ -69,6 +70,9 @@ pub struct TreeMesh {
     pub upper_wood: Surface,
     /// Empty for a bare tree.
     pub foliage: Surface,
+    /// Branches thick enough for the budget that have no mesh: they never clear their parent's
+    /// bark, or there was no room for their foot.
+    pub unmeshed_branches: usize,
 }
 
 impl TreeMesh {
@@ -251,7 +255,6 @@ pub fn build(
         return Err(Error::new(format!("a skeleton reaches {far} m from its root"))
             .remedy("give lengths in metres"));
     }
-    let axes = skeleton.axes();
     let seed = seed.derive("mesh", 0);
     let has_young = species.bark.upper.is_some();
     let level = options.foliage;
@@ -259,16 +262,14 @@ pub fn build(
         FoliageLevel::None => b,
         _ => (b as f32 * WOOD_SHARE) as usize,
     });
-    let chains = wood::Chains::new(skeleton, &axes);
-    let plan = wood::plan(skeleton, &chains, options, wood_budget, has_young);
-    if plan.triangles == 0 {
+    let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
+    let made = wood::wood(skeleton, options, wood_budget, has_young, wind.as_ref(), seed);
+    let triangles = made.triangles();
+    if triangles == 0 {
         return Err(Error::new(format!("a skeleton of {} nodes has no wood", skeleton.len()))
             .remedy("give the species a greater height"));
     }
-    let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
-    let swaying = wind.as_ref().map(|w| (w, &chains));
-    let [wood, upper_wood] = plan.surfaces(skeleton, has_young, swaying, seed);
-    let budget = options.triangle_budget.map(|b| b.saturating_sub(plan.triangles));
+    let budget = options.triangle_budget.map(|b| b.saturating_sub(triangles));
     let order = foliage::Order {
         species,
         atlas,
@@ -279,8 +280,9 @@ pub fn build(
         wind: wind.as_ref(),
         seed,
     };
-    let foliage = foliage::foliage(skeleton, &axes, &order)?;
-    Ok(TreeMesh { wood, upper_wood, foliage })
+    let foliage = foliage::foliage(skeleton, &order)?;
+    let [wood, upper_wood] = made.surface;
+    Ok(TreeMesh { wood, upper_wood, foliage, unmeshed_branches: made.unmeshed_branches })
 }
 
 #[cfg(test)]

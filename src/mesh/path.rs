@@ -403,8 +403,14 @@ fn blunt(kept: &mut Vec<Knot>, tolerance_m: f32, least_step: f32) {
 fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, around: Option<Vec3>, out: &mut Vec<Ring>) {
     let n = kept.len();
     let start = out.len();
-    let step = |i: usize| (kept[i + 1].at - kept[i].at).normalize_or(Vec3::Z);
-    let mut tangent = step(0);
+    let step = |i: usize| {
+        let step = kept[i + 1].at - kept[i].at;
+        let length = step.length();
+        let inverse = length.recip();
+        (if inverse.is_finite() { step * inverse } else { Vec3::Z }, length)
+    };
+    let (mut onward, mut onward_m) = step(0);
+    let mut tangent = onward;
     // A branch's corners begin at the upper end of its hole.
     let side = around.and_then(|e| (tangent * tangent.dot(e) - e).try_normalize());
     let mut normal = match side {
@@ -412,23 +418,22 @@ fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, around: Option<Vec3>, out
         None => tangent.any_orthonormal_vector(),
     };
     let mut arc = 0.0;
-    for i in 0..n {
-        let next = if i == 0 {
-            tangent
-        } else if i + 1 == n {
-            step(n - 2)
-        } else {
-            let (from, to) = (step(i - 1), step(i));
-            let sum = from + to;
-            if sum.length_squared() > 1e-4 {
-                sum.normalize()
-            } else {
-                let across = tangent - from * tangent.dot(from);
-                if across.length_squared() > 0.01 { across.normalize() } else { normal }
-            }
-        };
+    out.reserve(n);
+    for (i, knot) in kept.iter().enumerate() {
         if i > 0 {
-            arc += kept[i].at.distance(kept[i - 1].at);
+            arc += onward_m;
+            let from = onward;
+            let mut next = from;
+            if i + 1 < n {
+                (onward, onward_m) = step(i);
+                let sum = from + onward;
+                next = if sum.length_squared() > 1e-4 {
+                    sum.normalize()
+                } else {
+                    let across = tangent - from * tangent.dot(from);
+                    if across.length_squared() > 0.01 { across.normalize() } else { normal }
+                };
+            }
             let carried = if next.dot(tangent) > 0.9999 {
                 normal
             } else {
@@ -436,19 +441,19 @@ fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, around: Option<Vec3>, out
             };
             let flat = carried - next * carried.dot(next);
             normal = flat.try_normalize().unwrap_or_else(|| next.any_orthonormal_vector());
+            tangent = next;
         }
-        tangent = next;
         let lobe = lobes.get(i).copied().unwrap_or(0.0);
         // Five lobes need about five corners each.
         let least_sides = if lobe > 0.02 { 24 } else { MIN_SIDES };
         out.push(Ring {
-            centre: kept[i].at,
+            centre: knot.at,
             tangent,
             normal,
-            radius_m: kept[i].radius_m,
+            radius_m: knot.radius_m,
             arc_m: arc,
             slope: 0.0,
-            sides: sides.of(kept[i].radius_m).max(least_sides),
+            sides: sides.of(knot.radius_m).max(least_sides),
             lobe,
             repeats: 1.0,
             v: 0.0,

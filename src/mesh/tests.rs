@@ -117,15 +117,17 @@ fn cone(radius: f32, height: f32, tolerance: f32) -> Surface {
     let scratch = &mut path::Scratch::default();
     path::rings(&knots, foot, least, &path::Sides::new(tolerance), false, scratch, &mut rings);
     tube::lay_bark(&mut rings, 1.0);
-    let mut out = Surface::default();
-    let mut none = Surface::default();
-    let mut barks = tube::Barks {
-        surface: [&mut out, &mut none],
-        young: &|_| 0.0,
-        draws: Seed::new(1).draws(),
-    };
-    let mut joints = tube::Joints { base: &[], is_collar: false, holes: &[], rims: &mut [] };
-    tube::tube(&rings, &tube::Circles::new(), &mut joints, &mut barks);
+    let mut bark = tube::Bark::new(None, None, Seed::new(1));
+    bark.tube(&tube::Shape {
+        rings: &rings,
+        holes: &[],
+        out_of: None,
+        line: &[],
+        arcs_m: &[],
+        shift_m: 0.0,
+        key: 0,
+    });
+    let [out, _] = bark.finish();
     out
 }
 
@@ -388,18 +390,15 @@ fn speed() {
     let s = oak();
     let detail = Detail { max_nodes: 100_000, attractor_spacing_m: None };
     let skeleton = grow(&s, Target::FromSpecies { height_m: None }, detail, Seed::new(1)).unwrap();
-    let axes = skeleton.axes();
     let options = MeshOptions { tolerance_m: 1e-4, ..bare(1e-4) };
     let start = std::time::Instant::now();
-    let plan = wood::plan(&skeleton, &wood::Chains::new(&skeleton, &axes), &options, None, false);
-    let planned = start.elapsed();
-    let wood = plan.surfaces(&skeleton, false, None, Seed::new(1));
+    let wood = wood::wood(&skeleton, &options, None, false, None, Seed::new(1));
     let rate = |n: usize, t: std::time::Duration| n as f64 / t.as_secs_f64() / 1e6;
     println!(
-        "wood: {} triangles, plan {planned:?}, all {:?}: {:.1} M/s",
-        wood[0].triangles(),
+        "wood: {} triangles in {:?}: {:.1} M/s",
+        wood.triangles(),
         start.elapsed(),
-        rate(wood[0].triangles(), start.elapsed())
+        rate(wood.triangles(), start.elapsed())
     );
     let atlas = texture::for_species(&s, 128, Seed::new(1)).atlas;
     let start = std::time::Instant::now();
@@ -415,7 +414,7 @@ fn speed() {
         wind: None,
         seed,
     };
-    let cards = foliage::foliage(&skeleton, &axes, &order).unwrap();
+    let cards = foliage::foliage(&skeleton, &order).unwrap();
     println!(
         "foliage: {} triangles in {:?}: {:.1} M/s",
         cards.triangles(),

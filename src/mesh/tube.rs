@@ -14,7 +14,8 @@ use glam::{Vec2, Vec3};
 use super::Surface;
 use super::junction::{Hole, mask};
 use super::path::{MAX_SIDES, Ring};
-use crate::seed::Draws;
+use super::wind::{Sway, Wind};
+use crate::seed::{Draws, Seed};
 
 /// Cosines and sines of the corners of every ring.
 pub struct Circles(Vec<Vec<Vec2>>);
@@ -40,20 +41,6 @@ impl Circles {
     fn of(&self, sides: u32) -> &[Vec2] {
         &self.0[sides.min(MAX_SIDES) as usize]
     }
-}
-
-/// Triangles and vertices that [`tube`] makes of these rings and holes.
-pub fn count(rings: &[Ring], holes: &[Hole], is_welded: bool) -> (usize, usize) {
-    let n = rings.len();
-    if n < 2 {
-        return (0, 0);
-    }
-    let bands: usize = rings[..n - 1].windows(2).map(|w| (w[0].sides + w[1].sides) as usize).sum();
-    let base = if is_welded { 0 } else { rings[0].sides as usize - 2 };
-    let around: usize = holes.iter().map(|h| h.start.sides as usize + 2).sum();
-    let triangles = bands + base + rings[n - 2].sides as usize + around;
-    let vertices = rings[..n - 1].iter().map(|r| r.sides as usize + 1).sum::<usize>() + 1;
-    (triangles, vertices + around)
 }
 
 /// Texel density, as tiles a tile's length: where thin wood cannot have fewer than one tile
@@ -84,109 +71,268 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32) {
     }
 }
 
-/// Where a tube goes: old bark and young bark.
-pub struct Barks<'a> {
-    pub surface: [&'a mut Surface; 2],
+/// Where bark is young: by radius over that of the stem's foot and height over the tree's, from all
+/// old to all young.
+pub struct Young {
+    pub foot_m: f32,
+    pub height_m: f32,
+    pub radius: [f32; 2],
+    pub height: [f32; 2],
+}
+
+impl Young {
     /// Share of young bark at a ring; between 0 and 1 the facets mix.
-    pub young: &'a dyn Fn(&Ring) -> f32,
-    /// Draws for that mixing, and the phase of buttresses.
-    pub draws: Draws,
-}
-
-/// How a tube is joined to others.
-pub struct Joints<'a> {
-    /// Corners of the hole it comes out of, with the parent's normals; empty where its base is
-    /// closed by a fan.
-    pub base: &'a [(Vec3, Vec3)],
-    /// Whether that hole goes over into the tube by a collar.
-    pub is_collar: bool,
-    /// Its own holes, in the order of their bands.
-    pub holes: &'a [Hole],
-    /// The corners of these holes, one after the other.
-    pub rims: &'a mut [(Vec3, Vec3)],
-}
-
-/// Appends the tube of one axis; the last ring is the apex.
-pub fn tube(rings: &[Ring], circles: &Circles, joints: &mut Joints, barks: &mut Barks) {
-    let n = rings.len();
-    if n < 2 {
-        return;
+    fn share(&self, ring: &Ring) -> f32 {
+        let part = |x: f32, range: [f32; 2]| (x - range[0]) / (range[1] - range[0]);
+        let thin = part(ring.radius_m / self.foot_m, self.radius);
+        let high = part(ring.centre.z / self.height_m, self.height);
+        thin.max(high).clamp(0.0, 1.0)
     }
-    let phase = barks.draws.between(0.0, TAU);
-    let (base, is_collar) = (joints.base, joints.is_collar);
-    let (mut holes, mut rims) = (joints.holes, &mut *joints.rims);
-    // Where the corners of the last ring start in each surface, once they are there.
-    let mut below = [None; 2];
-    for i in 0..n - 1 {
-        let share = (barks.young)(&rings[i]);
-        let mut here = [None; 2];
-        let corners_in = |b: usize, i: usize, slot: &mut [Option<u32>; 2], out: &mut Surface| {
-            *slot[b].get_or_insert_with(|| {
-                let start = out.position.len() as u32;
-                let ring = &rings[i];
-                if i == 0 && !base.is_empty() {
-                    rim(ring, circles.of(ring.sides), base, is_collar, out);
-                } else {
-                    corners(ring, circles.of(ring.sides), phase, out);
-                }
-                start
-            })
-        };
-        if i == 0 {
-            // The base is closed by a fan: it lies inside the parent or below ground.
-            let b = usize::from(share >= 0.5);
-            let out = &mut *barks.surface[b];
-            let first = corners_in(b, 0, &mut here, out);
-            if base.is_empty() {
-                for k in 1..rings[0].sides - 1 {
-                    out.index.extend([first, first + k + 1, first + k]);
-                }
+}
+
+/// One tube, and how it is joined to others.
+pub struct Shape<'a> {
+    /// The last is the apex.
+    pub rings: &'a [Ring],
+    /// In the order of their bands.
+    pub holes: &'a [Hole],
+    /// Closed by a fan where it comes out of none.
+    pub out_of: Option<Outlet>,
+    /// Nodes it goes along, their arc lengths, and that from its first ring to the first of them.
+    pub line: &'a [u32],
+    pub arcs_m: &'a [f32],
+    pub shift_m: f32,
+    /// Of its random draws.
+    pub key: u64,
+}
+
+/// The hole a tube comes out of, counted over all tubes, and whether it goes over into it by a
+/// collar.
+#[derive(Clone, Copy)]
+pub struct Outlet {
+    pub hole: u32,
+    pub has_collar: bool,
+}
+
+/// Place, normal and wind.
+type Corner = (Vec3, Vec3, [u8; 4]);
+
+/// The corners of a hole: which surface, the first.
+struct Rim {
+    side: usize,
+    first: u32,
+}
+
+/// The wood while tubes are added, parents before their branches: old bark and young bark.
+pub struct Bark<'a> {
+    surface: [Surface; 2],
+    young: Option<Young>,
+    wind: Option<&'a Wind>,
+    seed: Seed,
+    circles: Circles,
+    rims: Vec<Rim>,
+    /// Of the tube at hand: how its rings swing, and the corners it begins with.
+    sway: Vec<Sway>,
+    base: Vec<Corner>,
+}
+
+impl<'a> Bark<'a> {
+    pub fn new(young: Option<Young>, wind: Option<&'a Wind>, seed: Seed) -> Bark<'a> {
+        Bark {
+            surface: [Surface::default(), Surface::default()],
+            young,
+            wind,
+            seed,
+            circles: Circles::new(),
+            rims: Vec::new(),
+            sway: Vec::new(),
+            base: Vec::new(),
+        }
+    }
+
+    /// Without tubes again.
+    pub fn clear(&mut self) {
+        for s in &mut self.surface {
+            s.position.clear();
+            s.normal.clear();
+            s.uv.clear();
+            s.index.clear();
+            s.wind.clear();
+        }
+        self.rims.clear();
+    }
+
+    /// Room for so many triangles in each bark; what stays free is given back at the end.
+    pub fn reserve(&mut self, triangles: usize) {
+        // Large trees have six vertices to seven triangles.
+        let vertices = triangles / 7 * 6;
+        let barks = if self.young.is_some() { 2 } else { 1 };
+        for s in &mut self.surface[..barks] {
+            s.position.reserve(vertices);
+            s.normal.reserve(vertices);
+            s.uv.reserve(vertices);
+            s.index.reserve(triangles * 3);
+            if self.wind.is_some() {
+                s.wind.reserve(vertices);
             }
-        } else {
-            let (sides, next) = (rings[i - 1].sides, rings[i].sides);
-            let mixes = share > 0.0 && share < 1.0;
-            let side = usize::from(share >= 0.5);
-            let count = holes.iter().take_while(|h| h.band as usize == i - 1).count();
-            let (opened, rest) = holes.split_at(count);
-            holes = rest;
-            if count == 0 && !(mixes && sides == next) {
-                let out = &mut *barks.surface[side];
-                let p = corners_in(side, i - 1, &mut below, out);
-                let q = corners_in(side, i, &mut here, out);
-                band(p, sides, q, next, &mut out.index);
+        }
+    }
+
+    pub fn triangles(&self) -> usize {
+        self.surface.iter().map(Surface::triangles).sum()
+    }
+
+    pub fn finish(self) -> [Surface; 2] {
+        self.surface.map(|mut s| {
+            s.position.shrink_to_fit();
+            s.normal.shrink_to_fit();
+            s.uv.shrink_to_fit();
+            s.index.shrink_to_fit();
+            s.wind.shrink_to_fit();
+            s
+        })
+    }
+
+    /// Appends a tube.
+    pub fn tube(&mut self, shape: &Shape) {
+        let Shape { rings, mut holes, out_of, .. } = *shape;
+        let n = rings.len();
+        if n < 2 {
+            return;
+        }
+        self.begin(shape);
+        let Bark { surface, young, wind, seed, circles, rims, sway, base } = self;
+        let has_collar = out_of.is_some_and(|o| o.has_collar);
+        let mut luck = Luck { seed: *seed, key: shape.key, drawn: None };
+        let swing = wind.map(|w| (w, &sway[..]));
+        // Where the corners of the last ring start in each surface, once they are there.
+        let mut below = [None; 2];
+        for i in 0..n - 1 {
+            let share = young.as_ref().map_or(0.0, |y| y.share(&rings[i]));
+            let mut here = [None; 2];
+            let corners_in =
+                |i: usize, slot: &mut Option<u32>, out: &mut Surface, luck: &mut Luck| {
+                    *slot.get_or_insert_with(|| {
+                        let start = out.position.len() as u32;
+                        let ring = &rings[i];
+                        if i == 0 && !base.is_empty() {
+                            rim(ring, circles.of(ring.sides), base, has_collar, out);
+                            if swing.is_some() {
+                                let again =
+                                    (0..=ring.sides as usize).map(|k| base[k % base.len()].2);
+                                out.wind.extend(again);
+                            }
+                        } else {
+                            let phase = if ring.lobe == 0.0 { 0.0 } else { luck.draws().0 };
+                            corners(ring, circles.of(ring.sides), phase, out);
+                            if let Some((wind, sway)) = swing {
+                                wind.ring(sway[i], out);
+                            }
+                        }
+                        start
+                    })
+                };
+            if i == 0 {
+                // The base is closed by a fan: it lies inside the parent or below ground.
+                let b = usize::from(share >= 0.5);
+                let out = &mut surface[b];
+                let first = corners_in(0, &mut here[b], out, &mut luck);
+                if base.is_empty() {
+                    for k in 1..rings[0].sides - 1 {
+                        out.index.extend([first, first + k + 1, first + k]);
+                    }
+                }
             } else {
-                let taken = opened.iter().fold(0, |m, h| m | mask(h.facet, h.facets, sides));
-                for k in (0..sides).filter(|k| taken >> k & 1 == 0) {
-                    let b = if mixes { usize::from(barks.draws.unit() < share) } else { side };
-                    let out = &mut *barks.surface[b];
-                    let p = corners_in(b, i - 1, &mut below, out) + k;
-                    let q = corners_in(b, i, &mut here, out) + k;
-                    out.index.extend([p, p + 1, q + 1, p, q + 1, q]);
-                }
-                for hole in opened {
-                    let out = &mut *barks.surface[side];
-                    let p = corners_in(side, i - 1, &mut below, out);
-                    let q = corners_in(side, i, &mut here, out);
-                    let (own, others) = rims.split_at_mut(hole.start.sides as usize);
-                    fill(hole, [&rings[i - 1], &rings[i]], [p, q], circles, own, out);
-                    rims = others;
+                let (sides, next) = (rings[i - 1].sides, rings[i].sides);
+                let mixes = share > 0.0 && share < 1.0;
+                let side = usize::from(share >= 0.5);
+                let count = holes.iter().take_while(|h| h.band as usize == i - 1).count();
+                let (opened, rest) = holes.split_at(count);
+                holes = rest;
+                if count == 0 && !(mixes && sides == next) {
+                    let out = &mut surface[side];
+                    let p = corners_in(i - 1, &mut below[side], out, &mut luck);
+                    let q = corners_in(i, &mut here[side], out, &mut luck);
+                    band(p, sides, q, next, &mut out.index);
+                } else {
+                    let taken = opened.iter().fold(0, |m, h| m | mask(h.facet, h.facets, sides));
+                    for k in (0..sides).filter(|k| taken >> k & 1 == 0) {
+                        let b =
+                            if mixes { usize::from(luck.draws().1.unit() < share) } else { side };
+                        let out = &mut surface[b];
+                        let p = corners_in(i - 1, &mut below[b], out, &mut luck) + k;
+                        let q = corners_in(i, &mut here[b], out, &mut luck) + k;
+                        out.index.extend([p, p + 1, q + 1, p, q + 1, q]);
+                    }
+                    for hole in opened {
+                        let out = &mut surface[side];
+                        let p = corners_in(i - 1, &mut below[side], out, &mut luck);
+                        let q = corners_in(i, &mut here[side], out, &mut luck);
+                        let first = fill(hole, [&rings[i - 1], &rings[i]], [p, q], circles, out);
+                        if let Some((wind, sway)) = swing {
+                            let place = |c: &Vec2| hole.t + hole.half_t * c.x;
+                            let foot = circles.of(hole.start.sides).iter().map(place);
+                            wind.each(foot.map(|t| sway[i - 1].between(sway[i], t)), out);
+                        }
+                        rims.push(Rim { side, first });
+                    }
                 }
             }
-        }
-        if i == n - 2 {
-            let b = usize::from(share >= 0.5);
-            let out = &mut *barks.surface[b];
-            let last = corners_in(b, i, &mut here, out);
-            let apex = &rings[n - 1];
-            let tip = out.position.len() as u32;
-            out.position.push(apex.centre);
-            out.normal.push(apex.tangent);
-            out.uv.push(Vec2::new(0.0, apex.v));
-            for k in 0..rings[i].sides {
-                out.index.extend([last + k, last + k + 1, tip]);
+            if i == n - 2 {
+                let b = usize::from(share >= 0.5);
+                let out = &mut surface[b];
+                let last = corners_in(i, &mut here[b], out, &mut luck);
+                let apex = &rings[n - 1];
+                let tip = out.position.len() as u32;
+                out.position.push(apex.centre);
+                out.normal.push(apex.tangent);
+                out.uv.push(Vec2::new(0.0, apex.v));
+                if let Some((wind, sway)) = swing {
+                    wind.ring(sway[n - 1], out);
+                }
+                for k in 0..rings[i].sides {
+                    out.index.extend([last + k, last + k + 1, tip]);
+                }
             }
+            below = here;
         }
-        below = here;
+    }
+
+    /// Finds the corners that a tube begins with, and how its rings swing.
+    fn begin(&mut self, shape: &Shape) {
+        self.base.clear();
+        let rim = shape.out_of.and_then(|o| self.rims.get(o.hole as usize));
+        if let Some(&Rim { side, first }) = rim {
+            let s = &self.surface[side];
+            let corners = (first..first + shape.rings[0].sides).map(|k| k as usize);
+            self.base.extend(
+                corners.map(|k| {
+                    (s.position[k], s.normal[k], s.wind.get(k).copied().unwrap_or_default())
+                }),
+            );
+        }
+        self.sway.clear();
+        if let Some(wind) = self.wind {
+            let at_m = shape.rings.iter().map(|r| r.arc_m - shape.shift_m);
+            wind.along(shape.line, shape.arcs_m, at_m, &mut self.sway);
+        }
+    }
+}
+
+/// A tube's random draws, which few ask for: the phase of its buttresses, and those for the mixing
+/// of barks.
+struct Luck {
+    seed: Seed,
+    key: u64,
+    drawn: Option<(f32, Draws)>,
+}
+
+impl Luck {
+    fn draws(&mut self) -> &mut (f32, Draws) {
+        self.drawn.get_or_insert_with(|| {
+            let mut draws = self.seed.derive("bark", self.key).draws();
+            (draws.between(0.0, TAU), draws)
+        })
     }
 }
 
@@ -197,10 +343,10 @@ fn around(ring: &Ring, corner: f32) -> f32 {
 
 /// The first ring of a branch: the corners of its hole. A collar goes over into the parent's
 /// bark; a twig keeps its own roundness.
-fn rim(ring: &Ring, circle: &[Vec2], base: &[(Vec3, Vec3)], is_collar: bool, out: &mut Surface) {
+fn rim(ring: &Ring, circle: &[Vec2], base: &[Corner], is_collar: bool, out: &mut Surface) {
     let binormal = ring.binormal();
     for (k, c) in circle.iter().enumerate() {
-        let (position, parent) = base[k % base.len()];
+        let (position, parent, _) = base[k % base.len()];
         let own = ring.normal * c.x + binormal * c.y;
         // In a crotch the branch's side faces the parent: there both count alike.
         let weight = if is_collar { 0.6 - 0.6 * parent.dot(own) } else { 3.0 };
@@ -211,16 +357,15 @@ fn rim(ring: &Ring, circle: &[Vec2], base: &[(Vec3, Vec3)], is_collar: bool, out
     }
 }
 
-/// Fills a block of facets but for the foot of a branch, whose corners go to `rim`. Both edges are
-/// walked in step: all of it lies in the parent's facets.
+/// Fills a block of facets but for the foot of a branch, whose first corner is returned. Both edges
+/// are walked in step: all of it lies in the parent's facets.
 fn fill(
     hole: &Hole,
     [low, high]: [&Ring; 2],
     [p, q]: [u32; 2],
     circles: &Circles,
-    rim: &mut [(Vec3, Vec3)],
     out: &mut Surface,
-) {
+) -> u32 {
     let (sides, facets) = (low.sides, hole.facets);
     // Across the seam the block has corners of its own, whose texture goes on.
     let wraps = hole.facet + facets > sides;
@@ -234,13 +379,17 @@ fn fill(
             out.position.push(out.position[i]);
             out.normal.push(out.normal[i]);
             out.uv.push(Vec2::new(around(ring, (hole.facet + k) as f32), ring.v));
+            if let Some(&colour) = out.wind.get(i) {
+                out.wind.push(colour);
+            }
         }
         start
     };
     let (p, q) = (edge(p, low), edge(q, high));
     let first = out.position.len() as u32;
     let circle = circles.of(hole.start.sides);
-    for (corner, c) in rim.iter_mut().zip(circle) {
+    let inner = hole.start.sides;
+    for c in &circle[..inner as usize] {
         let x = hole.x - hole.half_x * c.y;
         let t = hole.t + hole.half_t * c.x;
         let k = (x as u32).min(facets - 1);
@@ -254,7 +403,6 @@ fn fill(
         let position = across(&out.position);
         let normal = across(&out.normal);
         let normal = normal.try_normalize().unwrap_or(out.normal[(p + k) as usize]);
-        *corner = (position, normal);
         let place = hole.facet as f32 + x;
         let u = around(low, place) + (around(high, place) - around(low, place)) * t;
         out.position.push(position);
@@ -264,39 +412,44 @@ fn fill(
     // Both counter-clockwise; the outer edge from its upper right, the inner one from its top. Each
     // inner edge takes the outer corner furthest out as it sees it, which is never hidden (the
     // block is convex and holds the foot), as two calipers turn around.
-    let (outer, inner) = (2 * (facets + 1), hole.start.sides);
-    let corner = |j: u32| {
-        let j = j % outer;
-        if j <= facets { q + facets - j } else { p + j - facets - 1 }
-    };
-    let place = |j: u32| {
-        let k = j % outer;
-        let (x, t) =
-            if k <= facets { ((facets - k) as f32, 1.0) } else { ((k - facets - 1) as f32, 0.0) };
-        Vec2::new((x - hole.x) / hole.half_x, (t - hole.t) / hole.half_t)
-    };
+    let outer = 2 * (facets + 1);
+    // Index and place of each outer corner.
+    let mut corner = [(0, Vec2::ZERO); 2 * (MAX_SIDES as usize + 1)];
+    let (upper, lower) = corner.split_at_mut(facets as usize + 1);
+    let (top, bottom) = ((1.0 - hole.t) / hole.half_t, (0.0 - hole.t) / hole.half_t);
+    for k in 0..=facets {
+        let x = (k as f32 - hole.x) / hole.half_x;
+        upper[(facets - k) as usize] = (q + k, Vec2::new(x, top));
+        lower[k as usize] = (p + k, Vec2::new(x, bottom));
+    }
+    let corner = &corner[..outer as usize];
     let away = |i: u32| {
         let sum = circle[i as usize] + circle[i as usize + 1];
         Vec2::new(-sum.y, sum.x)
     };
-    let mut start = 0;
-    for j in 1..outer {
-        if place(j).dot(away(0)) > place(start).dot(away(0)) {
-            start = j;
+    let onward = |j: usize| if j + 1 == corner.len() { 0 } else { j + 1 };
+    let (mut j, mut far) = (0, f32::NEG_INFINITY);
+    for (k, c) in corner.iter().enumerate() {
+        let out = c.1.dot(away(0));
+        if out > far {
+            (j, far) = (k, out);
         }
     }
-    let (mut j, last) = (start, start + outer);
+    let mut left = outer;
     for i in 0..inner {
-        while j < last && place(j + 1).dot(away(i)) > place(j).dot(away(i)) {
-            out.index.extend([corner(j), corner(j + 1), first + i]);
-            j += 1;
+        let away = away(i);
+        while left > 0 && corner[onward(j)].1.dot(away) > corner[j].1.dot(away) {
+            out.index.extend([corner[j].0, corner[onward(j)].0, first + i]);
+            (j, left) = (onward(j), left - 1);
         }
-        out.index.extend([corner(j), first + (i + 1) % inner, first + i]);
+        let next = if i + 1 == inner { first } else { first + i + 1 };
+        out.index.extend([corner[j].0, next, first + i]);
     }
-    while j < last {
-        out.index.extend([corner(j), corner(j + 1), first]);
-        j += 1;
+    for _ in 0..left {
+        out.index.extend([corner[j].0, corner[onward(j)].0, first]);
+        j = onward(j);
     }
+    first
 }
 
 fn corners(ring: &Ring, circle: &[Vec2], lobe_phase: f32, out: &mut Surface) {
@@ -304,13 +457,15 @@ fn corners(ring: &Ring, circle: &[Vec2], lobe_phase: f32, out: &mut Surface) {
     let lift = 1.0 / (1.0 + ring.slope * ring.slope).sqrt();
     let (flat, rise) = (lift, ring.tangent * (-ring.slope * lift));
     if ring.lobe == 0.0 {
-        out.position.extend(
-            circle
-                .iter()
-                .map(|c| ring.centre + (ring.normal * c.x + binormal * c.y) * ring.radius_m),
-        );
-        out.normal
-            .extend(circle.iter().map(|c| (ring.normal * c.x + binormal * c.y) * flat + rise));
+        let from = out.position.len();
+        out.position.resize(from + circle.len(), ring.centre);
+        out.normal.resize(from + circle.len(), rise);
+        let places = out.position[from..].iter_mut().zip(&mut out.normal[from..]);
+        for (c, (position, normal)) in circle.iter().zip(places) {
+            let away = ring.normal * c.x + binormal * c.y;
+            *position = ring.centre + away * ring.radius_m;
+            *normal = away * flat + rise;
+        }
     } else {
         // Buttresses, uneven: r(θ) = r (1 + lobe · (¾ cos(5θ + φ) + ½ cos(2θ + 2φ))).
         for (k, c) in circle.iter().enumerate() {
@@ -333,10 +488,12 @@ fn corners(ring: &Ring, circle: &[Vec2], lobe_phase: f32, out: &mut Surface) {
 /// Joins two rings; where their sides differ, by walking both around in step.
 fn band(a: u32, a_sides: u32, b: u32, b_sides: u32, index: &mut Vec<u32>) {
     if a_sides == b_sides {
-        index.extend((0..a_sides).flat_map(|k| {
+        let start = index.len();
+        index.resize(start + 6 * a_sides as usize, 0);
+        for (facet, k) in index[start..].as_chunks_mut::<6>().0.iter_mut().zip(0..) {
             let (p, q) = (a + k, b + k);
-            [p, p + 1, q + 1, p, q + 1, q]
-        }));
+            *facet = [p, p + 1, q + 1, p, q + 1, q];
+        }
         return;
     }
     let (mut i, mut j) = (0, 0);
@@ -409,8 +566,7 @@ mod tests {
             let x = half_x + 0.08 + room.max(0.0) * across;
             let t = high + 0.06 + (1.0 - 2.0 * (high + 0.06)) * along;
             let hole = Hole::new(facet, facets, [x, half_x], [t, high], start);
-            let mut rim = vec![(Vec3::ZERO, Vec3::ZERO); corners_of_foot as usize];
-            fill(&hole, [&low, &top], [0, sides + 1], &circles, &mut rim, &mut out);
+            fill(&hole, [&low, &top], [0, sides + 1], &circles, &mut out);
             prop_assert_eq!(out.triangles() as u32, 2 * facets + 2 + corners_of_foot);
             // The texture coordinates are the tube laid flat.
             let mut sum = 0.0;

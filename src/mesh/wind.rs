@@ -11,11 +11,13 @@
 //! | `cryengine` (Sousa 2007, GPU Gems 3, ch. 16) | leaf flutter | leaf or branch phase | branch | 255, no occlusion |
 //! | `speedtree-like` | whole tree | branch | leaf flutter | branch or leaf phase |
 //!
-//! Wood does not flutter. Known limit: branches of the second order and on swing with the branch
+//! Wood does not flutter. The corners of a ring share the distance of its middle; a branch's first
+//! ring has the colours of the hole it comes out of, so that no seam opens. Known limit: branches of the second order and on swing with the branch
 //! of the first that bears them.
 
 use glam::Vec3;
 
+use super::Surface;
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 
@@ -25,6 +27,32 @@ pub enum WindProfile {
     Unity,
     CryEngine,
     SpeedTreeLike,
+}
+
+impl WindProfile {
+    /// Where the weight of the whole tree is written.
+    fn tree_channel(self) -> Option<usize> {
+        match self {
+            WindProfile::Unity => Some(2),
+            WindProfile::CryEngine => None,
+            WindProfile::SpeedTreeLike => Some(0),
+        }
+    }
+}
+
+/// How a place on the wood swings with its branch.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Sway {
+    /// Distance from the stem over the longest such.
+    out: f32,
+    phase: f32,
+}
+
+impl Sway {
+    /// Between two rings.
+    pub fn between(self, other: Sway, t: f32) -> Sway {
+        Sway { out: self.out + (other.out - self.out) * t, phase: other.phase }
+    }
 }
 
 /// How one vertex moves; all 0…1.
@@ -66,22 +94,52 @@ impl Wind {
         Wind { profile, seed, height_m: skeleton.height_m().max(1e-6), out: branch }
     }
 
-    /// A vertex of the tube along a line of nodes, from the one it springs from to its tip.
-    pub fn wood(&self, at: Vec3, skeleton: &Skeleton, line: &[u32]) -> [u8; 4] {
-        let place = |i: u32| skeleton.position[i as usize];
-        let mut nearest = (f32::INFINITY, 0.0, [0.0; 2]);
-        for w in line.windows(2) {
-            let (a, b) = (place(w[0]), place(w[1]));
-            let chord = b - a;
-            let share = ((at - a).dot(chord) / chord.length_squared().max(1e-12)).clamp(0.0, 1.0);
-            let distance_sq = at.distance_squared(a + chord * share);
-            if distance_sq < nearest.0 {
-                let [from, to] = [w[0], w[1]].map(|i| self.out[i as usize]);
-                nearest = (distance_sq, from[0] + (to[0] - from[0]) * share, to);
+    /// How the rings of a tube move, appended to `out`: at each of `at_m`, arc lengths along a line
+    /// of nodes, themselves at `line_m`; both in ascending order.
+    pub fn along(
+        &self,
+        line: &[u32],
+        line_m: &[f32],
+        at_m: impl Iterator<Item = f32>,
+        out: &mut Vec<Sway>,
+    ) {
+        let of = |i: usize| self.out.get(line[i] as usize).copied().unwrap_or_default();
+        let Some(last) = line.len().min(line_m.len()).checked_sub(1) else {
+            return out.extend(at_m.map(|_| Sway::default()));
+        };
+        let mut to = last.min(1);
+        out.extend(at_m.map(|at| {
+            while to < last && line_m[to] < at {
+                to += 1;
             }
+            let before = to.saturating_sub(1);
+            let run = (line_m[to] - line_m[before]).max(1e-9);
+            let share = ((at - line_m[before]) / run).clamp(0.0, 1.0);
+            let ([from, _], [out, phase]) = (of(before), of(to));
+            Sway { out: from + (out - from) * share, phase }
+        }));
+    }
+
+    /// Colours the vertices of a surface that have none yet: they move as a ring does.
+    pub fn ring(&self, sway: Sway, surface: &mut Surface) {
+        let still = self.motion(0.0, [sway.out, sway.phase]);
+        let colour = self.channels(&still);
+        let new = &surface.position[surface.wind.len()..];
+        match self.profile.tree_channel() {
+            None => surface.wind.resize(surface.position.len(), colour),
+            Some(k) => surface.wind.extend(new.iter().map(|p| {
+                let mut colour = colour;
+                colour[k] = byte(self.tree(p.z));
+                colour
+            })),
         }
-        let (_, out, [_, phase]) = nearest;
-        self.channels(&self.motion(at, [out, phase]))
+    }
+
+    /// Colours the vertices of a surface that have none yet, each by a sway of its own.
+    pub fn each(&self, sways: impl Iterator<Item = Sway>, surface: &mut Surface) {
+        let new = &surface.position[surface.wind.len()..];
+        let colour = |(p, s): (&Vec3, Sway)| self.channels(&self.motion(p.z, [s.out, s.phase]));
+        surface.wind.extend(new.iter().zip(sways).map(colour));
     }
 
     /// A vertex of a leaf or twig that hangs on a node; `out`: its distance from there over the
@@ -90,11 +148,16 @@ impl Wind {
         let leaf_phase = self.seed.derive("leaf", key).draws().unit();
         let flutter = out.clamp(0.0, 1.0).powi(2);
         let here = self.out.get(node as usize).copied().unwrap_or_default();
-        self.channels(&Motion { flutter, leaf_phase, ..self.motion(at, here) })
+        self.channels(&Motion { flutter, leaf_phase, ..self.motion(at.z, here) })
     }
 
-    fn motion(&self, at: Vec3, [out, branch_phase]: [f32; 2]) -> Motion {
-        let tree = (at.z / self.height_m).clamp(0.0, 1.0).powi(2);
+    /// How much the whole tree moves at a height.
+    fn tree(&self, z: f32) -> f32 {
+        (z / self.height_m).clamp(0.0, 1.0).powi(2)
+    }
+
+    fn motion(&self, z: f32, [out, branch_phase]: [f32; 2]) -> Motion {
+        let tree = self.tree(z);
         Motion { tree, branch: out * out, branch_phase, flutter: 0.0, leaf_phase: 0.0 }
     }
 
@@ -106,8 +169,13 @@ impl Wind {
             WindProfile::CryEngine => [m.flutter, phase, m.branch, 1.0],
             WindProfile::SpeedTreeLike => [m.tree, m.branch, m.flutter, phase],
         };
-        channels.map(|c| (c * 255.0).round() as u8)
+        channels.map(byte)
     }
+}
+
+/// 0…255, rounded; without the call that `round` is where the machine has no instruction for it.
+fn byte(share: f32) -> u8 {
+    (share * 255.0 + 0.5) as u8
 }
 
 #[cfg(test)]
@@ -142,16 +210,32 @@ mod tests {
         s.check().unwrap();
         let wind = Wind::new(&s, WindProfile::Unity, Seed::new(1));
         let lines: [&[u32]; 4] = [&[0, 1, 2], &[1, 3], &[1, 4], &[4, 5]];
-        let wood = |i: u32| {
-            let line = lines.iter().find(|l| l.iter().skip(1).any(|&k| k == i));
-            wind.wood(s.position[i as usize], &s, line.unwrap_or(&lines[0]))
+        let place = |i: u32| s.position[i as usize];
+        // At a share of the way from the first node to the last.
+        let at = |line: &[u32], share: f32| {
+            let (from, to) = (place(line[0]), place(line[line.len() - 1]));
+            let line_m: Vec<f32> = line.iter().map(|&i| place(i).distance(from)).collect();
+            let at_m = share * from.distance(to);
+            let mut sway = Vec::new();
+            wind.along(line, &line_m, std::iter::once(at_m), &mut sway);
+            let mut surface =
+                Surface { position: vec![from.lerp(to, share)], ..Surface::default() };
+            wind.ring(sway[0], &mut surface);
+            surface.wind[0]
+        };
+        let wood = |i: u32| match i {
+            0 => at(lines[0], 0.0),
+            i => lines.iter().find(|l| l.last() == Some(&i)).map(|l| at(l, 1.0)).unwrap(),
         };
         assert_eq!(wood(0), [0, 0, 0, 0], "the foot stands still");
         assert_eq!(wood(2), [0, 0, 255, 0], "the top sways, and is no branch");
         assert_eq!((wood(3)[2], wood(3)[3]), (64, 64), "half as far: a quarter");
         assert_eq!(wood(5)[3], 255);
-        let half = wind.wood(Vec3::new(-3.0, 0.1, 5.0), &s, lines[3]);
-        assert_eq!(half[3], (0.75f32 * 0.75 * 255.0).round() as u8, "between nodes, in between");
+        assert_eq!(
+            at(lines[3], 0.5)[3],
+            (0.75f32 * 0.75 * 255.0).round() as u8,
+            "between nodes, in between"
+        );
         assert_eq!(wood(5)[0], wood(4)[0], "a twig swings with its branch");
         assert_ne!(wood(3)[0], wood(4)[0], "and branches out of step");
         let leaf = |out: f32| wind.leaf(s.position[5], 5, out, 7);

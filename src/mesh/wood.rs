@@ -1,171 +1,80 @@
 //! Which axes of a skeleton become tubes, and how finely, within a budget of triangles.
 
-use std::ops::Range;
-
-use glam::Vec3;
-
-use super::junction::{self, Hole};
-use super::path::{Foot, Knot, Least, Ring, Scratch, Sides, rings, simplify};
-use super::tube::{Barks, Circles, Joints, count, lay_bark, tube};
+use super::chain::{Chains, Pieces};
+use super::junction::{self, Branch, Hole};
+use super::path::{Foot, Knot, Least, Ring, Scratch, Sides, Start, rings};
+use super::tube::{Bark, Outlet, Shape, Young, lay_bark};
 use super::wind::Wind;
 use super::{FoliageLevel, Junctions, MeshOptions, Surface};
 use crate::seed::Seed;
-use crate::skeleton::{Axis, Skeleton};
+use crate::skeleton::Skeleton;
 use crate::texture::BARK_REPEAT_M;
 
-/// The tubes of a tree, parents before their branches.
-pub struct Wood {
-    ring: Vec<Ring>,
-    hole: Vec<Hole>,
-    tube: Vec<Tube>,
-    pub triangles: usize,
-    vertices: usize,
-}
-
-struct Tube {
-    rings: Range<usize>,
-    holes: Range<usize>,
-    /// The hole it comes out of.
-    out_of: Option<usize>,
-    chain: usize,
-    /// Of its random draws.
-    key: u64,
-}
-
-/// Axes that run on from tip to base, as one tube: the thickest that springs from a tip goes on.
-pub struct Chains {
-    /// Nodes from base to tip, chain after chain; parents first.
-    node: Vec<u32>,
-    chain: Vec<Chain>,
-    /// Of every node.
-    of_node: Vec<u32>,
-}
-
-struct Chain {
-    nodes: Range<usize>,
-    /// The node of another chain it springs from.
-    base: Option<u32>,
-    axis: u32,
-}
-
-impl Chains {
-    pub fn new(skeleton: &Skeleton, axes: &[Axis]) -> Chains {
-        let n = skeleton.len();
-        const NONE: u32 = u32::MAX;
-        let mut is_tip = vec![false; n];
-        let mut order: Vec<u32> = Vec::with_capacity(axes.len());
-        for (k, axis) in axes.iter().enumerate() {
-            if let Some(&tip) = axis.nodes.last() {
-                is_tip[tip as usize] = true;
-                order.push(k as u32);
-            }
-        }
-        order.sort_unstable_by_key(|&k| axes[k as usize].nodes.first().copied());
-        // The axis that goes on from each tip.
-        let mut onward = vec![NONE; n];
-        let radius =
-            |k: u32| axes[k as usize].nodes.first().map_or(0.0, |&i| skeleton.radius_m[i as usize]);
-        for &k in &order {
-            if let Some(base) = axes[k as usize].base.filter(|&b| is_tip[b as usize]) {
-                let on = &mut onward[base as usize];
-                if *on == NONE || radius(k) > radius(*on) {
-                    *on = k;
-                }
-            }
-        }
-        let mut chains = Chains {
-            node: Vec::with_capacity(n),
-            chain: Vec::with_capacity(axes.len()),
-            of_node: vec![0; n],
-        };
-        for &k in &order {
-            let base = axes[k as usize].base;
-            if base.is_some_and(|b| onward[b as usize] == k) {
-                continue;
-            }
-            let start = chains.node.len();
-            let mut next = k;
-            while next != NONE {
-                let nodes = &axes[next as usize].nodes;
-                chains.node.extend_from_slice(nodes);
-                next = nodes.last().map_or(NONE, |&tip| onward[tip as usize]);
-            }
-            let nodes = start..chains.node.len();
-            for &i in &chains.node[nodes.clone()] {
-                chains.of_node[i as usize] = chains.chain.len() as u32;
-            }
-            chains.chain.push(Chain { nodes, base, axis: k });
-        }
-        chains
-    }
-
-    /// The nodes of a chain, with that of another chain it springs from.
-    fn line(&self, chain: usize) -> Vec<u32> {
-        let c = &self.chain[chain];
-        c.base.into_iter().chain(self.node[c.nodes.clone()].iter().copied()).collect()
-    }
-}
-
-/// How much coarser a wood may become for a budget, and how often that is tried.
+/// How much coarser a wood may become for a budget, how often that is tried, and by what steps of
+/// the logarithm.
 const COARSEST: f32 = 3000.0;
-const ATTEMPTS: u32 = 12;
+const ATTEMPTS: u32 = 8;
+const STEP: f32 = 0.004;
+const GUESSES: u32 = 16;
+/// Share of a budget that is aimed at, and that is enough; and times the aim that the finest wood
+/// may be guessed at for it to be tried.
+const AIM: f32 = 0.96;
+const ENOUGH: f32 = 0.92;
+const LIKELY: f32 = 1.8;
+/// What woods come to over their guesses, bare and leafy: where the search starts.
+const USUAL: [f32; 2] = [0.93, 1.1];
 
-/// Plans the wood; with a budget, coarser until it fits: thin axes, which foliage hides, go first,
+/// Bark is young where the wood is thin, or high up: radius over that of the stem's foot and height
+/// over the tree's, from all old to all young.
+const YOUNG_RADIUS: [f32; 2] = [0.5, 0.3];
+const YOUNG_HEIGHT: [f32; 2] = [0.3, 0.6];
+
+/// The wood of a tree: old bark and young bark.
+pub struct Wood {
+    pub surface: [Surface; 2],
+    pub unmeshed_branches: usize,
+}
+
+impl Wood {
+    pub fn triangles(&self) -> usize {
+        self.surface.iter().map(Surface::triangles).sum()
+    }
+}
+
+/// Meshes the wood; with a budget, coarser until it fits: thin axes, which foliage hides, go first,
 /// then sides and rings. The stem always stays.
-pub fn plan(
+pub fn wood(
     skeleton: &Skeleton,
-    chains: &Chains,
     options: &MeshOptions,
     budget: Option<usize>,
     has_young: bool,
+    wind: Option<&Wind>,
+    seed: Seed,
 ) -> Wood {
+    let chains = Chains::new(skeleton);
     let height_m = skeleton.height_m();
     let reach = skeleton.position.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
     let planner = Planner {
         skeleton,
-        chains,
+        chains: &chains,
         mixed_m: has_young.then(|| YOUNG_HEIGHT.map(|h| h * height_m)),
         least: Least::within(reach),
         is_welded: options.junctions == Junctions::Welded,
+        options: *options,
     };
-    let tolerance_m = options.tolerance_m.clamp(1e-5, 1.0);
-    // Bare twigs are the crown: there sides go before axes.
-    let is_bare = options.foliage == FoliageLevel::None;
-    let thin_m = if is_bare { 0.0003 } else { 0.0015 };
-    let attempt = |coarse: f32| {
-        let detail = options.detail && coarse < 30.0;
-        planner.attempt(tolerance_m * coarse.powf(0.6), thin_m * (coarse - 1.0), detail)
+    let young = has_young.then(|| Young {
+        foot_m: skeleton.radius_m.first().copied().unwrap_or(0.0).max(1e-6),
+        height_m: height_m.max(1e-6),
+        radius: YOUNG_RADIUS,
+        height: YOUNG_HEIGHT,
+    });
+    let mut bark = Bark::new(young, wind, seed);
+    let mut work = Work::default();
+    let unmeshed_branches = match budget {
+        Some(budget) => planner.fit(budget, &mut work, &mut bark),
+        None => planner.attempt(0.0, &mut work, &mut bark),
     };
-    let finest = attempt(1.0);
-    let Some(budget) = budget.filter(|&b| finest.triangles > b) else { return finest };
-    // Triangles fall about with a power of the coarseness: false position between the logarithms,
-    // until a wood uses most of the budget.
-    let log = |triangles: usize| (triangles.max(1) as f32 / budget.max(1) as f32).ln();
-    let (mut fine, mut over) = (0.0f32, log(finest.triangles));
-    let (mut rough, mut under) = (COARSEST.ln(), None);
-    let mut best = None;
-    for k in 0..ATTEMPTS {
-        let x = match under {
-            None => (fine + over.max(0.1)).min(rough),
-            Some(under) if k % 3 != 2 => fine + (rough - fine) * over / (over - under),
-            Some(_) => 0.5 * (fine + rough),
-        };
-        let wood = attempt(x.exp());
-        let off = log(wood.triangles);
-        if off > 0.0 {
-            (fine, over) = (x, off);
-            if x >= rough {
-                break;
-            }
-        } else {
-            (rough, under) = (x, Some(off - 0.02));
-            best = Some(wood);
-            if off > -0.06 || rough - fine < 0.01 {
-                break;
-            }
-        }
-    }
-    best.unwrap_or_else(|| attempt(COARSEST))
+    Wood { surface: bark.finish(), unmeshed_branches }
 }
 
 struct Planner<'a> {
@@ -174,148 +83,208 @@ struct Planner<'a> {
     mixed_m: Option<[f32; 2]>,
     least: Least,
     is_welded: bool,
+    options: MeshOptions,
 }
 
-/// The paths of all chains, as straight pieces.
-struct Pieces {
-    knot: Vec<Knot>,
-    /// Of every chain; empty where it has no mesh.
-    span: Vec<Range<usize>>,
-    /// Arc length at every node, from its chain's base.
-    node_arc_m: Vec<f32>,
+/// Buffers of an attempt, kept for the next.
+#[derive(Default)]
+struct Work {
+    pieces: Pieces,
+    /// Of every chain: the hole it comes out of.
+    out_of: Vec<u32>,
+    /// Of every hole so far.
+    start: Vec<Start>,
+    scratch: Scratch,
+    path: Vec<Ring>,
+    todo: Vec<(u32, f32)>,
+    branches: Vec<Branch>,
+    rings: Vec<Ring>,
+    holes: Vec<Hole>,
 }
+
+/// Comes out of no hole.
+const NONE: u32 = u32::MAX;
 
 impl Planner<'_> {
-    fn attempt(&self, tolerance_m: f32, cut_m: f32, detail: bool) -> Wood {
-        let pieces = self.pieces(tolerance_m, cut_m);
-        let sides = Sides::new(tolerance_m);
-        let mut wood = Wood {
-            ring: Vec::with_capacity(pieces.knot.len() * 2),
-            hole: Vec::new(),
-            tube: Vec::new(),
-            triangles: 0,
-            vertices: 0,
+    /// A wood that uses most of a budget, or the coarsest of all. What woods would have is guessed
+    /// from their straight pieces; each attempt tells how far off such guesses are.
+    fn fit(&self, budget: usize, work: &mut Work, bark: &mut Bark) -> usize {
+        let mut guesses = [0.0, COARSEST.ln()].map(|x| (x, self.guess(x, work))).to_vec();
+        let is_leafy = self.options.foliage != FoliageLevel::None;
+        let mut ratio = USUAL[usize::from(is_leafy)];
+        let aim = budget as f32 * AIM;
+        if guesses[0].1 < LIKELY * aim {
+            let unmeshed = self.attempt(0.0, work, bark);
+            if bark.triangles() <= budget {
+                return unmeshed;
+            }
+            ratio = bark.triangles() as f32 / guesses[0].1;
+        }
+        // Too fine, and coarse enough.
+        let (mut fine, mut rough) = (0.0, COARSEST.ln());
+        let mut best = None;
+        for _ in 0..ATTEMPTS {
+            let (mut x, mut guess) = self.near(aim / ratio, &mut guesses, work);
+            if x < fine + STEP || (best.is_some() && x > rough - STEP) {
+                // Attempts belie all guesses.
+                x = 0.5 * (fine + rough);
+                guess = self.guess(x, work);
+            }
+            let unmeshed = self.attempt(x, work, bark);
+            let triangles = bark.triangles();
+            ratio = triangles.max(1) as f32 / guess;
+            if triangles > budget {
+                fine = x;
+                if fine >= rough {
+                    return unmeshed;
+                }
+            } else if triangles as f32 > ENOUGH * budget as f32 || rough - fine < 4.0 * STEP {
+                return unmeshed;
+            } else {
+                (rough, best) = (x, Some(x));
+            }
+        }
+        self.attempt(best.unwrap_or(rough), work, bark)
+    }
+
+    /// A coarseness whose guess is near the one given, and that guess; `guesses` are those known,
+    /// in ascending order of coarseness, two at least.
+    fn near(&self, aim: f32, guesses: &mut Vec<(f32, f32)>, work: &mut Work) -> (f32, f32) {
+        let mut turn = 0;
+        loop {
+            let i = guesses.partition_point(|g| g.1 > aim).clamp(1, guesses.len() - 1);
+            let [(fine, over), (rough, under)] = [guesses[i - 1], guesses[i]];
+            if under > 0.99 * aim || rough - fine < STEP || turn == GUESSES {
+                return (rough, under);
+            }
+            // False position between the logarithms, every third time by halves.
+            let share = (over / aim).ln() / (over / under).ln();
+            let is_turn = turn % 3 == 2 || share.is_nan();
+            let share = if is_turn { 0.5 } else { share.clamp(0.05, 0.95) };
+            let x = fine + (rough - fine) * share;
+            guesses.insert(i, (x, self.guess(x, work)));
+            turn += 1;
+        }
+    }
+
+    /// Greatest distance from the skeleton, and radius of the thinnest branch.
+    fn limits(&self, coarse: f32) -> (f32, f32) {
+        let tolerance_m = self.options.tolerance_m.clamp(1e-5, 1.0) * coarse.powf(0.6);
+        // Bare twigs are the crown: there sides go before axes.
+        let is_bare = self.options.foliage == FoliageLevel::None;
+        (tolerance_m, if is_bare { 0.0003 } else { 0.0015 } * (coarse - 1.0))
+    }
+
+    /// About how many triangles a wood of this coarseness has.
+    fn guess(&self, log_coarse: f32, work: &mut Work) -> f32 {
+        let (tolerance_m, cut_m) = self.limits(log_coarse.exp());
+        work.pieces.simplify(self.chains, tolerance_m, cut_m, self.least);
+        self.triangles(&work.pieces, &Sides::new(tolerance_m))
+    }
+
+    fn triangles(&self, pieces: &Pieces, sides: &Sides) -> f32 {
+        let rest = |knots: &[Knot]| {
+            let Some(base) = knots.first() else { return 0 };
+            let rings: u32 = knots[1..].iter().map(|k| 2 * sides.of(k.radius_m)).sum();
+            let around = sides.of(base.radius_m);
+            // Its hole and a ring of its parent, less its tip, which is a point; or its base.
+            let (collar_rings, more) = if self.is_welded { (2, 8) } else { (3, around) };
+            let has_collar = junction::has_collar(base.radius_m, sides);
+            rings + more + if has_collar { collar_rings * 2 * around } else { 0 }
         };
-        let count_of = pieces.span.len();
-        let Some(root) = pieces.span.iter().position(|s| !s.is_empty()) else { return wood };
-        let children = self.children(&pieces, root);
-        let mut out_of: Vec<Option<usize>> = vec![None; count_of];
-        let (mut scratch, mut path, mut branches) = (Scratch::default(), vec![], vec![]);
+        (0..self.chains.chain.len() as u32).map(|c| rest(pieces.of(c))).sum::<u32>().max(1) as f32
+    }
+
+    /// Makes the tubes of a wood anew, parents before their branches. Returns how many branches
+    /// thick enough have none.
+    fn attempt(&self, log_coarse: f32, work: &mut Work, bark: &mut Bark) -> usize {
+        bark.clear();
+        let coarse = log_coarse.exp();
+        let (tolerance_m, cut_m) = self.limits(coarse);
+        let detail = self.options.detail && coarse < 30.0;
+        let Work { pieces, out_of, start, scratch, path, todo, branches, rings: made, holes } =
+            work;
+        pieces.simplify(self.chains, tolerance_m, cut_m, self.least);
+        let sides = Sides::new(tolerance_m);
+        bark.reserve((self.triangles(pieces, &sides) * 1.1) as usize);
+        let count_of = self.chains.chain.len() as u32;
+        let Some(root) = (0..count_of).find(|&c| !pieces.of(c).is_empty()) else { return 0 };
+        out_of.clear();
+        out_of.resize(count_of as usize, NONE);
+        start.clear();
+        let mut tubes = 0;
         for c in root..count_of {
-            let knots = &pieces.knot[pieces.span[c].clone()];
-            let foot = match out_of[c] {
-                Some(hole) => Foot::Collar(wood.hole[hole].start),
+            let comes_from = out_of[c as usize];
+            let foot = match start.get(comes_from as usize) {
+                Some(&start) => Foot::Collar(start),
                 None if c == root || !self.is_welded => self.foot(c),
                 None => continue,
             };
             path.clear();
-            let shift = rings(knots, foot, self.least, &sides, detail, &mut scratch, &mut path);
+            let knots = pieces.of(c);
+            let shift_m = rings(knots, foot, self.least, &sides, detail, scratch, path);
             if path.is_empty() {
                 continue;
             }
             branches.clear();
-            let mut todo: Vec<(u32, f32)> = children.of(c).to_vec();
+            todo.clear();
+            if self.is_welded {
+                let at = |&(k, place): &(u32, u32)| (k, pieces.arc_m(place));
+                todo.extend(self.chains.branches(c).iter().map(at));
+                if c == root {
+                    // What springs from chains before the root springs from its foot.
+                    let lost = (0..root).flat_map(|c| self.chains.branches(c));
+                    todo.extend(lost.filter(|b| b.0 > root).map(|b| (b.0, 0.0)));
+                }
+            }
             while let Some((child, arc_m)) = todo.pop() {
-                let knots = &pieces.knot[pieces.span[child as usize].clone()];
-                let found = junction::leave(&path, arc_m + shift, knots, child, self.least, &sides);
+                let knots = pieces.of(child);
+                if knots.is_empty() && self.chains.chain[child as usize].radius_m < cut_m {
+                    continue;
+                }
+                let arc = arc_m + shift_m;
+                let ranked = [child, self.chains.chain[child as usize].first];
+                let found = junction::leave(path, arc, knots, ranked, self.least, &sides);
                 match found {
                     Some(branch) => branches.push(branch),
                     // What springs from a branch within the bark springs from the bark.
                     None => {
-                        todo.extend(children.of(child as usize).iter().map(|&(k, _)| (k, arc_m)))
+                        todo.extend(self.chains.branches(child).iter().map(|b| (b.0, arc_m)));
                     }
                 }
             }
-            let (first_ring, first_hole) = (wood.ring.len(), wood.hole.len());
-            junction::open(&path, &mut branches, self.least, &mut wood.ring, &mut wood.hole);
-            lay_bark(&mut wood.ring[first_ring..], BARK_REPEAT_M);
-            for (k, hole) in wood.hole.iter().enumerate().skip(first_hole) {
-                out_of[hole.child as usize] = Some(k);
+            made.clear();
+            holes.clear();
+            junction::open(path, branches, self.least, made, holes);
+            for hole in &*holes {
+                out_of[hole.child as usize] = start.len() as u32;
+                start.push(hole.start);
             }
-            let made = &wood.ring[first_ring..];
-            let (triangles, vertices) = count(made, &wood.hole[first_hole..], out_of[c].is_some());
-            wood.triangles += triangles;
-            wood.vertices += vertices;
-            wood.tube.push(Tube {
-                rings: first_ring..wood.ring.len(),
-                holes: first_hole..wood.hole.len(),
-                out_of: out_of[c],
-                chain: c,
-                key: u64::from(self.chains.chain[c].axis),
+            let out_of = match foot {
+                Foot::Collar(start) => {
+                    Some(Outlet { hole: comes_from, has_collar: start.has_collar })
+                }
+                _ => None,
+            };
+            tubes += 1;
+            lay_bark(made, BARK_REPEAT_M);
+            bark.tube(&Shape {
+                rings: made,
+                holes,
+                out_of,
+                line: self.chains.line(c),
+                arcs_m: pieces.arcs_m(self.chains, c),
+                shift_m,
+                key: u64::from(self.chains.chain[c as usize].axis),
             });
         }
-        wood
-    }
-
-    /// The knots of every chain: from its parent's axis to its tip, radii as the mean of both nodes
-    /// at a shared base (P18), without those a straight cone replaces.
-    fn pieces(&self, tolerance_m: f32, cut_m: f32) -> Pieces {
-        let s = self.skeleton;
-        let mut out = Pieces {
-            knot: Vec::with_capacity(s.len() + self.chains.chain.len()),
-            span: Vec::with_capacity(self.chains.chain.len()),
-            node_arc_m: vec![0.0; s.len()],
-        };
-        let (mut knots, mut arc) = (Vec::new(), Vec::new());
-        let at = |i: u32| s.position[i as usize];
-        let radius = |i: u32| s.radius_m[i as usize].min(1e4);
-        for (c, chain) in self.chains.chain.iter().enumerate() {
-            let nodes = &self.chains.node[chain.nodes.clone()];
-            let start = out.knot.len();
-            // Radii never grow outward: what springs from a dropped axis is thinner still.
-            if nodes.is_empty() || (c > 0 && radius(nodes[0]) < cut_m) {
-                out.span.push(start..start);
-                continue;
-            }
-            knots.clear();
-            arc.clear();
-            if let Some(base) = chain.base {
-                knots.push(Knot { at: at(base), radius_m: radius(nodes[0]) });
-            }
-            for (k, &i) in nodes.iter().enumerate() {
-                let next = nodes.get(k + 1).copied().unwrap_or(i);
-                let is_first = k == 0 && chain.base.is_none();
-                let mean = if is_first { radius(i) } else { 0.5 * (radius(i) + radius(next)) };
-                knots.push(Knot { at: at(i), radius_m: mean });
-            }
-            simplify(&knots, tolerance_m, self.least.step_m, &mut out.knot, &mut arc);
-            let own = usize::from(chain.base.is_some());
-            for (&i, &a) in nodes.iter().zip(&arc[own.min(arc.len())..]) {
-                out.node_arc_m[i as usize] = a;
-            }
-            out.span.push(start..out.knot.len());
-        }
-        out
-    }
-
-    /// The branches of every chain that has a mesh, with the arc length where they spring. None
-    /// where tubes merely pass through each other.
-    fn children(&self, pieces: &Pieces, root: usize) -> Lists {
-        if !self.is_welded {
-            return Lists::new(pieces.span.len(), &[]);
-        }
-        let mut parent: Vec<(u32, f32)> = vec![(root as u32, 0.0); pieces.span.len()];
-        let mut links = Vec::new();
-        for (c, chain) in self.chains.chain.iter().enumerate().skip(root + 1) {
-            if let Some(base) = chain.base {
-                let p = self.chains.of_node[base as usize] as usize;
-                // One without a mesh hands its branches on; before the root there is none.
-                parent[c] = match pieces.span[p].is_empty() {
-                    true => parent[p],
-                    false => (p as u32, pieces.node_arc_m[base as usize]),
-                };
-            }
-            if !pieces.span[c].is_empty() {
-                links.push((c as u32, parent[c]));
-            }
-        }
-        Lists::new(pieces.span.len(), &links)
+        pieces.count() - tubes
     }
 
     /// How a chain begins that comes out of no hole.
-    fn foot(&self, c: usize) -> Foot {
+    fn foot(&self, c: u32) -> Foot {
         let s = self.skeleton;
-        match self.chains.chain[c].base {
+        match self.chains.chain[c as usize].base {
             // Several stems may spring from the root.
             Some(base) if base != 0 && !self.is_welded => {
                 let before = s.parent_of(base).unwrap_or(base);
@@ -327,104 +296,5 @@ impl Planner<'_> {
             }
             _ => Foot::Ground { mixed_m: self.mixed_m },
         }
-    }
-}
-
-/// Lists of branches in one column.
-struct Lists {
-    start: Vec<usize>,
-    list: Vec<(u32, f32)>,
-}
-
-impl Lists {
-    /// Of `n` parents, from (child, (parent, arc length)).
-    fn new(n: usize, links: &[(u32, (u32, f32))]) -> Lists {
-        let mut start = vec![0; n + 1];
-        for (_, (parent, _)) in links {
-            start[*parent as usize + 1] += 1;
-        }
-        for i in 0..n {
-            start[i + 1] += start[i];
-        }
-        let mut next = start.clone();
-        let mut list = vec![(0, 0.0); links.len()];
-        for &(child, (parent, arc_m)) in links {
-            list[next[parent as usize]] = (child, arc_m);
-            next[parent as usize] += 1;
-        }
-        Lists { start, list }
-    }
-
-    fn of(&self, parent: usize) -> &[(u32, f32)] {
-        &self.list[self.start[parent]..self.start[parent + 1]]
-    }
-}
-
-/// Bark is young where the wood is thin, or high up: radius over that of the stem's foot and height
-/// over the tree's, from all old to all young.
-const YOUNG_RADIUS: [f32; 2] = [0.5, 0.3];
-const YOUNG_HEIGHT: [f32; 2] = [0.3, 0.6];
-
-impl Wood {
-    /// The triangles of all tubes: old bark, and young bark where `has_young`; with their wind where
-    /// it is asked for.
-    pub fn surfaces(
-        &self,
-        skeleton: &Skeleton,
-        has_young: bool,
-        wind: Option<(&Wind, &Chains)>,
-        seed: Seed,
-    ) -> [Surface; 2] {
-        let circles = Circles::new();
-        let [mut old, mut young] = [Surface::default(), Surface::default()];
-        if !has_young {
-            old.position.reserve_exact(self.vertices);
-            old.normal.reserve_exact(self.vertices);
-            old.uv.reserve_exact(self.vertices);
-            old.index.reserve_exact(self.triangles * 3);
-        }
-        let (foot_m, height_m) = (skeleton.radius_m[0].max(1e-6), skeleton.height_m().max(1e-6));
-        let part = |x: f32, range: [f32; 2]| (x - range[0]) / (range[1] - range[0]);
-        let share = |ring: &Ring| {
-            let thin = part(ring.radius_m / foot_m, YOUNG_RADIUS);
-            let high = part(ring.centre.z / height_m, YOUNG_HEIGHT);
-            if has_young { thin.max(high).clamp(0.0, 1.0) } else { 0.0 }
-        };
-        let rims: usize = self.hole.iter().map(|h| h.start.sides as usize).sum();
-        let mut rim = vec![(Vec3::ZERO, Vec3::ZERO); rims];
-        let mut first = Vec::with_capacity(self.hole.len() + 1);
-        let mut next = 0;
-        for hole in &self.hole {
-            first.push(next);
-            next += hole.start.sides as usize;
-        }
-        first.push(next);
-        for t in &self.tube {
-            // A tube's holes lie after the one it comes out of.
-            let (before, rest) = rim.split_at_mut(first[t.holes.start]);
-            let base = t.out_of.map_or(&[][..], |h| &before[first[h]..first[h + 1]]);
-            let own = first[t.holes.end] - first[t.holes.start];
-            let mut joints = Joints {
-                base,
-                is_collar: t.out_of.is_some_and(|h| self.hole[h].start.has_collar),
-                holes: &self.hole[t.holes.clone()],
-                rims: &mut rest[..own],
-            };
-            let mut barks = Barks {
-                surface: [&mut old, &mut young],
-                young: &share,
-                draws: seed.derive("bark", t.key).draws(),
-            };
-            tube(&self.ring[t.rings.clone()], &circles, &mut joints, &mut barks);
-            if let Some((wind, chains)) = wind {
-                let line = chains.line(t.chain);
-                for surface in [&mut old, &mut young] {
-                    let new = &surface.position[surface.wind.len()..];
-                    let wind = new.iter().map(|&p| wind.wood(p, skeleton, &line));
-                    surface.wind.extend(wind);
-                }
-            }
-        }
-        [old, young]
     }
 }

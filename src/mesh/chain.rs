@@ -1,0 +1,164 @@
+//! Axes that run on from tip to base, as one tube: where an axis ends, the thickest that springs
+//! from its tip goes on.
+
+use std::ops::Range;
+
+use super::path::{Knot, Least, simplify};
+use crate::skeleton::Skeleton;
+
+/// The chains of a skeleton, each followed by those that spring from it.
+pub struct Chains {
+    /// Node and knot of every chain from base to tip, chain after chain; each begins with the node
+    /// of another chain it springs from, where there is one.
+    node: Vec<u32>,
+    knot: Vec<Knot>,
+    pub chain: Vec<Chain>,
+    /// The branches of every chain, as (chain, place of its base in the columns), one after the
+    /// other; and where those of each begin.
+    branch: Vec<(u32, u32)>,
+    first_branch: Vec<u32>,
+}
+
+pub struct Chain {
+    line: Range<usize>,
+    /// The node of another chain it springs from.
+    pub base: Option<u32>,
+    /// Its first own node, and the axis of that.
+    pub first: u32,
+    pub axis: u32,
+    pub radius_m: f32,
+}
+
+impl Chains {
+    pub fn new(skeleton: &Skeleton) -> Chains {
+        let n = skeleton.len();
+        const NONE: u32 = u32::MAX;
+        // The node that goes on from each: of the same axis, else the thickest.
+        let mut onward = vec![NONE; n];
+        for i in 1..n {
+            let p = skeleton.parent[i] as usize;
+            let on = onward[p] as usize;
+            let is_next = |k: usize| skeleton.axis[k] == skeleton.axis[p];
+            let wins = || !is_next(on) && skeleton.radius_m[i] > skeleton.radius_m[on];
+            if is_next(i) || onward[p] == NONE || wins() {
+                onward[p] = i as u32;
+            }
+        }
+        // What else springs from each, as a list through the nodes.
+        let (mut first, mut then) = (vec![NONE; n], vec![NONE; n]);
+        for i in (1..n).rev() {
+            let p = skeleton.parent[i] as usize;
+            if onward[p] != i as u32 {
+                (then[i], first[p]) = (first[p], i as u32);
+            }
+        }
+        let mut chains = Chains {
+            node: Vec::with_capacity(n + n / 2),
+            knot: Vec::with_capacity(n + n / 2),
+            chain: Vec::new(),
+            branch: Vec::new(),
+            first_branch: vec![0],
+        };
+        // First node of a chain, the node it springs from, and its place among the branches.
+        let mut todo = vec![(0, None, 0)];
+        while let Some((start, base, slot)) = todo.pop() {
+            let (from, k) = (chains.node.len(), chains.chain.len() as u32);
+            let radius_m = radius(skeleton, start);
+            if let Some(base) = base {
+                chains.node.push(base);
+                chains.knot.push(Knot { at: skeleton.position[base as usize], radius_m });
+                chains.branch[slot].0 = k;
+            }
+            let mut next = start;
+            while next != NONE {
+                let (this, place) = (next, chains.node.len() as u32);
+                let mut spring = first[this as usize];
+                while spring != NONE {
+                    todo.push((spring, Some(this), chains.branch.len()));
+                    chains.branch.push((NONE, place));
+                    spring = then[spring as usize];
+                }
+                next = onward[this as usize];
+                // Radii as the mean of both nodes at a shared base (P18).
+                let beyond = if next == NONE || this == 0 { this } else { next };
+                let radius_m = 0.5 * (radius(skeleton, this) + radius(skeleton, beyond));
+                chains.node.push(this);
+                chains.knot.push(Knot { at: skeleton.position[this as usize], radius_m });
+            }
+            let line = from..chains.node.len();
+            let axis = skeleton.axis[start as usize];
+            chains.chain.push(Chain { line, base, first: start, axis, radius_m });
+            chains.first_branch.push(chains.branch.len() as u32);
+        }
+        chains
+    }
+
+    /// Chains that spring from a chain, and the places of their bases in [`Pieces::arc_m`].
+    pub fn branches(&self, chain: u32) -> &[(u32, u32)] {
+        let [from, to] = [0, 1].map(|k| self.first_branch[chain as usize + k] as usize);
+        &self.branch[from..to]
+    }
+
+    /// The nodes of a chain, with that of another chain it springs from.
+    pub fn line(&self, chain: u32) -> &[u32] {
+        &self.node[self.chain[chain as usize].line.clone()]
+    }
+}
+
+fn radius(skeleton: &Skeleton, node: u32) -> f32 {
+    skeleton.radius_m[node as usize].min(1e4)
+}
+
+/// The paths of all chains, as straight pieces.
+#[derive(Default)]
+pub struct Pieces {
+    knot: Vec<Knot>,
+    /// Of every chain; empty where it has no mesh.
+    span: Vec<Range<u32>>,
+    /// Arc length at every place of the chains' lines, each from its base.
+    arc_m: Vec<f32>,
+}
+
+impl Pieces {
+    /// The knots of every chain without those a straight cone replaces; of none whose base is
+    /// thinner than `cut_m`.
+    pub fn simplify(&mut self, chains: &Chains, tolerance_m: f32, cut_m: f32, least: Least) {
+        self.knot.clear();
+        self.span.clear();
+        self.arc_m.clear();
+        self.knot.reserve(chains.knot.len());
+        self.span.reserve(chains.chain.len());
+        self.arc_m.reserve(chains.knot.len());
+        for (c, chain) in chains.chain.iter().enumerate() {
+            let start = self.knot.len() as u32;
+            // Radii never grow outward: what springs from a dropped chain is thinner still.
+            if c > 0 && chain.radius_m < cut_m {
+                self.arc_m.resize(chain.line.end, 0.0);
+            } else {
+                let knots = &chains.knot[chain.line.clone()];
+                simplify(knots, tolerance_m, least.step_m, &mut self.knot, &mut self.arc_m);
+            }
+            self.span.push(start..self.knot.len() as u32);
+        }
+    }
+
+    pub fn of(&self, chain: u32) -> &[Knot] {
+        let span = &self.span[chain as usize];
+        &self.knot[span.start as usize..span.end as usize]
+    }
+
+    /// Arc length at a place of [`Chains::branches`].
+    pub fn arc_m(&self, place: u32) -> f32 {
+        self.arc_m[place as usize]
+    }
+
+    /// Arc lengths at a chain's line.
+    pub fn arcs_m(&self, chains: &Chains, chain: u32) -> &[f32] {
+        &self.arc_m[chains.chain[chain as usize].line.clone()]
+    }
+
+    /// How many chains have a path.
+    pub fn count(&self) -> usize {
+        self.span.iter().filter(|s| !s.is_empty()).count()
+    }
+}
