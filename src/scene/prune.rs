@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use rayon::prelude::*;
+
 use super::{Material, Part, Prototype, Scene, Texture};
 use crate::mesh::Surface;
 
@@ -136,6 +138,11 @@ fn flags(count: usize, used: impl Iterator<Item = u32>) -> Vec<bool> {
 }
 
 fn drop_degenerate(surface: &mut Surface) -> usize {
+    // Hardly any surface has one.
+    let triangles = surface.index.par_chunks_exact(3);
+    if !triangles.into_par_iter().any(|t| is_degenerate(surface, t)) {
+        return 0;
+    }
     let whole = surface.index.len() / 3 * 3;
     let mut kept = 0;
     for from in (0..whole).step_by(3) {
