@@ -77,11 +77,21 @@ struct Outline {
 
 impl Outline {
     fn of(prototype: &Prototype) -> Self {
-        let points = || prototype.parts.iter().flat_map(|p| &p.surface.position);
+        const CHUNK: usize = 1 << 15;
+        let chunks = prototype.parts.par_iter().flat_map(|p| p.surface.position.par_chunks(CHUNK));
+        // The hull of all is the hull of the chunks' hulls.
+        let of_chunk = |points: &[Vec3]| {
+            let hull = convex_hull(points.iter().map(|p| p.truncate()).collect());
+            let levels = points.iter().map(|p| (p.z, p.z));
+            let (low, high) = levels
+                .fold((f32::INFINITY, f32::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+            Outline { hull, low, high }
+        };
+        let outlines: Vec<Outline> = chunks.map(of_chunk).collect();
         Outline {
-            hull: convex_hull(points().map(|p| p.truncate()).collect()),
-            low: points().map(|p| p.z).fold(f32::INFINITY, f32::min),
-            high: points().map(|p| p.z).fold(f32::NEG_INFINITY, f32::max),
+            hull: convex_hull(outlines.iter().flat_map(|o| &o.hull).copied().collect()),
+            low: outlines.iter().map(|o| o.low).fold(f32::INFINITY, f32::min),
+            high: outlines.iter().map(|o| o.high).fold(f32::NEG_INFINITY, f32::max),
         }
     }
 
@@ -92,7 +102,7 @@ impl Outline {
 
 /// Andrew's monotone chain (1979).
 fn convex_hull(mut points: Vec<Vec2>) -> Vec<Vec2> {
-    points.par_sort_unstable_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+    points.sort_unstable_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     points.dedup();
     let mut hull: Vec<Vec2> = Vec::new();
     let mut chain = |points: &mut dyn Iterator<Item = Vec2>| {
