@@ -127,7 +127,7 @@ fn an_impostor_covers_what_the_model_covers_in_its_colour() {
 
 #[test]
 fn octahedral_views_cover_the_upper_half_of_the_sky() {
-    // Any direction of the upper half has a view within 18°.
+    // Any direction of the upper half has a view within 18.5°.
     let views: Vec<Vec3> = (0..impostor::FRAMES)
         .flat_map(|row| (0..impostor::FRAMES).map(move |col| impostor::direction(col, row)))
         .collect();
@@ -136,12 +136,12 @@ fn octahedral_views_cover_the_upper_half_of_the_sky() {
         let flat = (1.0 - z * z).sqrt();
         let d = Vec3::new(flat * turn.cos(), flat * turn.sin(), z);
         let near = views.iter().map(|v| v.dot(d)).fold(-1.0, f32::max);
-        assert!(near > 18f32.to_radians().cos(), "{d}: {near}");
+        assert!(near > 18.5f32.to_radians().cos(), "{d}: {near}");
         // And it is the one that the formula of `Octahedral` leads to.
         let p = d.truncate() / (d.x.abs() + d.y.abs() + d.z);
         let e = Vec2::new(p.x + p.y, p.x - p.y);
         let cell = (e + 1.0) * 0.5 * (impostor::FRAMES - 1) as f32;
         let found = impostor::direction(cell.x.round() as u32, cell.y.round() as u32);
-        assert!(found.dot(d) > 20f32.to_radians().cos());
+        assert!(found.dot(d) > 19.5f32.to_radians().cos());
     }
 }

@@ -23,6 +23,8 @@ const SOURCES: &[(&str, &str)] = &[
     ("noise.rs", include_str!("noise.rs")),
     ("stored.rs", include_str!("stored.rs")),
     ("twig.rs", include_str!("twig.rs")),
+    ("twig/needle.rs", include_str!("twig/needle.rs")),
+    ("../raster/pad.rs", include_str!("../raster/pad.rs")),
     ("../raster/encoded.rs", include_str!("../raster/encoded.rs")),
     ("../raster/picture.rs", include_str!("../raster/picture.rs")),
     ("../seed.rs", include_str!("../seed.rs")),
