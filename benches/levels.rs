@@ -84,7 +84,7 @@ fn main() {
          One tree a species (seed 1), meshed at nine budgets from the skeleton of 300,000 triangles, and how\n\
          far its silhouette is from that of 300,000: RMS and worst, in metres, and milliseconds to mesh on one\n\
          machine, medians of three. `cargo bench --bench levels` makes this page.\n\n\
-         ![RMS silhouette error over triangles](levels-by-species.svg)\n",
+         ![Silhouette error over triangles: green RMS, brown worst](levels-by-species.svg)\n",
     );
     let mut all = Vec::new();
     for name in &names {
