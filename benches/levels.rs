@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::path::Path;
 use std::time::Instant;
 
-use larix::lod::{From, Silhouettes};
+use larix::lod::{Silhouettes, Views};
 use larix::mesh::{self, MeshOptions};
 use larix::pipeline::forest::{mesh_options, model_scene};
 use larix::render::capture::Sitter;
@@ -64,7 +64,7 @@ fn measure(name: &str) -> Vec<Point> {
     let scene = model_scene(&species, meshes, textures.clone());
     let models: Vec<_> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
     let sitter = Sitter::new(&models, &scene.materials, &scene.textures);
-    let of = |model: u32| Silhouettes::of(&sitter, model, bounds, From::All).expect("finite");
+    let of = |model: u32| Silhouettes::of(&sitter, model, bounds, Views::All).expect("finite");
     let finest = of(0);
     for (k, point) in (1u32..).zip(&mut points) {
         let apart = finest.apart(&of(k));

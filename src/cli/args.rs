@@ -327,6 +327,18 @@ pub struct SceneArgs {
     /// Side of the tree textures in pixels.
     #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
+    #[command(flatten)]
+    pub state: StateArgs,
+    #[command(flatten)]
+    pub levels: LevelArgs,
+    /// Files to write, comma separated.
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "glb,usda")]
+    pub format: Vec<Format>,
+}
+
+/// How the trees stand.
+#[derive(Debug, Args)]
+pub struct StateArgs {
     /// Condition of the trees on the sanitary scale: I healthy, II and III weakened, IV dying, V dead
     /// this year, VI dead for long. Numbers do as well.
     #[arg(long, value_name = "I…VI", default_value = "I", allow_negative_numbers = true)]
@@ -337,11 +349,6 @@ pub struct SceneArgs {
     /// Leaves in the colours of other seasons and conditions, too, as glTF material variants.
     #[arg(long)]
     pub variants: bool,
-    #[command(flatten)]
-    pub levels: LevelArgs,
-    /// Files to write, comma separated.
-    #[arg(long, value_enum, value_delimiter = ',', default_value = "glb,usda")]
-    pub format: Vec<Format>,
 }
 
 /// How the wood is meshed.
@@ -438,16 +445,8 @@ pub struct Tree {
     /// Side of the textures in pixels.
     #[arg(long, value_name = "PX", default_value_t = 1024, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub texture: u32,
-    /// Condition of the tree on the sanitary scale: I healthy, II and III weakened, IV dying, V dead
-    /// this year, VI dead for long. Numbers do as well.
-    #[arg(long, value_name = "I…VI", default_value = "I", allow_negative_numbers = true)]
-    pub condition: Condition,
-    /// spring, summer, autumn or winter.
-    #[arg(long, value_name = "SEASON", default_value = "summer")]
-    pub season: Season,
-    /// Leaves in the colours of other seasons and conditions, too, as glTF material variants.
-    #[arg(long)]
-    pub variants: bool,
+    #[command(flatten)]
+    pub state: StateArgs,
     /// What stands for the leaves.
     #[arg(long, value_enum, value_name = "LEVEL", default_value = "cards")]
     pub foliage: Foliage,

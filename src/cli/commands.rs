@@ -187,8 +187,8 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
         foliage: level(scene.foliage),
         wood: wood(&scene.wood),
         texture_px: scene.texture,
-        state: State { condition: scene.condition, season: scene.season },
-        has_variants: scene.variants,
+        state: state(&scene.state),
+        has_variants: scene.state.variants,
         cache,
         levels: levels_job(&scene.levels),
         scene_triangles: scene.scene_triangles.map(|n| n as usize),
@@ -197,6 +197,10 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
         terrain_error_m: scene.terrain_error,
         name: "forest".into(),
     }
+}
+
+fn state(typed: &args::StateArgs) -> State {
+    State { condition: typed.condition, season: typed.season }
 }
 
 fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
@@ -393,8 +397,8 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         texture_px: a.texture,
         foliage,
         levels: levels_job(&a.levels),
-        state: State { condition: a.condition, season: a.season },
-        has_variants: a.variants,
+        state: state(&a.state),
+        has_variants: a.state.variants,
         cache,
         cloud: a.cloud.clone(),
     };

@@ -59,10 +59,10 @@ pub fn bake(
     kind: Kind,
     size_px: u32,
 ) -> Result<Impostor> {
-    let sitter = Model { sitter, model };
+    let of = Model { sitter, model };
     match kind {
-        Kind::Cross => cross(&sitter, bounds, size_px as usize),
-        Kind::Octahedral => octahedral(&sitter, bounds, size_px),
+        Kind::Cross => cross(&of, bounds, size_px as usize),
+        Kind::Octahedral => octahedral(&of, bounds, size_px),
     }
 }
 
@@ -81,7 +81,7 @@ struct Sheet {
     size: Vec2,
 }
 
-fn cross(sitter: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impostor> {
+fn cross(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impostor> {
     let lo = lo.with_z(lo.z.max(0.0));
     let span = (hi - lo).max(Vec3::splat(1e-3));
     let middle = 0.5 * (lo + hi);
@@ -99,7 +99,7 @@ fn cross(sitter: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<I
         .par_iter()
         .map(|s| {
             let [w, h] = [s.size.x, s.size.y].map(|m| ((m / texel_m).ceil() as usize).max(4));
-            Frame::take(sitter, s.centre, s.forward, texel_m, [w, h])
+            Frame::take(of, s.centre, s.forward, texel_m, [w, h])
         })
         .collect::<Result<_>>()?;
     // Side by side, at the bottom of the picture.
@@ -126,7 +126,7 @@ fn cross(sitter: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<I
     board.finish(surface, None)
 }
 
-fn octahedral(sitter: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Result<Impostor> {
+fn octahedral(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Result<Impostor> {
     let centre = 0.5 * (lo + hi);
     let radius_m = (0.5 * (hi - lo).length()).max(1e-3);
     let side = ((size_px / FRAMES).max(8)) as usize;
@@ -135,7 +135,7 @@ fn octahedral(sitter: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Resul
         (0..FRAMES).flat_map(|row| (0..FRAMES).map(move |col| (col, row))).collect();
     let views: Vec<Frame> = cells
         .par_iter()
-        .map(|&(col, row)| Frame::take(sitter, centre, -direction(col, row), texel_m, [side, side]))
+        .map(|&(col, row)| Frame::take(of, centre, -direction(col, row), texel_m, [side, side]))
         .collect::<Result<_>>()?;
     let whole = side * FRAMES as usize;
     let mut board = Board::new(whole, whole);
@@ -200,7 +200,7 @@ struct Frame {
 
 impl Frame {
     fn take(
-        sitter: &Model<'_>,
+        of: &Model<'_>,
         centre: Vec3,
         forward: Vec3,
         texel_m: f32,
@@ -210,7 +210,7 @@ impl Frame {
         let window =
             Window { centre, forward, sample_m: texel_m / n as f32, size: [width * n, height * n] };
         let [right, up] = window.sides();
-        let sample = sitter.sitter.portrait(sitter.model, &window)?;
+        let sample = of.sitter.portrait(of.model, &window)?;
         let texel = (0..width * height)
             .map(|i| {
                 let (x, y) = (i % width, i / width);

@@ -6,7 +6,7 @@ pub mod impostor;
 pub mod silhouette;
 
 pub use impostor::{Impostor, Kind};
-pub use silhouette::{From, Silhouettes};
+pub use silhouette::{Silhouettes, Views};
 
 #[cfg(test)]
 mod tests;

@@ -19,7 +19,7 @@ const SIDES: usize = 8;
 
 /// Where models are looked at from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum From {
+pub enum Views {
     All,
     /// Not from above, whence upright sheets show nothing.
     Sides,
@@ -46,7 +46,7 @@ impl Silhouettes {
         sitter: &Sitter<'_>,
         model: u32,
         bounds: (Vec3, Vec3),
-        from: From,
+        views: Views,
     ) -> Result<Silhouettes> {
         let (lo, hi) = bounds;
         let span = hi - lo;
@@ -62,7 +62,7 @@ impl Silhouettes {
                 let (sin, cos) = turn.sin_cos();
                 Window { centre, forward: Vec3::new(cos, sin, 0.0), sample_m, size: level }
             })
-            .chain((from == From::All).then_some(Window {
+            .chain((views == Views::All).then_some(Window {
                 centre,
                 forward: -Vec3::Z,
                 sample_m,

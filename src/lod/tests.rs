@@ -53,7 +53,7 @@ fn silhouettes_are_as_far_apart_as_the_blocks() {
     let materials = red();
     let sitter = Sitter::new(&[&thin, &wide, &tall], &materials, &[]);
     let all = (Vec3::new(-1.5, -1.5, 0.0), Vec3::new(1.5, 1.5, 12.0));
-    let of = |model| Silhouettes::of(&sitter, model, all, From::All).unwrap();
+    let of = |model| Silhouettes::of(&sitter, model, all, Views::All).unwrap();
     let finest = of(0);
     let same = finest.apart(&of(0));
     assert_eq!((same.worst_m, same.rms_m), (0.0, 0.0));

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::forest::{Look, coarser, parts_of};
 use crate::diagnostic::Result;
-use crate::lod::{self, From, Silhouettes, impostor};
+use crate::lod::{self, Silhouettes, Views, impostor};
 use crate::mesh::{self, MeshOptions, Surface, TreeMesh, WindProfile, p18};
 use crate::raster::Picture;
 use crate::render::capture::Sitter;
@@ -215,13 +215,13 @@ fn measure(scene: &mut Scene) -> Result<()> {
         .zip(&first)
         .map(|(p, &first)| {
             let all = p.levels.iter().map(|l| bounds(&l.parts)).fold(bounds(&p.parts), union);
-            let finest = Silhouettes::of(&sitter, first, all, From::All)?;
+            let finest = Silhouettes::of(&sitter, first, all, Views::All)?;
             (first + 1..)
                 .zip(&p.levels)
                 .map(|(model, level)| {
                     let is_sheets = level.name == IMPOSTOR;
-                    let from = if is_sheets { From::Sides } else { From::All };
-                    Ok(finest.apart(&Silhouettes::of(&sitter, model, all, from)?))
+                    let views = if is_sheets { Views::Sides } else { Views::All };
+                    Ok(finest.apart(&Silhouettes::of(&sitter, model, all, views)?))
                 })
                 .collect()
         })
