@@ -281,6 +281,12 @@ pub enum Wind {
     SpeedtreeLike,
 }
 
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum WindAs {
+    Attribute,
+    Color,
+}
+
 /// For whom glTF files are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Profile {
@@ -309,10 +315,13 @@ pub struct LevelArgs {
     /// Bodies about the stems for collisions, beside each tree in the scene.
     #[arg(long, value_enum, value_name = "KIND")]
     pub collision: Option<Collision>,
-    /// Vertex colours that move the trees in the wind (COLOR_0, primvars:wind); viewers that do not
-    /// know them tint the trees.
+    /// How each vertex moves in the wind, in the channels that shaders of this kind read.
     #[arg(long, value_enum, value_name = "PROFILE")]
     pub wind: Option<Wind>,
+    /// Where glTF says so: the attribute _WIND, or COLOR_0, which engines keep and with which viewers
+    /// tint the trees.
+    #[arg(long, value_enum, value_name = "PLACE", default_value = "attribute")]
+    pub wind_as: WindAs,
 }
 
 /// How the scene is built and written.

@@ -9,7 +9,7 @@ use super::args::{self, Cli, Command, ScanArgs, SceneArgs, TreeArgs};
 use super::progress::Terminal;
 use crate::cache::Cache;
 use crate::diagnostic::{Error, Result};
-use crate::export::{self, Format, OutputFile, Pictures, Profile, Staged};
+use crate::export::{self, Format, OutputFile, Pictures, Profile, Staged, WindAs};
 use crate::ground::Method;
 use crate::lod;
 use crate::mesh::{FoliageLevel, Junctions, WindProfile};
@@ -212,6 +212,13 @@ fn profile(typed: args::Profile) -> Profile {
     }
 }
 
+fn wind_as(typed: args::WindAs) -> WindAs {
+    match typed {
+        args::WindAs::Attribute => WindAs::Attribute,
+        args::WindAs::Color => WindAs::Color,
+    }
+}
+
 /// As typed; what is not typed is as the profile's readers expect it.
 fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
     let is_engine = typed.profile == args::Profile::Engine;
@@ -269,6 +276,7 @@ fn stage_forest(
         stem: "forest",
         formats: &formats(&typed.format),
         profile: profile(typed.levels.profile),
+        wind: wind_as(typed.levels.wind_as),
     };
     stage_scene(&forest.scene, &job, staged, run)?;
     let inventory = crate::inventory::to_geojson(&survey.trees, &survey.frame);
@@ -378,7 +386,8 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
         let (scene, facets) = pipeline::forest::terrain_scene(frame, &terrain, error_m, run)?;
         if let Some(format) = format {
             let stem = stem(&a.output);
-            let job = export::Job { stem: &stem, formats: &[format], profile: Profile::Dcc };
+            let (profile, wind) = Default::default();
+            let job = export::Job { stem: &stem, formats: &[format], profile, wind };
             stage_scene(&scene, &job, &mut staged, run)?;
         }
         lines.push(format!(
@@ -434,8 +443,8 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let mut staged = Staged::new(&dir)?;
     match format {
         Some(format) => {
-            let profile = profile(a.levels.profile);
-            let job = export::Job { stem: &stem, formats: &[format], profile };
+            let (profile, wind) = (profile(a.levels.profile), wind_as(a.levels.wind_as));
+            let job = export::Job { stem: &stem, formats: &[format], profile, wind };
             stage_scene(&scene, &job, &mut staged, run)?;
         }
         None => run.stage("preview", |_| {

@@ -15,7 +15,7 @@ use std::path::PathBuf;
 use bytes::Bytes;
 
 pub use disk::{Staged, check_writable, write_all};
-pub use gltf::Profile;
+pub use gltf::{Profile, WindAs};
 pub use pictures::{PictureFormat, Pictures};
 
 use crate::diagnostic::{Result, Warned};
@@ -99,8 +99,9 @@ pub struct Job<'a> {
     pub stem: &'a str,
     /// Those given twice count once.
     pub formats: &'a [Format],
-    /// Of the glTF files.
+    /// Of the glTF files, as `wind`.
     pub profile: Profile,
+    pub wind: WindAs,
 }
 
 impl Job<'_> {
@@ -135,7 +136,7 @@ pub fn files<'a>(
     pictures: &'a Pictures,
     job: &Job<'a>,
 ) -> Result<Warned<Vec<OutputFile<'a>>>> {
-    let Job { stem, formats, profile } = *job;
+    let Job { stem, formats, profile, wind } = *job;
     let mut files = Vec::new();
     let mut warnings = Vec::new();
     for format in [Format::Glb, Format::Gltf].into_iter().filter(|f| formats.contains(f)) {
@@ -143,6 +144,7 @@ pub fn files<'a>(
             let recipe = gltf::Recipe {
                 is_binary: format == Format::Glb,
                 profile,
+                wind,
                 stem: &stem,
                 textures_of: job.stem,
                 most_bytes: gltf::MOST_GLB_BYTES,

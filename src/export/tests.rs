@@ -22,7 +22,7 @@ struct Made {
 }
 
 fn made(scene: &ValidScene, stem: &str, formats: &[Format], profile: Profile) -> Vec<Made> {
-    let job = Job { stem, formats, profile };
+    let job = Job { stem, formats, profile, wind: WindAs::Color };
     let pictures = Pictures::encode(scene, &job.picture_formats()).unwrap();
     let files = super::files(scene, &pictures, &job).unwrap();
     assert!(files.warnings.is_empty());
