@@ -107,7 +107,7 @@ class Scene:
     place: tuple = None
 
     def unique_triangles(self):
-        return sum(mesh.triangles() for mesh in self.meshes)
+        return sum(self.meshes[number].triangles() for number in {number for number, _ in self.drawn})
 
     def drawn_triangles(self):
         return sum(self.meshes[number].triangles() for number, _ in self.drawn)
@@ -899,11 +899,11 @@ def engine_defects():
         "a moved tree": ("each tree", put("TRANSLATION", (0, 0), lambda x: x + 0.3)),
         "a turn that is none": ("instances", put("ROTATION", 0, lambda q: q // 2)),
         "a size of nothing": ("instances", put("SCALE", 0, lambda s: s * 0)),
-        "facts of too few trees": ("instances", lambda d, b: cell(d)["extras"]["trees"]["height_m"].pop()),
+        "facts of too few trees": ("can be read", lambda d, b: cell(d)["extras"]["trees"]["height_m"].pop()),
         "a level drawn on top": ("levels", draw_level),
         "a level that comes too early": ("levels", lambda d, b: cell(d)["extras"]["MSFT_screencoverage"].reverse()),
         "a level elsewhere": ("levels", lambda d, b: level(d).update(translation=[1, 2, 3])),
-        "a level finer than its model": ("levels", lambda d, b: level(d).update(mesh=0)),
+        "levels from coarse to fine": ("levels", lambda d, b: cell(d)["extensions"]["MSFT_lod"]["ids"].reverse()),
         "an extension not listed": ("extensions as listed", lambda d, b: d["extensionsUsed"].remove("MSFT_lod")),
         "an extension not required": ("extensions as listed", lambda d, b: d["extensionsRequired"].remove("KHR_mesh_quantization")),
     }
