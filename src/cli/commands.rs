@@ -148,6 +148,8 @@ fn formats(typed: &[args::Format]) -> Vec<Format> {
             args::Format::Glb => Format::Glb,
             args::Format::Gltf => Format::Gltf,
             args::Format::Usda => Format::Usda,
+            args::Format::Usdc => Format::Usdc,
+            args::Format::Usdz => Format::Usdz,
         })
         .collect()
 }
@@ -326,11 +328,13 @@ fn inventory(a: &args::Inventory, run: &mut Recorder) -> Result<Told> {
 }
 
 fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
-    let extension = extension(&a.output, &["tif", "tiff", "glb", "gltf", "usda"])?;
+    let extension = extension(&a.output, &["tif", "tiff", "glb", "gltf", "usda", "usdc", "usdz"])?;
     let format = match extension {
         "glb" => Some(Format::Glb),
         "gltf" => Some(Format::Gltf),
         "usda" => Some(Format::Usda),
+        "usdc" => Some(Format::Usdc),
+        "usdz" => Some(Format::Usdz),
         _ => None,
     };
     let job = SurveyJob {
@@ -382,7 +386,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
 }
 
 fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
-    let extension = extension(&a.output, &["glb", "gltf", "usda", "png"])?;
+    let extension = extension(&a.output, &["glb", "gltf", "usda", "usdc", "usdz", "png"])?;
     let species = species::load(&a.species)?;
     let foliage = if a.bare { FoliageLevel::None } else { level(a.foliage) };
     let job = TreeJob {
@@ -410,6 +414,8 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         "glb" => export_scene(&scene, &levels, &stem, &[Format::Glb], run)?,
         "gltf" => export_scene(&scene, &levels, &stem, &[Format::Gltf], run)?,
         "usda" => export_scene(&scene, &levels, &stem, &[Format::Usda], run)?,
+        "usdc" => export_scene(&scene, &levels, &stem, &[Format::Usdc], run)?,
+        "usdz" => export_scene(&scene, &levels, &stem, &[Format::Usdz], run)?,
         _ => run.stage("preview", |_| {
             let picture = pipeline::tree::preview(&scene, PORTRAIT_PX);
             Ok((vec![file(&name, picture.to_png()?)], Outcome::items(1, "tree", 1, "picture")))

@@ -32,12 +32,16 @@ pub enum Format {
     Glb,
     /// glTF with its buffer and textures beside it.
     Gltf,
-    /// USD as text, with its textures beside it.
+    /// USD as text, with a layer a model and its textures beside it.
     Usda,
+    /// The same as crate files.
+    Usdc,
+    /// USD with everything in one package.
+    Usdz,
 }
 
-/// The scene in each format as `STEM.glb`, `STEM.gltf` + `STEM.bin`, `STEM.usda`, and the
-/// textures that these refer to, each once. Formats given twice count once.
+/// The scene in each format as `STEM.glb`, `STEM.gltf` + `STEM.bin`, `STEM.usda` or `STEM.usdc` +
+/// `assets/STEM_MODEL`, `STEM.usdz`, and the textures that these refer to, each once. Formats given twice count once.
 pub fn files(scene: &ValidScene, stem: &str, formats: &[Format]) -> Result<Vec<OutputFile>> {
     let pictures = Pictures::encode(scene)?;
     let mut files = Vec::new();
@@ -48,9 +52,16 @@ pub fn files(scene: &ValidScene, stem: &str, formats: &[Format]) -> Result<Vec<O
         files.extend(gltf::gltf(scene, stem)?);
     }
     if formats.contains(&Format::Usda) {
-        files.push(usd::usda(scene, stem));
+        files.extend(usd::layers(scene, stem, usd::Encoding::Text)?);
     }
-    if formats.contains(&Format::Gltf) || formats.contains(&Format::Usda) {
+    if formats.contains(&Format::Usdc) {
+        files.extend(usd::layers(scene, stem, usd::Encoding::Crate)?);
+    }
+    if formats.contains(&Format::Usdz) {
+        files.push(usd::usdz(scene, &pictures, stem)?);
+    }
+    let beside = [Format::Gltf, Format::Usda, Format::Usdc];
+    if beside.iter().any(|format| formats.contains(format)) {
         files.extend(pictures.into_files(scene, stem));
     }
     Ok(files)

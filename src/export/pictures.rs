@@ -34,9 +34,13 @@ impl Pictures {
     }
 }
 
-/// `textures/STEM_NAME.png`: the stem keeps scenes in one folder apart. Characters of the stem
-/// that mean something to a format or a file system become `_`.
+/// `textures/STEM_NAME.png`: the stem keeps scenes in one folder apart.
 pub(super) fn texture_path(stem: &str, name: &str) -> String {
+    format!("textures/{}_{name}.png", plain(stem))
+}
+
+/// Characters of the stem that mean something to a format or a file system as `_`.
+pub(super) fn plain(stem: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
-    format!("textures/{}_{name}.png", stem.chars().map(plain).collect::<String>())
+    stem.chars().map(plain).collect()
 }
