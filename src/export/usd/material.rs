@@ -1,7 +1,7 @@
 //! Materials as UsdPreviewSurface networks.
 
 use super::layer::{Prim, Value};
-use super::texture_path;
+use super::{PictureFormat, texture_path};
 use crate::scene::{Alpha, Material, ValidScene, Wrap};
 
 const RGB: &[(&str, &str)] = &[("float3", "outputs:rgb")];
@@ -103,7 +103,7 @@ pub(super) struct TexturePaths<'a> {
 
 impl TexturePaths<'_> {
     fn of(&self, name: &str) -> String {
-        format!("{}{}", self.folder, texture_path(self.stem, name))
+        format!("{}{}", self.folder, texture_path(self.stem, name, PictureFormat::Png))
     }
 }
 

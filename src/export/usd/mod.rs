@@ -16,14 +16,13 @@ mod tests;
 mod usda;
 mod usdc;
 
-use std::io::{self, Cursor, Seek, SeekFrom, Write};
+use std::io::{self, Seek, SeekFrom, Write};
 
 use self::layer::Layer;
 use self::material::TexturePaths;
 use self::package::Package;
 use super::pictures::{plain, texture_path};
-use super::{OutputFile, Pictures};
-use crate::diagnostic::{Error, Result};
+use super::{Content, OutputFile, PictureFormat, Pictures};
 use crate::scene::ValidScene;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,37 +41,55 @@ impl Encoding {
 }
 
 /// `STEM.usda` or `STEM.usdc`, and `assets/STEM_PROTOTYPE` of the same kind; the textures are
-/// [`Pictures::into_files`].
-pub fn layers(scene: &ValidScene, stem: &str, encoding: Encoding) -> Result<Vec<OutputFile>> {
+/// [`Pictures::files`].
+pub fn layers<'a>(
+    scene: &'a ValidScene,
+    stem: &'a str,
+    encoding: Encoding,
+) -> Vec<OutputFile<'a>> {
     let extension = encoding.extension();
-    let file = |path: String, layer: &Layer| -> Result<OutputFile> {
-        let mut out = Cursor::new(Vec::new());
-        write(layer, encoding, &mut out).map_err(|e| Error::new(e.to_string()))?;
-        Ok(OutputFile { path: path.into(), bytes: out.into_inner() })
-    };
-    let asset = |name: &str| format!("assets/{}_{name}.{extension}", plain(stem));
-    let path = format!("{stem}.{extension}");
-    let textures = TexturePaths { folder: "", stem };
-    if scene.instances().len() <= 1 && scene.terrain().is_none() {
-        return Ok(vec![file(path, &stage::scene_layer(scene, &textures, None))?]);
+    let asset = move |name: &str| format!("assets/{}_{name}.{extension}", plain(stem));
+    let is_one_layer = scene.instances().len() <= 1 && scene.terrain().is_none();
+    let root = Content::stream(move |sink| {
+        let textures = TexturePaths { folder: "", stem };
+        let asset: Option<&dyn Fn(&str) -> String> = if is_one_layer { None } else { Some(&asset) };
+        write(&stage::scene_layer(scene, &textures, asset), encoding, sink)
+    });
+    let mut files = vec![OutputFile { path: format!("{stem}.{extension}").into(), content: root }];
+    if !is_one_layer {
+        files.extend((0u32..).zip(scene.prototypes()).map(|(index, prototype)| {
+            let content = Content::stream(move |sink| {
+                let textures = TexturePaths { folder: "../", stem };
+                write(&stage::prototype_layer(scene, index, &textures), encoding, sink)
+            });
+            OutputFile { path: asset(&prototype.name).into(), content }
+        }));
     }
-    let mut files = vec![file(path, &stage::scene_layer(scene, &textures, Some(&asset)))?];
-    let textures = TexturePaths { folder: "../", stem };
-    for (index, prototype) in (0..).zip(scene.prototypes()) {
-        let layer = stage::prototype_layer(scene, index, &textures);
-        files.push(file(asset(&prototype.name), &layer)?);
-    }
-    Ok(files)
+    files
 }
 
 /// `STEM.usdz` with everything in it.
-pub fn usdz(scene: &ValidScene, pictures: &Pictures, stem: &str) -> Result<OutputFile> {
-    let mut out = Cursor::new(Vec::new());
-    write_package(scene, pictures, stem, &mut out).map_err(|e| Error::new(e.to_string()))?;
-    Ok(OutputFile { path: format!("{stem}.usdz").into(), bytes: out.into_inner() })
+pub fn package<'a>(
+    scene: &'a ValidScene,
+    pictures: &'a Pictures,
+    stem: &'a str,
+) -> OutputFile<'a> {
+    let content = Content::stream(move |sink| {
+        let layer = stage::scene_layer(scene, &TexturePaths { folder: "", stem }, None);
+        let mut package = Package::new(sink);
+        package.add_written(&format!("{}.usdc", plain(stem)), usdc::HEAD, |body| {
+            usdc::write(&layer, body)
+        })?;
+        for (number, texture) in (0..).zip(scene.textures()) {
+            let png = pictures.of(number, PictureFormat::Png);
+            package.add(&texture_path(stem, &texture.name, PictureFormat::Png), &png)?;
+        }
+        package.finish()
+    });
+    OutputFile { path: format!("{stem}.usdz").into(), content }
 }
 
-fn write<W: Write + Seek>(layer: &Layer, encoding: Encoding, mut out: W) -> io::Result<()> {
+fn write(layer: &Layer, encoding: Encoding, mut out: impl Write + Seek) -> io::Result<()> {
     match encoding {
         Encoding::Text => usda::write(layer, out),
         Encoding::Crate => {
@@ -83,22 +100,4 @@ fn write<W: Write + Seek>(layer: &Layer, encoding: Encoding, mut out: W) -> io::
             out.flush()
         }
     }
-}
-
-fn write_package<W: Write + Seek>(
-    scene: &ValidScene,
-    pictures: &Pictures,
-    stem: &str,
-    out: W,
-) -> io::Result<()> {
-    let textures = TexturePaths { folder: "", stem };
-    let layer = stage::scene_layer(scene, &textures, None);
-    let mut package = Package::new(out);
-    package.add_written(&format!("{}.usdc", plain(stem)), usdc::HEAD, |body| {
-        usdc::write(&layer, body)
-    })?;
-    for (texture, png) in scene.textures().iter().zip(pictures.png()) {
-        package.add(&texture_path(stem, &texture.name), png)?;
-    }
-    package.finish()
 }

@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3};
 use super::layer::{Arc, Content, Layer, Prim, Property, Specifier, Value, VariantSet};
 use super::*;
 use crate::scene::sample::forest;
-use crate::export::{Format, files, write_all};
+use crate::export::{Format, Job, Profile, files, write_all};
 use crate::mesh::Surface;
 use crate::scene::{Apart, Collider, ColliderShape, Level, Scene};
 use crate::seed::{Draws, Seed};
@@ -195,7 +195,9 @@ fn scenes_on_disk() {
         [("levels", levelled()), ("cells", forest(&["Larix sibirica"], 10_500, 500.0))]
     {
         let scene = scene.validate().unwrap();
-        let files = files(&scene, "forest", &formats).unwrap();
-        write_all(&Path::new(&dir).join(name), &files).unwrap();
+        let job = Job { stem: "forest", formats: &formats, profile: Profile::Dcc };
+        let pictures = Pictures::encode(&scene, &job.picture_formats()).unwrap();
+        let files = files(&scene, &pictures, &job).unwrap().value;
+        write_all(&Path::new(&dir).join(name), files).unwrap();
     }
 }
