@@ -130,8 +130,12 @@ pub enum Format {
     Glb,
     /// .gltf, .bin and textures.
     Gltf,
-    /// USD text and textures.
+    /// USD as text, a layer a model, and textures.
     Usda,
+    /// The same in binary layers.
+    Usdc,
+    /// USD with everything in one file.
+    Usdz,
 }
 
 /// How many models the trees share.
@@ -437,7 +441,7 @@ pub struct Terrain {
     /// the triangles that each error takes are told for a raster too.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub terrain_error: Option<f32>,
-    /// .tif (Cloud Optimized GeoTIFF) for heights; .glb, .gltf or .usda for a mesh
+    /// .tif (Cloud Optimized GeoTIFF) for heights; .glb, .gltf, .usda, .usdc or .usdz for a mesh
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }
@@ -484,7 +488,7 @@ pub struct Tree {
     pub wood: WoodArgs,
     #[command(flatten)]
     pub levels: LevelArgs,
-    /// .glb, .gltf, .usda or .png (a picture)
+    /// .glb, .gltf, .usda, .usdc, .usdz or .png (a picture)
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }

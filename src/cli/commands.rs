@@ -149,6 +149,8 @@ fn formats(typed: &[args::Format]) -> Vec<Format> {
             args::Format::Glb => Format::Glb,
             args::Format::Gltf => Format::Gltf,
             args::Format::Usda => Format::Usda,
+            args::Format::Usdc => Format::Usdc,
+            args::Format::Usdz => Format::Usdz,
         })
         .collect()
 }
@@ -351,11 +353,13 @@ fn inventory(a: &args::Inventory, run: &mut Recorder) -> Result<Told> {
 }
 
 fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
-    let extension = extension(&a.output, &["tif", "tiff", "glb", "gltf", "usda"])?;
+    let extension = extension(&a.output, &["tif", "tiff", "glb", "gltf", "usda", "usdc", "usdz"])?;
     let format = match extension {
         "glb" => Some(Format::Glb),
         "gltf" => Some(Format::Gltf),
         "usda" => Some(Format::Usda),
+        "usdc" => Some(Format::Usdc),
+        "usdz" => Some(Format::Usdz),
         _ => None,
     };
     let job = SurveyJob {
@@ -410,7 +414,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
 }
 
 fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
-    let extension = extension(&a.output, &["glb", "gltf", "usda", "png"])?;
+    let extension = extension(&a.output, &["glb", "gltf", "usda", "usdc", "usdz", "png"])?;
     let species = species::load(&a.species)?;
     let foliage = if a.bare { FoliageLevel::None } else { level(a.foliage) };
     let job = TreeJob {
@@ -438,6 +442,8 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         "glb" => Some(Format::Glb),
         "gltf" => Some(Format::Gltf),
         "usda" => Some(Format::Usda),
+        "usdc" => Some(Format::Usdc),
+        "usdz" => Some(Format::Usdz),
         _ => None,
     };
     let mut staged = Staged::new(&dir)?;

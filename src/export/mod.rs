@@ -88,8 +88,12 @@ pub enum Format {
     Glb,
     /// glTF with its buffer and textures beside it.
     Gltf,
-    /// USD as text, with its textures beside it.
+    /// USD as text, with a layer a model and its textures beside it.
     Usda,
+    /// The same as crate files.
+    Usdc,
+    /// USD with everything in one package.
+    Usdz,
 }
 
 /// What is to be written of a scene.
@@ -108,9 +112,9 @@ impl Job<'_> {
     /// How textures are coded in files of their own.
     fn pictures_beside(&self) -> BTreeSet<PictureFormat> {
         let of = |format: &Format| match format {
-            Format::Glb => None,
+            Format::Glb | Format::Usdz => None,
             Format::Gltf => Some(self.profile.picture_format()),
-            Format::Usda => Some(PictureFormat::Png),
+            Format::Usda | Format::Usdc => Some(PictureFormat::Png),
         };
         self.formats.iter().filter_map(of).collect()
     }
@@ -121,12 +125,15 @@ impl Job<'_> {
         if self.formats.contains(&Format::Glb) {
             all.insert(self.profile.picture_format());
         }
+        if self.formats.contains(&Format::Usdz) {
+            all.insert(PictureFormat::Png);
+        }
         all.into_iter().collect()
     }
 }
 
-/// The files of a scene: `STEM.glb`, `STEM.gltf` + `STEM.bin`, `STEM.usda`, and the textures that
-/// these refer to, each once. Where a glTF profile holds one form a file, coarser forms are
+/// The files of a scene: `STEM.glb`, `STEM.gltf` + `STEM.bin`, `STEM.usda` or `STEM.usdc` +
+/// `assets/STEM_MODEL`, `STEM.usdz`, and the textures that these refer to, each once. Where a glTF profile holds one form a file, coarser forms are
 /// `STEM_LOD1.glb` and so on. `pictures` must be of [`Job::picture_formats`].
 ///
 /// # Errors
@@ -155,7 +162,13 @@ pub fn files<'a>(
         }
     }
     if formats.contains(&Format::Usda) {
-        files.push(usd::usda(scene, stem));
+        files.extend(usd::layers(scene, stem, usd::Encoding::Text));
+    }
+    if formats.contains(&Format::Usdc) {
+        files.extend(usd::layers(scene, stem, usd::Encoding::Crate));
+    }
+    if formats.contains(&Format::Usdz) {
+        files.push(usd::package(scene, pictures, stem));
     }
     for kind in job.pictures_beside() {
         files.extend(pictures.files(scene, stem, kind));

@@ -12,7 +12,7 @@ use crate::mesh::Surface;
 use crate::scene::sample::forest;
 use crate::scene::{Collider, ColliderShape, Scene, ValidScene};
 
-const ALL: [Format; 3] = [Format::Glb, Format::Gltf, Format::Usda];
+const ALL: [Format; 5] = [Format::Glb, Format::Gltf, Format::Usda, Format::Usdc, Format::Usdz];
 
 /// A file as it would be on disk.
 #[derive(PartialEq)]
