@@ -132,6 +132,10 @@ pub enum Format {
     Gltf,
     /// USD text and textures.
     Usda,
+    /// X3D (XML) and textures; compact with --profile web.
+    X3d,
+    /// OBJ with every tree written out, MTL and textures.
+    Obj,
 }
 
 /// How many models the trees share.
@@ -428,7 +432,7 @@ pub struct Terrain {
     /// the triangles that each error takes are told for a raster too.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub terrain_error: Option<f32>,
-    /// .tif (Cloud Optimized GeoTIFF) for heights; .glb, .gltf or .usda for a mesh
+    /// .tif (Cloud Optimized GeoTIFF) for heights; .glb, .gltf, .usda, .x3d or .obj for a mesh
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }
@@ -475,7 +479,7 @@ pub struct Tree {
     pub wood: WoodArgs,
     #[command(flatten)]
     pub levels: LevelArgs,
-    /// .glb, .gltf, .usda or .png (a picture)
+    /// .glb, .gltf, .usda, .x3d, .obj or .png (a picture)
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }

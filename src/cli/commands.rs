@@ -149,6 +149,8 @@ fn formats(typed: &[args::Format]) -> Vec<Format> {
             args::Format::Glb => Format::Glb,
             args::Format::Gltf => Format::Gltf,
             args::Format::Usda => Format::Usda,
+            args::Format::X3d => Format::X3d,
+            args::Format::Obj => Format::Obj,
         })
         .collect()
 }
@@ -343,11 +345,13 @@ fn inventory(a: &args::Inventory, run: &mut Recorder) -> Result<Told> {
 }
 
 fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
-    let extension = extension(&a.output, &["tif", "tiff", "glb", "gltf", "usda"])?;
+    let extension = extension(&a.output, &["tif", "tiff", "glb", "gltf", "usda", "x3d", "obj"])?;
     let format = match extension {
         "glb" => Some(Format::Glb),
         "gltf" => Some(Format::Gltf),
         "usda" => Some(Format::Usda),
+        "x3d" => Some(Format::X3d),
+        "obj" => Some(Format::Obj),
         _ => None,
     };
     let job = SurveyJob {
@@ -401,7 +405,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
 }
 
 fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
-    let extension = extension(&a.output, &["glb", "gltf", "usda", "png"])?;
+    let extension = extension(&a.output, &["glb", "gltf", "usda", "x3d", "obj", "png"])?;
     let species = species::load(&a.species)?;
     let foliage = if a.bare { FoliageLevel::None } else { level(a.foliage) };
     let job = TreeJob {
@@ -429,6 +433,8 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         "glb" => Some(Format::Glb),
         "gltf" => Some(Format::Gltf),
         "usda" => Some(Format::Usda),
+        "x3d" => Some(Format::X3d),
+        "obj" => Some(Format::Obj),
         _ => None,
     };
     let mut staged = Staged::new(&dir)?;

@@ -92,10 +92,13 @@ fn webp(texture: &Texture) -> Result<Bytes> {
         .map_err(|e| Error::new(format!("texture `{}`: {e}", texture.name)))
 }
 
-/// `textures/STEM_NAME.png`: the stem keeps scenes in one folder apart. Characters of the stem
-/// that mean something to a format or a file system become `_`.
+/// `textures/STEM_NAME.png`: the stem keeps scenes in one folder apart.
 pub(super) fn texture_path(stem: &str, name: &str, kind: PictureFormat) -> String {
+    format!("textures/{}_{name}.{}", plain(stem), kind.extension())
+}
+
+/// Characters of the stem that mean something to a format or a file system as `_`.
+pub(super) fn plain(stem: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
-    let stem: String = stem.chars().map(plain).collect();
-    format!("textures/{stem}_{name}.{}", kind.extension())
+    stem.chars().map(plain).collect()
 }
