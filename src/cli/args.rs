@@ -136,6 +136,10 @@ pub enum Format {
     Usdc,
     /// USD with everything in one file.
     Usdz,
+    /// X3D (XML) and textures; compact with --profile web.
+    X3d,
+    /// OBJ with every tree written out, MTL and textures.
+    Obj,
 }
 
 /// How many models the trees share.
@@ -441,7 +445,7 @@ pub struct Terrain {
     /// the triangles that each error takes are told for a raster too.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub terrain_error: Option<f32>,
-    /// .tif (Cloud Optimized GeoTIFF) for heights; .glb, .gltf, .usda, .usdc or .usdz for a mesh
+    /// .tif (Cloud Optimized GeoTIFF) for heights; .glb, .gltf, .usda, .usdc, .usdz, .x3d or .obj for a mesh
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }
@@ -488,7 +492,7 @@ pub struct Tree {
     pub wood: WoodArgs,
     #[command(flatten)]
     pub levels: LevelArgs,
-    /// .glb, .gltf, .usda, .usdc, .usdz or .png (a picture)
+    /// .glb, .gltf, .usda, .usdc, .usdz, .x3d, .obj or .png (a picture)
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }

@@ -142,6 +142,23 @@ fn species_by(by: args::SpeciesBy) -> SpeciesBy {
     }
 }
 
+/// Of the files of scenes.
+const SCENE_EXTENSIONS: [&str; 7] = ["glb", "gltf", "usda", "usdc", "usdz", "x3d", "obj"];
+
+/// `None` for what is no scene.
+fn scene_format(extension: &str) -> Option<Format> {
+    Some(match extension {
+        "glb" => Format::Glb,
+        "gltf" => Format::Gltf,
+        "usda" => Format::Usda,
+        "usdc" => Format::Usdc,
+        "usdz" => Format::Usdz,
+        "x3d" => Format::X3d,
+        "obj" => Format::Obj,
+        _ => return None,
+    })
+}
+
 fn formats(typed: &[args::Format]) -> Vec<Format> {
     typed
         .iter()
@@ -151,6 +168,8 @@ fn formats(typed: &[args::Format]) -> Vec<Format> {
             args::Format::Usda => Format::Usda,
             args::Format::Usdc => Format::Usdc,
             args::Format::Usdz => Format::Usdz,
+            args::Format::X3d => Format::X3d,
+            args::Format::Obj => Format::Obj,
         })
         .collect()
 }
@@ -353,15 +372,8 @@ fn inventory(a: &args::Inventory, run: &mut Recorder) -> Result<Told> {
 }
 
 fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
-    let extension = extension(&a.output, &["tif", "tiff", "glb", "gltf", "usda", "usdc", "usdz"])?;
-    let format = match extension {
-        "glb" => Some(Format::Glb),
-        "gltf" => Some(Format::Gltf),
-        "usda" => Some(Format::Usda),
-        "usdc" => Some(Format::Usdc),
-        "usdz" => Some(Format::Usdz),
-        _ => None,
-    };
+    let extension = extension(&a.output, &[&["tif", "tiff"], &SCENE_EXTENSIONS[..]].concat())?;
+    let format = scene_format(extension);
     let job = SurveyJob {
         scans: a.scan.scans.clone(),
         ground: method(a.scan.ground),
@@ -414,7 +426,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
 }
 
 fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
-    let extension = extension(&a.output, &["glb", "gltf", "usda", "usdc", "usdz", "png"])?;
+    let extension = extension(&a.output, &[&SCENE_EXTENSIONS[..], &["png"]].concat())?;
     let species = species::load(&a.species)?;
     let foliage = if a.bare { FoliageLevel::None } else { level(a.foliage) };
     let job = TreeJob {
@@ -438,14 +450,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&dir)?;
     let Grown { scene, rows, pruned, fit } = pipeline::tree::tree(&job, run)?;
     let stem = stem(&a.output);
-    let format = match extension {
-        "glb" => Some(Format::Glb),
-        "gltf" => Some(Format::Gltf),
-        "usda" => Some(Format::Usda),
-        "usdc" => Some(Format::Usdc),
-        "usdz" => Some(Format::Usdz),
-        _ => None,
-    };
+    let format = scene_format(extension);
     let mut staged = Staged::new(&dir)?;
     match format {
         Some(format) => {

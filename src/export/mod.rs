@@ -3,10 +3,14 @@
 //! [`files`] tells what files there will be and how each is written; [`write_all`] and [`Staged`]
 //! put them on disk, all of them or none. Large files are streamed: none is held in memory.
 
+mod blocks;
 mod disk;
 pub mod gltf;
+mod number;
+mod obj;
 mod pictures;
 pub mod usd;
+mod x3d;
 
 use std::collections::BTreeSet;
 use std::io::{self, BufWriter, Seek, Write};
@@ -94,6 +98,10 @@ pub enum Format {
     Usdc,
     /// USD with everything in one package.
     Usdz,
+    /// X3D as XML, with its textures beside it.
+    X3d,
+    /// OBJ with its materials (MTL) and textures beside it.
+    Obj,
 }
 
 /// What is to be written of a scene.
@@ -103,7 +111,7 @@ pub struct Job<'a> {
     pub stem: &'a str,
     /// Those given twice count once.
     pub formats: &'a [Format],
-    /// Of the glTF files, as `wind`.
+    /// Of the glTF files, as `wind`; [`Profile::Web`] makes X3D compact, too.
     pub profile: Profile,
     pub wind: WindAs,
 }
@@ -114,7 +122,7 @@ impl Job<'_> {
         let of = |format: &Format| match format {
             Format::Glb | Format::Usdz => None,
             Format::Gltf => Some(self.profile.picture_format()),
-            Format::Usda | Format::Usdc => Some(PictureFormat::Png),
+            Format::Usda | Format::Usdc | Format::X3d | Format::Obj => Some(PictureFormat::Png),
         };
         self.formats.iter().filter_map(of).collect()
     }
@@ -133,11 +141,12 @@ impl Job<'_> {
 }
 
 /// The files of a scene: `STEM.glb`, `STEM.gltf` + `STEM.bin`, `STEM.usda` or `STEM.usdc` +
-/// `assets/STEM_MODEL`, `STEM.usdz`, and the textures that these refer to, each once. Where a glTF profile holds one form a file, coarser forms are
-/// `STEM_LOD1.glb` and so on. `pictures` must be of [`Job::picture_formats`].
+/// `assets/STEM_MODEL`, `STEM.usdz`, `STEM.x3d`, `STEM.obj` + `STEM.mtl`, and the textures that
+/// these refer to, each once. Where a glTF profile holds one form a file, as OBJ does, coarser forms
+/// are `STEM_LOD1.glb` and so on. `pictures` must be of [`Job::picture_formats`].
 ///
 /// # Errors
-/// A tree too large for a GLB.
+/// A tree too large for a GLB; more vertices than readers of OBJ count.
 pub fn files<'a>(
     scene: &'a ValidScene,
     pictures: &'a Pictures,
@@ -147,7 +156,7 @@ pub fn files<'a>(
     let mut files = Vec::new();
     let mut warnings = Vec::new();
     for format in [Format::Glb, Format::Gltf].into_iter().filter(|f| formats.contains(f)) {
-        for (stem, selection) in forms(scene, job) {
+        for (stem, selection) in forms(scene, stem, profile.holds_all_forms()) {
             let recipe = gltf::Recipe {
                 is_binary: format == Format::Glb,
                 profile,
@@ -170,16 +179,25 @@ pub fn files<'a>(
     if formats.contains(&Format::Usdz) {
         files.push(usd::package(scene, pictures, stem));
     }
+    if formats.contains(&Format::X3d) {
+        files.push(x3d::file(Selection::of(scene, Forms::All), stem, profile == Profile::Web));
+    }
+    if formats.contains(&Format::Obj) {
+        for (form, selection) in forms(scene, stem, false) {
+            let made = obj::files(selection, &form, stem)?;
+            files.extend(made.value);
+            warnings.extend(made.warnings);
+        }
+    }
     for kind in job.pictures_beside() {
         files.extend(pictures.files(scene, stem, kind));
     }
     Ok(Warned::with(files, warnings))
 }
 
-/// What goes into which glTF file.
-fn forms<'a>(scene: &'a ValidScene, job: &Job<'_>) -> Vec<(String, Selection<'a>)> {
-    let stem = job.stem;
-    if job.profile.holds_all_forms() {
+/// What goes into which file.
+fn forms<'a>(scene: &'a ValidScene, stem: &str, is_one_file: bool) -> Vec<(String, Selection<'a>)> {
+    if is_one_file {
         return vec![(stem.to_owned(), Selection::of(scene, Forms::All))];
     }
     let finest = (stem.to_owned(), Selection::of(scene, Forms::One(0)));

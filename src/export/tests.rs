@@ -12,7 +12,8 @@ use crate::mesh::Surface;
 use crate::scene::sample::forest;
 use crate::scene::{Collider, ColliderShape, Scene, ValidScene};
 
-const ALL: [Format; 5] = [Format::Glb, Format::Gltf, Format::Usda, Format::Usdc, Format::Usdz];
+const ALL: [Format; 7] =
+    [Format::Glb, Format::Gltf, Format::Usda, Format::Usdc, Format::Usdz, Format::X3d, Format::Obj];
 
 /// A file as it would be on disk.
 #[derive(PartialEq)]
@@ -153,13 +154,112 @@ fn the_usda_of_two_trees() {
     insta::assert_snapshot!(text_of(&all[0]));
 }
 
+/// The tree's second form is one triangle of bark.
+fn two_trees_of_two_forms() -> ValidScene {
+    let mut scene = two_trees().into_scene();
+    for prototype in &mut scene.prototypes {
+        prototype.levels.push(crate::scene::Level {
+            name: "LOD1".into(),
+            parts: prototype.parts[..1].to_vec(),
+            silhouette: crate::scene::Apart { worst_m: 0.5, rms_m: 0.125 },
+            octahedral: None,
+        });
+    }
+    scene.validate().unwrap()
+}
+
+#[test]
+fn the_x3d_of_two_trees() {
+    let scene = two_trees_of_two_forms();
+    insta::assert_snapshot!(text_of(&files(&scene, "two trees", &[Format::X3d])[0]));
+    let compact = made(&two_trees(), "two trees", &[Format::X3d], Profile::Web);
+    insta::assert_snapshot!(text_of(&compact[0]));
+}
+
+#[test]
+fn the_obj_of_two_trees() {
+    let all = files(&two_trees_of_two_forms(), "two trees", &[Format::Obj]);
+    let names: Vec<&str> = all.iter().map(|f| f.path.to_str().unwrap()).collect();
+    assert_eq!(
+        names[..4],
+        ["two trees.obj", "two_trees.mtl", "two trees_LOD1.obj", "two_trees_LOD1.mtl"]
+    );
+    insta::assert_snapshot!(text_of(&all[0]));
+    insta::assert_snapshot!(text_of(&all[1]));
+}
+
+/// Every number of the compact form is within half a place of the scene's.
+#[test]
+fn compact_x3d_is_half_as_large_and_rounded_as_stated() {
+    let scene = sample().validate().unwrap();
+    let plain = text_of(&files(&scene, "forest", &[Format::X3d])[0]);
+    let compact = text_of(&made(&scene, "forest", &[Format::X3d], Profile::Web)[0]);
+    let of = |text: &str, list: &str| -> Vec<f32> {
+        let lists = text.split(list).skip(1).map(|rest| rest.split('"').next().unwrap());
+        lists.flat_map(|list| list.split_whitespace().map(|n| n.parse().unwrap())).collect()
+    };
+    for (list, most) in [
+        ("<Coordinate point=\"", 5e-4),
+        ("<Normal vector=\"", 5e-3),
+        ("<TextureCoordinate point=\"", 5e-5),
+    ] {
+        let (exact, rounded) = (of(&plain, list), of(&compact, list));
+        assert!(exact.len() == rounded.len() && exact.len() > 1000);
+        let worst = exact.iter().zip(&rounded).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(worst > 0.1 * most && worst < 1.01 * most, "{list} {worst}");
+    }
+    let trees = 150;
+    let metadata = trees * compact.split("<Transform").nth(1).unwrap().len();
+    let (plain, compact) = (plain.len() - metadata, compact.len() - metadata);
+    assert!(2 * compact < plain + plain / 5, "{compact} of {plain}");
+}
+
+/// By the reader that the species room uses for twigs.
+#[test]
+fn obj_reads_back_as_the_scene() {
+    let scene = sample().validate().unwrap();
+    let all = files(&scene, "forest", &[Format::Obj]);
+    let obj = std::str::from_utf8(&all[0].bytes).unwrap();
+    let options = tobj::LoadOptions { single_index: true, ..Default::default() };
+    let (models, materials) = tobj::load_obj_buf(&mut std::io::Cursor::new(obj), &options, |_| {
+        tobj::load_mtl_buf(&mut std::io::Cursor::new(&all[1].bytes))
+    })
+    .unwrap();
+    let materials = materials.unwrap();
+    let written: std::collections::BTreeSet<&Path> = all.iter().map(|f| f.path.as_path()).collect();
+    for material in &materials {
+        let texture = material.diffuse_texture.as_deref().unwrap();
+        assert!(written.contains(Path::new(texture)), "{texture}");
+    }
+    let by_name: BTreeMap<String, _> = models.into_iter().map(|m| (m.name.clone(), m)).collect();
+    assert_eq!(by_name.len(), 1 + 2 * scene.instances().len());
+    for tree in scene.instances() {
+        for part in &scene.prototypes()[tree.prototype as usize].parts {
+            let mesh = &by_name[&format!("{}_{}", tree.name, part.name)].mesh;
+            let name = &materials[mesh.material_id.unwrap()].name;
+            assert_eq!(*name, scene.materials()[part.material as usize].name);
+            assert_eq!(mesh.indices.len(), part.surface.index.len());
+            for (&theirs, &ours) in mesh.indices.iter().zip(&part.surface.index) {
+                let (theirs, ours) = (theirs as usize, ours as usize);
+                let at = |column: &[f32], n| column[theirs * n..theirs * n + n].to_vec();
+                let p = tree.place(part.surface.position[ours]);
+                assert_eq!(at(&mesh.positions, 3), [p.x, p.z, 0.0 - p.y]);
+                assert_eq!(at(&mesh.texcoords, 2), part.surface.uv[ours].to_array());
+                let n = Vec3::from_slice(&at(&mesh.normals, 3));
+                assert!((n.length() - 1.0).abs() < 2e-4);
+            }
+        }
+    }
+}
+
 fn text_of(file: &Made) -> String {
     String::from_utf8(file.bytes.clone()).unwrap().replace(env!("CARGO_PKG_VERSION"), "VERSION")
 }
 
 #[test]
 fn names_of_files_and_textures_shared_by_formats() {
-    let all = files(&two_trees(), "two trees", &[ALL[1], ALL[2], ALL[0], ALL[1]]);
+    let twice: Vec<Format> = ALL.into_iter().rev().chain(ALL).collect();
+    let all = files(&two_trees(), "two trees", &twice);
     let names: Vec<&str> = all.iter().map(|f| f.path.to_str().unwrap()).collect();
     assert_eq!(
         names,
@@ -168,6 +268,9 @@ fn names_of_files_and_textures_shared_by_formats() {
             "two trees.gltf",
             "two trees.bin",
             "two trees.usda",
+            "two trees.x3d",
+            "two trees.obj",
+            "two_trees.mtl",
             "textures/two_trees_photo.png",
             "textures/two_trees_Larix_sibirica_bark.png",
             "textures/two_trees_Larix_sibirica_bark_normal.png",

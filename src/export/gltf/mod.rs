@@ -173,8 +173,8 @@ pub(super) fn files<'a>(
 const HEADERS: u64 = 12 + 8 + 8;
 const GIB: f64 = (1u64 << 30) as f64;
 
-/// Scene metres to glTF's Y up. `0 − y` rather than `−y`, so that 0 stays without a sign.
-fn y_up(p: Vec3) -> [f32; 3] {
+/// Scene metres to Y up, for every format that has it. `0 − y` rather than `−y`, so that 0 stays without a sign.
+pub(super) fn y_up(p: Vec3) -> [f32; 3] {
     [p.x, p.z, 0.0 - p.y]
 }
 

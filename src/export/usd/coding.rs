@@ -144,7 +144,8 @@ mod tests {
         let mut value = 0i64;
         let mut out = Vec::new();
         for k in 0..count {
-            let length = [0, WIDTH / 4, WIDTH / 2, WIDTH][usize::from(codes[k / 4] >> (2 * (k % 4)) & 3)];
+            let length =
+                [0, WIDTH / 4, WIDTH / 2, WIDTH][usize::from(codes[k / 4] >> (2 * (k % 4)) & 3)];
             let step = if length == 0 { common } else { number(&rest[..length]) };
             rest = &rest[length..];
             value = value.wrapping_add(step);
@@ -158,10 +159,8 @@ mod tests {
     fn the_example_of_the_format() {
         let values = [123, 124, 125, 100_125, 100_125, 100_126, 100_126];
         let bytes = plain(&ints(&values), 100);
-        let expected = [
-            &[1, 0, 0, 0, 0b1100_0001, 0b01_0001][..],
-            &[123, 0xA0, 0x86, 0x01, 0x00, 0, 0],
-        ];
+        let expected =
+            [&[1, 0, 0, 0, 0b1100_0001, 0b01_0001][..], &[123, 0xA0, 0x86, 0x01, 0x00, 0, 0]];
         assert_eq!(bytes, expected.concat());
     }
 

@@ -101,7 +101,11 @@ pub(super) struct Arc {
 }
 
 impl<'a> Prim<'a> {
-    pub fn new(specifier: Specifier, type_name: &'static str, name: impl Into<Cow<'a, str>>) -> Self {
+    pub fn new(
+        specifier: Specifier,
+        type_name: &'static str,
+        name: impl Into<Cow<'a, str>>,
+    ) -> Self {
         Prim {
             specifier,
             type_name,

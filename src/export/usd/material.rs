@@ -29,9 +29,7 @@ pub(super) fn material<'a>(
         Value::token("UsdPreviewSurface"),
     );
     surface = match material.base_color_texture {
-        Some(_) => {
-            surface.connected("color3f", "inputs:diffuseColor", output("base_color", "rgb"))
-        }
+        Some(_) => surface.connected("color3f", "inputs:diffuseColor", output("base_color", "rgb")),
         None => {
             let colour = Value::Float3(material.base_color);
             surface.attribute("color3f", "inputs:diffuseColor", colour)
@@ -49,12 +47,12 @@ pub(super) fn material<'a>(
         );
     }
     surface = match material.orm_texture {
-        Some(_) => surface
-            .connected("float", "inputs:occlusion", output("orm", "r"))
-            .connected("float", "inputs:roughness", output("orm", "g")),
-        None => {
-            surface.attribute("float", "inputs:roughness", Value::Float(material.roughness))
-        }
+        Some(_) => surface.connected("float", "inputs:occlusion", output("orm", "r")).connected(
+            "float",
+            "inputs:roughness",
+            output("orm", "g"),
+        ),
+        None => surface.attribute("float", "inputs:roughness", Value::Float(material.roughness)),
     };
     let surface = surface.declared("token", "outputs:surface");
 
@@ -65,7 +63,8 @@ pub(super) fn material<'a>(
     if let Some(index) = material.base_color_texture {
         let scale = is_tinted.then_some([r, g, b, 1.0]);
         let outputs = if is_masked && !is_tinted { RGBA } else { RGB };
-        let texture = Texture { name: "base_color", index, is_raw: false, bias: None, scale, outputs };
+        let texture =
+            Texture { name: "base_color", index, is_raw: false, bias: None, scale, outputs };
         if is_masked && is_tinted {
             let second = Texture { name: opacity, scale: None, outputs: RGBA, ..texture };
             shaders.extend([texture, second]);

@@ -42,11 +42,7 @@ impl Encoding {
 
 /// `STEM.usda` or `STEM.usdc`, and `assets/STEM_PROTOTYPE` of the same kind; the textures are
 /// [`Pictures::files`].
-pub fn layers<'a>(
-    scene: &'a ValidScene,
-    stem: &'a str,
-    encoding: Encoding,
-) -> Vec<OutputFile<'a>> {
+pub fn layers<'a>(scene: &'a ValidScene, stem: &'a str, encoding: Encoding) -> Vec<OutputFile<'a>> {
     let extension = encoding.extension();
     let asset = move |name: &str| format!("assets/{}_{name}.{extension}", plain(stem));
     let is_one_layer = scene.instances().len() <= 1 && scene.terrain().is_none();
@@ -69,11 +65,7 @@ pub fn layers<'a>(
 }
 
 /// `STEM.usdz` with everything in it.
-pub fn package<'a>(
-    scene: &'a ValidScene,
-    pictures: &'a Pictures,
-    stem: &'a str,
-) -> OutputFile<'a> {
+pub fn package<'a>(scene: &'a ValidScene, pictures: &'a Pictures, stem: &'a str) -> OutputFile<'a> {
     let content = Content::stream(move |sink| {
         let layer = stage::scene_layer(scene, &TexturePaths { folder: "", stem }, None);
         let mut package = Package::new(sink);

@@ -7,9 +7,7 @@ use glam::Vec3;
 use super::layer::{Prim, Property, Value, VariantSet};
 use super::material::{TexturePaths, material};
 use super::stage::extent;
-use crate::scene::{
-    Alpha, Collider, Level, Octahedral, Part, Prototype, SpeciesGroup, ValidScene,
-};
+use crate::scene::{Alpha, Collider, Level, Octahedral, Part, Prototype, SpeciesGroup, ValidScene};
 
 /// The name of the variant that shows the finest form.
 const FINEST: &str = "LOD0";

@@ -31,7 +31,8 @@ pub(super) fn scene_layer<'a>(
         .with(extent("extentsHint", scene.bounds()));
     if let Some(terrain) = scene.terrain() {
         let parent = format!("/{name}/materials");
-        let shown = material(scene, &scene.materials()[terrain.material as usize], &parent, textures);
+        let shown =
+            material(scene, &scene.materials()[terrain.material as usize], &parent, textures);
         root = root
             .child(Prim::def("Scope", "materials").child(shown))
             .child(mesh(scene, terrain, &parent).kind("component"));
@@ -184,11 +185,7 @@ fn instancer<'a>(
         .attribute("int64[]", "ids", Value::Int64s(ids))
         .attribute("quath[]", "orientations", Value::Quaths(turns.clone()))
         .attribute("quatf[]", "orientationsf", Value::Quatfs(turns))
-        .attribute(
-            "point3f[]",
-            "positions",
-            Value::Float3s(each().map(|t| t.position).collect()),
-        );
+        .attribute("point3f[]", "positions", Value::Float3s(each().map(|t| t.position).collect()));
     prim = fact(prim, "primvars:confidence", |f| f.confidence);
     prim = fact(prim, "primvars:crown_base_height_m", |f| f.crown_base_height_m);
     prim = fact(prim, "primvars:crown_diameter_m", |f| f.crown_diameter_m);

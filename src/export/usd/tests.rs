@@ -6,9 +6,9 @@ use glam::{Vec2, Vec3};
 
 use super::layer::{Arc, Content, Layer, Prim, Property, Specifier, Value, VariantSet};
 use super::*;
-use crate::scene::sample::forest;
-use crate::export::{Format, Job, Profile, files, write_all};
+use crate::export::{Format, Job, Profile, WindAs, files, write_all};
 use crate::mesh::Surface;
+use crate::scene::sample::forest;
 use crate::scene::{Apart, Collider, ColliderShape, Level, Scene};
 use crate::seed::{Draws, Seed};
 
@@ -16,7 +16,8 @@ use crate::seed::{Draws, Seed};
 fn random_layer(seed: u64) -> Layer<'static> {
     let mut draws = Seed::new(seed).derive("layer", 0).draws();
     let count = draws.index(4);
-    let prims: Vec<Prim> = (0..count).map(|k| random_prim(&mut draws, &format!("p{k}"), 0)).collect();
+    let prims: Vec<Prim> =
+        (0..count).map(|k| random_prim(&mut draws, &format!("p{k}"), 0)).collect();
     let mut metadata = vec![("metersPerUnit", Value::Double(f64::from(draws.unit())))];
     if let Some(first) = prims.first() {
         metadata.push(("defaultPrim", Value::token(first.name.to_string())));
@@ -195,7 +196,8 @@ fn scenes_on_disk() {
         [("levels", levelled()), ("cells", forest(&["Larix sibirica"], 10_500, 500.0))]
     {
         let scene = scene.validate().unwrap();
-        let job = Job { stem: "forest", formats: &formats, profile: Profile::Dcc };
+        let job =
+            Job { stem: "forest", formats: &formats, profile: Profile::Dcc, wind: WindAs::Color };
         let pictures = Pictures::encode(&scene, &job.picture_formats()).unwrap();
         let files = files(&scene, &pictures, &job).unwrap().value;
         write_all(&Path::new(&dir).join(name), files).unwrap();

@@ -80,7 +80,9 @@ impl<W: Write> Text<W> {
                 let names: Vec<String> = names.iter().map(|n| quoted(n)).collect();
                 self.line(&format!("prepend {name} = [{}]", names.join(", ")))
             }
-            Value::Arc(arc) => self.line(&format!("prepend {name} = @{}@<{}>", arc.asset, arc.prim)),
+            Value::Arc(arc) => {
+                self.line(&format!("prepend {name} = @{}@<{}>", arc.asset, arc.prim))
+            }
             other => {
                 self.indent()?;
                 write!(self.out, "{name} = ")?;
@@ -211,10 +213,10 @@ impl<W: Write> Text<W> {
             Value::Float2s(items) => self.array(items, |out, v| tuple(out, &v.to_array())),
             Value::Float3s(items) => self.array(items, |out, v| tuple(out, &v.to_array())),
             Value::Unorm4s(items) => self.array(items, |out, v| tuple(out, &unorm4(v))),
-            Value::Quatfs(items) | Value::Quaths(items) => self.array(items, |out, v| tuple(out, v)),
-            Value::Strings(items) => {
-                self.array(items, |out, v| out.extend(quoted(v).as_bytes()))
+            Value::Quatfs(items) | Value::Quaths(items) => {
+                self.array(items, |out, v| tuple(out, v))
             }
+            Value::Strings(items) => self.array(items, |out, v| out.extend(quoted(v).as_bytes())),
             // Metadata alone, which `field` writes.
             Value::Dictionary(_) | Value::Prepended(_) | Value::Selections(_) | Value::Arc(_) => {
                 Ok(())
@@ -403,9 +405,11 @@ def Mesh "a" (
         let count = BLOCK * BLOCKS + BLOCK + 5;
         let items: Vec<i32> = (0..count as i32).collect();
         let plain: Vec<String> = items.iter().map(i32::to_string).collect();
-        let prim = Prim::def("", "a")
-            .attribute("int[]", "n", Value::Ints(items.into()))
-            .attribute("int[]", "m", Value::Repeated(3, count));
+        let prim = Prim::def("", "a").attribute("int[]", "n", Value::Ints(items.into())).attribute(
+            "int[]",
+            "m",
+            Value::Repeated(3, count),
+        );
         let text = text_of(prim);
         assert!(text.contains(&format!("int[] n = [{}]\n", plain.join(", "))));
         assert!(text.contains(&format!("int[] m = [{}]\n", vec!["3"; count].join(", "))));

@@ -511,8 +511,7 @@ impl<'l, W: Write> Crate<'l, W> {
 
     fn finish(mut self) -> io::Result<Vec<u8>> {
         let strings: Vec<u32> = std::mem::take(&mut self.strings.items);
-        let tokens: Vec<u8> =
-            self.tokens.items.iter().flat_map(|t| t.bytes().chain([0])).collect();
+        let tokens: Vec<u8> = self.tokens.items.iter().flat_map(|t| t.bytes().chain([0])).collect();
         let mut token_section = Vec::new();
         push(&mut token_section, self.tokens.items.len());
         push(&mut token_section, tokens.len());
