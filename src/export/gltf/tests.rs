@@ -131,7 +131,7 @@ impl Read {
                 assert!(kind == 5126 || told.is_i64(), "{told}");
                 let found = elements.iter().map(|e| e[k]).reduce(pick).unwrap();
                 let stored = if is_normalized { (found * 32767.0).round() } else { found };
-                assert_eq!(told.as_f64().unwrap(), stored);
+                assert_eq!(told.as_f64().unwrap() as f32, stored as f32);
             }
         }
         elements
