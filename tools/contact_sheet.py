@@ -99,7 +99,8 @@ def shoot(bpy, args, width_px, height_px):
     scene.cycles.samples = args.samples
     scene.cycles.use_denoising = True
     scene.cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
-    scene.cycles.transparent_max_bounces = 64
+    scene.cycles.max_bounces, scene.cycles.diffuse_bounces = 5, 2
+    scene.cycles.transparent_max_bounces = 40
     scene.view_settings.view_transform = "AgX"
     scene.view_settings.look = "AgX - Medium High Contrast"
     scene.view_settings.exposure = 0.0

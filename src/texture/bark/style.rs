@@ -123,7 +123,8 @@ impl Painter {
             + 0.1 * curl
             + 0.12 * cloud;
         let warm = 0.1 * (small.draw - 0.5) + 0.1 * (big.draw - 0.5) - 0.08 * cloud + 0.05 * jag;
-        let tone = mix(0.4, 1.0, edge);
+        let loose = smoothstep(-0.2, 0.4, self.broad.fractal(u, v + 0.6, [6, 5], 3));
+        let tone = mix(mix(0.9, 0.5, loose), 1.0, edge);
         let roughness = 0.7 + 0.1 * small.draw;
         Texel { roughness, ..Texel::new(height, tone, shade, warm) }
     }
