@@ -97,8 +97,8 @@ def shoot(bpy, args, width_px, height_px):
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.cycles.samples = args.samples
-    scene.cycles.use_denoising = True
-    scene.cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
+    # Denoising smears leaves into blades.
+    scene.cycles.use_denoising = False
     scene.cycles.max_bounces, scene.cycles.diffuse_bounces = 5, 2
     scene.cycles.transparent_max_bounces = 40
     scene.view_settings.view_transform = "AgX"
@@ -124,7 +124,7 @@ def row_of_trees(bpy, args, files):
         holder.location.x = left + gap + 0.5 * width - 0.5 * (low.x + high.x)
         left += width + gap
     width, height = left + gap, 1.1 * tallest
-    ground(bpy, 40 * max(width, height)).location.x = 0.5 * left
+    ground(bpy, 4 * max(width, height)).location.x = 0.5 * left
     sky(bpy)
     side = max(width, height)
     eye(bpy, (0.5 * (left + gap), 0.0, 0.47 * height), side, 10 * side, 4)

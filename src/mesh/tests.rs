@@ -118,7 +118,7 @@ fn cone(radius: f32, height: f32, tolerance: f32) -> Surface {
     let scratch = &mut path::Scratch::default();
     path::rings(&knots, foot, least, &path::Sides::new(tolerance), false, scratch, &mut rings);
     tube::lay_bark(&mut rings, 1.0);
-    let mut bark = tube::Bark::new(None, None, Seed::new(1));
+    let mut bark = tube::Bark::new(tube::Young::default(), None, Seed::new(1));
     bark.tube(&tube::Shape {
         rings: &rings,
         holes: &[],
@@ -128,7 +128,7 @@ fn cone(radius: f32, height: f32, tolerance: f32) -> Surface {
         shift_m: 0.0,
         key: 0,
     });
-    let [out, _] = bark.finish();
+    let [out, ..] = bark.finish();
     out
 }
 

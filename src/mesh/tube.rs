@@ -15,7 +15,7 @@ use super::Surface;
 use super::junction::{Hole, mask};
 use super::path::{MAX_SIDES, Ring};
 use super::wind::{Sway, Wind};
-use crate::seed::{Draws, Seed};
+use crate::seed::Seed;
 
 /// Cosines and sines of the corners of every ring.
 pub struct Circles(Vec<Vec<Vec2>>);
@@ -117,9 +117,9 @@ impl Young {
             let span = if span.abs() < 1e-9 { 1e-9 } else { span };
             ((x - range[0]) / span).clamp(0.0, 1.0)
         };
-        let upper = self.upper.map_or(0.0, |u| {
-            part(ring.radius_m, u.radius_m).max(part(ring.centre.z, u.height_m))
-        });
+        let upper = self
+            .upper
+            .map_or(0.0, |u| part(ring.radius_m, u.radius_m).max(part(ring.centre.z, u.height_m)));
         let twig = self.twig_m.map_or(0.0, |r| part(ring.radius_m, r));
         if twig > 0.0 {
             return Mix { bark: [usize::from(upper >= 0.5), 2], share: twig };
@@ -241,7 +241,7 @@ impl<'a> Bark<'a> {
         self.begin(shape);
         let Bark { surface, young, wind, seed, circles, rims, sway, base } = self;
         let has_collar = out_of.is_some_and(|o| o.has_collar);
-        let mut luck = Luck { seed: *seed, key: shape.key, drawn: None };
+        let mut luck = Luck { seed: *seed, key: shape.key, phase: None };
         let swing = wind.map(|w| (w, &sway[..]));
         // Where the corners of the last ring start in each surface, once they are there.
         let mut below = [None; BARKS];
@@ -261,7 +261,7 @@ impl<'a> Bark<'a> {
                                 out.wind.extend(again);
                             }
                         } else {
-                            let phase = if ring.lobe == 0.0 { 0.0 } else { luck.draws().0 };
+                            let phase = if ring.lobe == 0.0 { 0.0 } else { luck.phase() };
                             corners(ring, circles.of(ring.sides), phase, out);
                             if let Some((wind, sway)) = swing {
                                 wind.ring(sway[i], out);
@@ -295,7 +295,7 @@ impl<'a> Bark<'a> {
                     let taken = opened.iter().fold(0, |m, h| m | mask(h.facet, h.facets, sides));
                     for k in (0..sides).filter(|k| taken >> k & 1 == 0) {
                         let b = if mixes {
-                            mix.bark[usize::from(luck.draws().1.unit() < mix.share)]
+                            mix.bark[usize::from(luck.limit(k, sides) < mix.share)]
                         } else {
                             side
                         };
@@ -359,20 +359,28 @@ impl<'a> Bark<'a> {
     }
 }
 
-/// A tube's random draws, which few ask for: the phase of its buttresses, and those for the mixing
-/// of barks.
+/// A tube's random phase, which few ask for: of its buttresses, and of where barks meet.
 struct Luck {
     seed: Seed,
     key: u64,
-    drawn: Option<(f32, Draws)>,
+    phase: Option<f32>,
 }
 
 impl Luck {
-    fn draws(&mut self) -> &mut (f32, Draws) {
-        self.drawn.get_or_insert_with(|| {
-            let mut draws = self.seed.derive("bark", self.key).draws();
-            (draws.between(0.0, TAU), draws)
-        })
+    fn phase(&mut self) -> f32 {
+        *self
+            .phase
+            .get_or_insert_with(|| self.seed.derive("bark", self.key).draws().between(0.0, TAU))
+    }
+
+    /// Share of a bark from which on a facet has it, 0…1: by the way it faces alone, so that one
+    /// bark reaches into the other in tongues.
+    fn limit(&mut self, facet: u32, sides: u32) -> f32 {
+        let phase = self.phase();
+        let turn = (facet as f32 + 0.5) / sides.max(1) as f32 * TAU;
+        let [a, b, c] =
+            [(2.0, 1.0), (5.0, 2.3), (11.0, 4.1)].map(|(n, p)| (n * turn + p * phase).sin());
+        (0.5 + 0.16 * a + 0.2 * b + 0.14 * c).clamp(0.001, 0.999)
     }
 }
 

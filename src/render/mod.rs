@@ -275,8 +275,7 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
     let mut is_used = vec![false; view.textures.len()];
     for part in view.models.iter().flat_map(|parts| parts.iter()).chain(view.terrain) {
         let Some(material) = view.materials.get(part.material as usize) else { continue };
-        let shown =
-            [material.base_color_texture, material.normal_texture, material.orm_texture];
+        let shown = [material.base_color_texture, material.normal_texture, material.orm_texture];
         for t in shown.into_iter().flatten() {
             if let Some(used) = is_used.get_mut(t as usize) {
                 *used = true;

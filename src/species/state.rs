@@ -292,7 +292,8 @@ mod tests {
             let species = load(name).unwrap();
             let autumn = state("I", "autumn");
             let look = autumn.look_of_many(&species);
-            let tints: Vec<_> = (0..5).map(|k| autumn.tint(&species, &look, Seed::new(k))).collect();
+            let tints: Vec<_> =
+                (0..5).map(|k| autumn.tint(&species, &look, Seed::new(k))).collect();
             for (k, a) in tints.iter().enumerate() {
                 assert!(a.iter().all(|c| *c > 0.0 && *c <= 1.0), "{name}: {a:?}");
                 assert!(tints[..k].iter().all(|b| a != b), "{name}: {tints:?}");

@@ -400,7 +400,8 @@ impl Painter<'_> {
                 lateral.length *= self.draws.between(0.55, 1.05);
                 let reach = if strands { 0.13 } else { 0.2 };
                 let twigs = self.laterals(&lateral, (leaf * 1.2).max(0.036), reach, angle);
-                let of_clump = |t: Shoot| Shoot { depth: 0.65 * lateral.depth + 0.35 * t.depth, ..t };
+                let of_clump =
+                    |t: Shoot| Shoot { depth: 0.65 * lateral.depth + 0.35 * t.depth, ..t };
                 shoots.extend(twigs.into_iter().map(|t| (of_clump(t), 0.0015)));
                 shoots.push((lateral, 0.003));
             }

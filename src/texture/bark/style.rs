@@ -43,9 +43,9 @@ impl Painter {
         }
     }
 
-    /// A shift of each column of cells by itself, so that they stand in no rows.
-    fn slip(&self, u: f32, columns: u32) -> f32 {
-        0.3 * self.broad.gradient(u, 0.37, [columns, 1])
+    /// A gentle shift of columns of cells against each other, so that they stand in no rows.
+    fn slip(&self, u: f32) -> f32 {
+        0.1 * self.broad.gradient(u, 0.37, [5, 1])
     }
 
     /// Black furrowed cork that has burst the white skin; of that islands are left.
@@ -53,7 +53,7 @@ impl Painter {
         let skin = self.paper(u, v);
         let jag = self.fine.grain(u, v, 36, 4);
         let wu = u + 0.03 * self.warp.fractal(u, v, [7, 5], 4) + 0.006 * jag;
-        let wv = v + self.slip(u, 13) + 0.05 * self.broad.fractal(u, v, [9, 6], 3) + 0.008 * jag;
+        let wv = v + self.slip(u) + 0.05 * self.broad.fractal(u, v, [9, 6], 3) + 0.008 * jag;
         let big = self.cells.cells(wu, wv, [13, 6], 1.0);
         let small = self.flakes.cells(wu + 0.02 * jag, wv, [34, 20], 1.0);
         let ridge = smoothstep(0.0, 0.3, big.border + 0.06 * jag).sqrt();
@@ -79,7 +79,7 @@ impl Painter {
     fn plates(&self, u: f32, v: f32) -> Texel {
         let jag = self.fine.grain(u, v, 26, 4);
         let wu = u + 0.035 * self.warp.fractal(u, v, [6, 5], 4) + 0.008 * jag;
-        let wv = v + self.slip(u, 9) + 0.08 * self.broad.fractal(u, v, [7, 5], 3) + 0.008 * jag;
+        let wv = v + self.slip(u) + 0.08 * self.broad.fractal(u, v, [7, 5], 3) + 0.008 * jag;
         let c = self.cells.cells(wu, wv, [10, 4], 1.0);
         let grain = self.warp.grain(u, v, 70, 3);
         // Furrows are wide here and a mere crack there.
@@ -133,7 +133,7 @@ impl Painter {
     fn ridges(&self, u: f32, v: f32) -> Texel {
         let jag = self.fine.grain(u, v, 30, 4);
         let wu = u + 0.03 * self.warp.fractal(u, v, [7, 5], 4) + 0.008 * jag;
-        let wv = v + self.slip(u, 13) + 0.14 * self.broad.fractal(u, v, [8, 3], 3) + 0.01 * jag;
+        let wv = v + self.slip(u) + 0.14 * self.broad.fractal(u, v, [8, 3], 3) + 0.01 * jag;
         let c = self.cells.cells(wu, wv, [13, 4], 1.0);
         let gape = smoothstep(-0.5, 0.5, self.broad.fractal(u + 0.3, v + 0.6, [8, 3], 2));
         let ridge = smoothstep(0.0, mix(0.1, 0.44, gape), c.border + 0.06 * jag);
