@@ -66,8 +66,10 @@ pub struct TreeMesh {
     /// counts whole tiles of bark around; v goes up along each axis, as fast as the tiles are wide.
     pub wood: Surface,
     /// The part of the wood with the bark of the upper stem and the branches; empty where the
-    /// species has none. Closed only together with `wood`.
+    /// species has none. Closed only together with the other woods.
     pub upper_wood: Surface,
+    /// The part with the bark of twigs, likewise.
+    pub twig_wood: Surface,
     /// Empty for a bare tree.
     pub foliage: Surface,
     /// Branches thick enough for the budget that have no mesh: they never clear their parent's
@@ -80,13 +82,18 @@ impl TreeMesh {
         self.wood_triangles() + self.foliage.triangles()
     }
 
+    /// The wood, bark by bark.
+    pub fn woods(&self) -> [&Surface; 3] {
+        [&self.wood, &self.upper_wood, &self.twig_wood]
+    }
+
     pub fn wood_triangles(&self) -> usize {
-        self.wood.triangles() + self.upper_wood.triangles()
+        self.woods().iter().map(|s| s.triangles()).sum()
     }
 
     /// Least and greatest corner of all that is there.
     pub fn bounds(&self) -> (Vec3, Vec3) {
-        [&self.wood, &self.upper_wood, &self.foliage]
+        [&self.wood, &self.upper_wood, &self.twig_wood, &self.foliage]
             .iter()
             .filter(|s| !s.is_empty())
             .map(|s| s.bounds())
@@ -132,7 +139,8 @@ impl TreeMesh {
 
     /// Scales the tree about its root collar.
     pub fn scale(&mut self, factor: f32) {
-        for surface in [&mut self.wood, &mut self.upper_wood, &mut self.foliage] {
+        let TreeMesh { wood, upper_wood, twig_wood, foliage, .. } = self;
+        for surface in [wood, upper_wood, twig_wood, foliage] {
             surface.position.iter_mut().for_each(|p| *p *= factor);
         }
     }
@@ -169,10 +177,9 @@ impl TreeMesh {
 
     /// All surfaces sound, and the wood closed.
     pub fn check(&self) -> Result<()> {
-        self.wood.check()?;
-        self.upper_wood.check()?;
+        self.woods().into_iter().try_for_each(Surface::check)?;
         self.foliage.check()?;
-        match check::open_edges(&[&self.wood, &self.upper_wood]) {
+        match check::open_edges(&self.woods()) {
             0 => Ok(()),
             n => Err(Error::new(format!("the wood has {n} open edges"))),
         }
@@ -256,14 +263,13 @@ pub fn build(
             .remedy("give lengths in metres"));
     }
     let seed = seed.derive("mesh", 0);
-    let has_young = species.bark.upper.is_some();
     let level = options.foliage;
     let wood_budget = options.triangle_budget.map(|b| match level {
         FoliageLevel::None => b,
         _ => (b as f32 * WOOD_SHARE) as usize,
     });
     let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
-    let made = wood::wood(skeleton, options, wood_budget, has_young, wind.as_ref(), seed);
+    let made = wood::wood(skeleton, options, wood_budget, &species.bark, wind.as_ref(), seed);
     let triangles = made.triangles();
     if triangles == 0 {
         return Err(Error::new(format!("a skeleton of {} nodes has no wood", skeleton.len()))
@@ -281,8 +287,8 @@ pub fn build(
         seed,
     };
     let foliage = foliage::foliage(skeleton, &order)?;
-    let [wood, upper_wood] = made.surface;
-    Ok(TreeMesh { wood, upper_wood, foliage, unmeshed_branches: made.unmeshed_branches })
+    let [wood, upper_wood, twig_wood] = made.surface;
+    Ok(TreeMesh { wood, upper_wood, twig_wood, foliage, unmeshed_branches: made.unmeshed_branches })
 }
 
 #[cfg(test)]

@@ -3,11 +3,12 @@
 use super::chain::{Chains, Pieces};
 use super::junction::{self, Branch, Hole};
 use super::path::{Foot, Knot, Least, Ring, Scratch, Sides, Start, rings};
-use super::tube::{Bark, Outlet, Shape, Young, lay_bark};
+use super::tube::{BARKS, Bark, Outlet, Shape, Upper, Young, lay_bark};
 use super::wind::Wind;
 use super::{FoliageLevel, Junctions, MeshOptions, Surface};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
+use crate::species;
 use crate::texture::BARK_REPEAT_M;
 
 /// How much coarser a wood may become for a budget, how often that is tried, and by what steps of
@@ -24,14 +25,15 @@ const LIKELY: f32 = 1.8;
 /// What woods come to over their guesses, bare and leafy: where the search starts.
 const USUAL: [f32; 2] = [0.93, 1.1];
 
-/// Bark is young where the wood is thin, or high up: radius over that of the stem's foot and height
-/// over the tree's, from all old to all young.
+/// Bark is young where the wood is thin, or high up: radius over that of the stem's foot, from all
+/// old to all young; the species says how high.
 const YOUNG_RADIUS: [f32; 2] = [0.5, 0.3];
-const YOUNG_HEIGHT: [f32; 2] = [0.3, 0.6];
+/// The same for the bark of twigs, over the radius that the species gives.
+const TWIG_RADIUS: [f32; 2] = [1.4, 0.75];
 
-/// The wood of a tree: old bark and young bark.
+/// The wood of a tree, bark by bark.
 pub struct Wood {
-    pub surface: [Surface; 2],
+    pub surface: [Surface; BARKS],
     pub unmeshed_branches: usize,
 }
 
@@ -47,27 +49,29 @@ pub fn wood(
     skeleton: &Skeleton,
     options: &MeshOptions,
     budget: Option<usize>,
-    has_young: bool,
+    bark: &species::model::Bark,
     wind: Option<&Wind>,
     seed: Seed,
 ) -> Wood {
     let chains = Chains::new(skeleton);
     let height_m = skeleton.height_m();
+    let foot_m = skeleton.radius_m.first().copied().unwrap_or(0.0).max(1e-6);
+    let young = Young {
+        upper: bark.upper.map(|_| Upper {
+            radius_m: YOUNG_RADIUS.map(|r| r * foot_m),
+            height_m: bark.upper_from.map(|h| h * height_m.max(1e-6)),
+        }),
+        twig_m: bark.twig.map(|_| TWIG_RADIUS.map(|r| r * bark.twig_radius_m)),
+    };
     let reach = skeleton.position.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
     let planner = Planner {
         skeleton,
         chains: &chains,
-        mixed_m: has_young.then(|| YOUNG_HEIGHT.map(|h| h * height_m)),
+        mixed_m: young.upper.map(|u| u.height_m),
         least: Least::within(reach),
         is_welded: options.junctions == Junctions::Welded,
         options: *options,
     };
-    let young = has_young.then(|| Young {
-        foot_m: skeleton.radius_m.first().copied().unwrap_or(0.0).max(1e-6),
-        height_m: height_m.max(1e-6),
-        radius: YOUNG_RADIUS,
-        height: YOUNG_HEIGHT,
-    });
     let mut bark = Bark::new(young, wind, seed);
     let mut work = Work::default();
     let unmeshed_branches = match budget {

@@ -447,7 +447,7 @@ fn paint_all(
             .zip(&is_used)
             .map(|(s, &used)| {
                 let draw = || {
-                    let look = job.state.look(s, seed);
+                    let look = job.state.look_of_many(s);
                     let mut textures = paint(&look, size_px, seed, &job.cache)?;
                     if job.has_variants {
                         textures.leaf_variants =
@@ -496,9 +496,12 @@ fn assemble(
     let mut numbers = vec![0; species.len()];
     for (m, (model, mesh)) in models.iter().zip(meshes).enumerate() {
         let Some(Some(look)) = by_species.get(model.species) else { continue };
-        looks.push(*look);
         numbers[model.species] += 1;
         let s = &species[model.species];
+        let of_model = job.survey.seed.derive("tint", survey.trees[model.exemplar].crown.key);
+        let tint = job.state.tint(s, &job.state.look_of_many(s), of_model);
+        let look = &tinted(&mut scene, *look, tint, numbers[model.species]);
+        looks.push(*look);
         let width_m = mesh.crown_diameter_m();
         let name = format!("{}_{:02}", identifier(&s.name), numbers[model.species]);
         scene.prototypes.push(prototype(name, s, mesh, *look));
@@ -546,6 +549,7 @@ fn assemble(
 pub struct Look {
     bark: u32,
     upper_bark: u32,
+    twig_bark: u32,
     leaf: u32,
 }
 
@@ -554,6 +558,8 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
     let bark = add_bark(scene, &format!("{stem}_bark"), textures.bark);
     let upper_bark =
         textures.bark_upper.map_or(bark, |t| add_bark(scene, &format!("{stem}_bark_upper"), t));
+    let twig_bark =
+        textures.bark_twig.map_or(upper_bark, |t| add_bark(scene, &format!("{stem}_bark_twig"), t));
     let name = format!("{stem}_leaf");
     let leaf = add_texture(scene, &name, textures.leaf, Colorspace::Srgb);
     let variants = textures.leaf_variants.into_iter().map(|(variant, image)| {
@@ -576,7 +582,16 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         alpha: Alpha::Mask { cutoff: 0.5 },
         double_sided: true,
     });
-    Look { bark, upper_bark, leaf: scene.materials.len() as u32 - 1 }
+    Look { bark, upper_bark, twig_bark, leaf: scene.materials.len() as u32 - 1 }
+}
+
+/// The same look, with leaves in a colour of their own; `number`: of the model.
+fn tinted(scene: &mut Scene, look: Look, tint: [f32; 3], number: u32) -> Look {
+    let leaf = scene.materials.get(look.leaf as usize).filter(|_| tint != [1.0; 3]);
+    let Some(leaf) = leaf.cloned() else { return look };
+    let name = format!("{}_{number:02}", leaf.name);
+    scene.materials.push(Material { name, base_color: tint, ..leaf });
+    Look { leaf: scene.materials.len() as u32 - 1, ..look }
 }
 
 fn add_texture(scene: &mut Scene, name: &str, image: Image, colorspace: Colorspace) -> u32 {
@@ -632,6 +647,7 @@ pub(super) fn parts_of(mesh: TreeMesh, look: Look) -> Vec<Part> {
     vec![
         part("wood", mesh.wood, look.bark),
         part("upper_wood", mesh.upper_wood, look.upper_bark),
+        part("twig_wood", mesh.twig_wood, look.twig_bark),
         part("foliage", mesh.foliage, look.leaf),
     ]
 }
