@@ -11,7 +11,7 @@ use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, OutputFile};
 use crate::ground::Method;
 use crate::lod;
-use crate::mesh::{FoliageLevel, Junctions, WindProfile};
+use crate::mesh::{FoliageLevel, Junctions, WindProfile, lightmap};
 use crate::pipeline::left_out::{self, Saved};
 use crate::pipeline::tree::Grown;
 use crate::pipeline::{
@@ -33,6 +33,8 @@ const DEFAULT_MIX: [&str; 5] =
 /// Most triangles of a tree model in a forest, and of a tree alone; with every leaf of it.
 const FOREST_TRIANGLES: [usize; 2] = [5_000, 200_000];
 const TREE_TRIANGLES: [usize; 2] = [20_000, 1_000_000];
+/// Where the tolerance says how many they are.
+const TOLERANCE_TRIANGLES: [usize; 2] = [100_000, 1_000_000];
 /// Of a terrain mesh where none is asked for, metres.
 const TERRAIN_ERROR_M: f32 = 0.05;
 const PREVIEW_PX: [u32; 2] = [1280, 720];
@@ -163,7 +165,13 @@ fn level(typed: args::Foliage) -> FoliageLevel {
 }
 
 /// `usual`: without and with every leaf.
-fn triangles(typed: Option<u32>, usual: [usize; 2], level: FoliageLevel) -> usize {
+fn triangles(
+    typed: Option<u32>,
+    wood: &args::WoodArgs,
+    usual: [usize; 2],
+    level: FoliageLevel,
+) -> usize {
+    let usual = if wood.tolerance.is_some() { TOLERANCE_TRIANGLES } else { usual };
     typed.map_or(usual[usize::from(level == FoliageLevel::Geometry)], |n| n as usize)
 }
 
@@ -183,7 +191,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
     ForestJob {
         survey,
         sharing,
-        triangles: triangles(scene.triangles, FOREST_TRIANGLES, level(scene.foliage)),
+        triangles: triangles(scene.triangles, &scene.wood, FOREST_TRIANGLES, level(scene.foliage)),
         foliage: level(scene.foliage),
         wood: wood(&scene.wood),
         texture_px: scene.texture,
@@ -203,6 +211,11 @@ fn state(typed: &args::StateArgs) -> State {
     State { condition: typed.condition, season: typed.season }
 }
 
+/// Before any work: whether this program can make what is asked for.
+fn check_levels(typed: &args::LevelArgs) -> Result<()> {
+    if typed.lightmap_uv { lightmap::needed() } else { Ok(()) }
+}
+
 fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
     LevelsJob {
         meshed: usize::from(typed.lods),
@@ -219,11 +232,13 @@ fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
             args::Wind::Cryengine => WindProfile::CryEngine,
             args::Wind::SpeedtreeLike => WindProfile::SpeedTreeLike,
         }),
+        has_lightmap_uv: typed.lightmap_uv,
     }
 }
 
 fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let dir = a.output.clone().unwrap_or_else(|| Path::new("output").join(stem(&a.scan.scans[0])));
+    check_levels(&a.scene.levels)?;
     let job = forest_job(survey_job(&a.scan, &a.tree)?, &a.scene, cache);
     export::check_writable(&dir)?;
     let forest = pipeline::forest::forest(&job, run)?;
@@ -383,6 +398,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
 
 fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let extension = extension(&a.output, &["glb", "gltf", "usda", "png"])?;
+    check_levels(&a.levels)?;
     let species = species::load(&a.species)?;
     let foliage = if a.bare { FoliageLevel::None } else { level(a.foliage) };
     let job = TreeJob {
@@ -392,7 +408,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         walls: a.wall.clone(),
         neighbours: a.neighbour.clone(),
         seed: seed(a.seed),
-        triangles: triangles(a.triangles, TREE_TRIANGLES, foliage),
+        triangles: triangles(a.triangles, &a.wood, TREE_TRIANGLES, foliage),
         wood: wood(&a.wood),
         texture_px: a.texture,
         foliage,
@@ -498,6 +514,7 @@ fn fit_lines(fit: &crate::skeleton::cloud::Report) -> Vec<String> {
 
 fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&a.output)?;
+    check_levels(&a.scene.levels)?;
     let species = load_species(&[])?;
     let options = StandOptions { trees: a.trees as usize, ..StandOptions::default() };
     let survey = pipeline::demo::survey_of_stand(&options, &species, seed(a.seed), run)?;

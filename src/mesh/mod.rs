@@ -7,6 +7,7 @@ mod check;
 mod foliage;
 mod junction;
 mod leaf;
+pub mod lightmap;
 pub mod p18;
 mod path;
 mod piece;
@@ -40,6 +41,9 @@ pub struct Surface {
     pub index: Vec<u32>,
     /// How each vertex moves in the wind, as a profile's channels; empty where nobody asked.
     pub wind: Vec<[u8; 4]>,
+    /// Places on a light map, within 0…1, where no two triangles of a model overlap; empty where
+    /// nobody asked. v = 0 at the bottom.
+    pub lightmap_uv: Vec<Vec2>,
 }
 
 impl Surface {
@@ -70,9 +74,11 @@ pub struct TreeMesh {
     pub upper_wood: Surface,
     /// Empty for a bare tree.
     pub foliage: Surface,
-    /// Branches thick enough for the budget that have no mesh: they never clear their parent's
-    /// bark, or there was no room for their foot.
-    pub unmeshed_branches: usize,
+    /// Axes thick enough for the budget.
+    pub axes: usize,
+    /// Those of them that have no mesh: they never clear their parent's bark, or there was no room
+    /// for their foot.
+    pub unmeshed_axes: usize,
 }
 
 impl TreeMesh {
@@ -282,7 +288,8 @@ pub fn build(
     };
     let foliage = foliage::foliage(skeleton, &order)?;
     let [wood, upper_wood] = made.surface;
-    Ok(TreeMesh { wood, upper_wood, foliage, unmeshed_branches: made.unmeshed_branches })
+    let wood::Count { axes, without } = made.count;
+    Ok(TreeMesh { wood, upper_wood, foliage, axes, unmeshed_axes: without })
 }
 
 #[cfg(test)]

@@ -89,7 +89,7 @@ pub fn fill(count: usize, room: Room, emit: impl Fn(usize, &mut Piece) + Sync) -
         normal: vec![Vec3::ZERO; count * room.vertices],
         uv: vec![Vec2::ZERO; count * room.vertices],
         index: vec![0; count * room.triangles * 3],
-        wind: Vec::new(),
+        ..Surface::default()
     };
     let columns = (
         out.position.par_chunks_exact_mut(room.vertices),
