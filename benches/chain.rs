@@ -2,7 +2,9 @@
 //!
 //! `cargo bench --bench chain`
 
-use larix::export::{self, Format};
+use std::io::Cursor;
+
+use larix::export::{self, Format, Pictures, Profile};
 use larix::ground::Method;
 use larix::pipeline::{self, ForestJob, SurveyJob};
 use larix::report::{Recorder, Silent};
@@ -60,5 +62,12 @@ fn forest(bencher: divan::Bencher) {
 fn export(bencher: divan::Bencher, format: Format) {
     let (_dir, job) = job();
     let forest = pipeline::forest::forest(&job, &mut Recorder::new(&Silent)).expect("a scene");
-    bencher.bench(|| export::files(&forest.scene, "forest", &[format]).expect("bytes"));
+    let job = export::Job { stem: "forest", formats: &[format], profile: Profile::Dcc };
+    bencher.bench(|| {
+        let pictures = Pictures::encode(&forest.scene, &job.picture_formats()).expect("pictures");
+        let files = export::files(&forest.scene, &pictures, &job).expect("files");
+        for file in files.value {
+            file.content.write(Cursor::new(Vec::new())).expect("bytes");
+        }
+    });
 }

@@ -37,7 +37,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 20] = [
+const HOMES: [(&str, &[&str]); 22] = [
     ("ab_glyph", &["render"]),
     ("blake3", &["cache"]),
     ("directories", &["cache"]),
@@ -53,8 +53,10 @@ const HOMES: [(&str, &[&str]); 20] = [
     ("csv", &["inventory"]),
     ("flatgeobuf", &["inventory"]),
     ("flate2", &["raster"]),
+    ("webp", &["raster"]),
     ("weezl", &["raster"]),
     ("schemars", &["species"]),
+    ("meshopt", &["export"]),
     ("tobj", &["species"]),
     ("xatlas_rs_v2", &["mesh"]),
     ("tempfile", &["cache", "export", "cli", "scan"]),

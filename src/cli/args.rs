@@ -256,6 +256,7 @@ pub struct TreeArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Impostor {
+    None,
     /// Two upright sheets that cross; any renderer shows them.
     Cross,
     /// Views from 64 directions, for shaders that blend them.
@@ -264,6 +265,7 @@ pub enum Impostor {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Collision {
+    None,
     /// One capsule, `UCP_…`.
     Capsule,
     /// Convex bodies along the stem, `UCX_…`.
@@ -273,18 +275,34 @@ pub enum Collision {
 /// Whose channels the vertex colours of wind are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Wind {
+    None,
     Unity,
     Cryengine,
     SpeedtreeLike,
 }
 
-/// Forms of the trees beside the finest.
+/// For whom glTF files are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Profile {
+    /// Blender and its like: what every importer reads.
+    Dcc,
+    /// Game engines: instances by cells, levels in one file, numbers of 16 and 8 bits; with
+    /// `--lods 3 --impostor cross --collision convex --wind unity` unless given otherwise.
+    Engine,
+    /// Browsers: instances, meshopt compression, WebP textures.
+    Web,
+}
+
+/// Forms of the trees beside the finest, and how they are written.
 #[derive(Debug, Args)]
 pub struct LevelArgs {
-    /// Coarser levels of detail, in files beside: NAME_LOD1, NAME_LOD2, NAME_LOD3, and NAME_LOD4,
-    /// which is two cones and a cylinder.
-    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(0..=4))]
-    pub lods: u8,
+    /// For whom glTF files are.
+    #[arg(long, value_enum, value_name = "PROFILE", default_value = "dcc")]
+    pub profile: Profile,
+    /// Coarser levels of detail, in files beside (in one with --profile engine): NAME_LOD1,
+    /// NAME_LOD2, NAME_LOD3, and NAME_LOD4, which is two cones and a cylinder.
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(0..=4))]
+    pub lods: Option<u8>,
     /// Each model as pictures of itself, in a file beside: NAME_impostor.
     #[arg(long, value_enum, value_name = "KIND")]
     pub impostor: Option<Impostor>,

@@ -2,13 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
+use bytes::Bytes;
 use serde_json::{Value, json};
 
 use super::args::{self, Cli, Command, ScanArgs, SceneArgs, TreeArgs};
 use super::progress::Terminal;
 use crate::cache::Cache;
 use crate::diagnostic::{Error, Result};
-use crate::export::{self, Format, OutputFile};
+use crate::export::{self, Format, OutputFile, Pictures, Profile, Staged};
 use crate::ground::Method;
 use crate::lod;
 use crate::mesh::{FoliageLevel, Junctions, WindProfile, lightmap};
@@ -216,22 +217,38 @@ fn check_levels(typed: &args::LevelArgs) -> Result<()> {
     if typed.lightmap_uv { lightmap::needed() } else { Ok(()) }
 }
 
+fn profile(typed: args::Profile) -> Profile {
+    match typed {
+        args::Profile::Dcc => Profile::Dcc,
+        args::Profile::Engine => Profile::Engine,
+        args::Profile::Web => Profile::Web,
+    }
+}
+
+/// As typed; what is not typed is as the profile's readers expect it.
 fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
+    let is_engine = typed.profile == args::Profile::Engine;
     LevelsJob {
-        meshed: usize::from(typed.lods),
-        impostor: typed.impostor.map(|kind| match kind {
-            args::Impostor::Cross => lod::Kind::Cross,
-            args::Impostor::Octahedral => lod::Kind::Octahedral,
-        }),
-        collision: typed.collision.map(|kind| match kind {
-            args::Collision::Capsule => ColliderShape::Capsule,
-            args::Collision::Convex => ColliderShape::Convex,
-        }),
-        wind: typed.wind.map(|profile| match profile {
-            args::Wind::Unity => WindProfile::Unity,
-            args::Wind::Cryengine => WindProfile::CryEngine,
-            args::Wind::SpeedtreeLike => WindProfile::SpeedTreeLike,
-        }),
+        meshed: usize::from(typed.lods.unwrap_or(if is_engine { 3 } else { 0 })),
+        impostor: match typed.impostor {
+            None => is_engine.then_some(lod::Kind::Cross),
+            Some(args::Impostor::None) => None,
+            Some(args::Impostor::Cross) => Some(lod::Kind::Cross),
+            Some(args::Impostor::Octahedral) => Some(lod::Kind::Octahedral),
+        },
+        collision: match typed.collision {
+            None => is_engine.then_some(ColliderShape::Convex),
+            Some(args::Collision::None) => None,
+            Some(args::Collision::Capsule) => Some(ColliderShape::Capsule),
+            Some(args::Collision::Convex) => Some(ColliderShape::Convex),
+        },
+        wind: match typed.wind {
+            None => is_engine.then_some(WindProfile::Unity),
+            Some(args::Wind::None) => None,
+            Some(args::Wind::Unity) => Some(WindProfile::Unity),
+            Some(args::Wind::Cryengine) => Some(WindProfile::CryEngine),
+            Some(args::Wind::SpeedtreeLike) => Some(WindProfile::SpeedTreeLike),
+        },
         has_lightmap_uv: typed.lightmap_uv,
     }
 }
@@ -242,56 +259,56 @@ fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let job = forest_job(survey_job(&a.scan, &a.tree)?, &a.scene, cache);
     export::check_writable(&dir)?;
     let forest = pipeline::forest::forest(&job, run)?;
-    let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
+    let mut staged = Staged::new(&dir)?;
+    stage_forest(&forest, &a.scene, &mut staged, run)?;
     let summary = forest_summary("forest", a.tree.seed, &forest, &a.scene, run);
-    files.push(report_file(&summary));
-    export::write_all(&dir, &files)?;
+    staged.add(vec![report_file(&summary)])?;
+    staged.commit()?;
     Ok(Told { lines: forest_lines(&forest, &a.scene, run, &dir), json: summary })
 }
 
 /// Everything a forest run writes but its report.
-fn forest_files(
+fn stage_forest(
     forest: &Forest,
-    formats: &[Format],
+    typed: &SceneArgs,
+    staged: &mut Staged,
     run: &mut Recorder,
-) -> Result<Vec<OutputFile>> {
+) -> Result<()> {
     let preview = run.stage("preview", |_| {
         let picture = pipeline::forest::preview(&forest.scene, PREVIEW_PX);
         let trees = forest.scene.instances().len();
         Ok((picture.to_png()?, Outcome::items(trees, "trees", 1, "picture")))
     })?;
     let survey = &forest.survey;
-    let mut files = export_scene(&forest.scene, &forest.levels, "forest", formats, run)?;
-    files.push(file("preview.png", preview));
-    files.push(file(
-        "inventory.geojson",
-        crate::inventory::to_geojson(&survey.trees, &survey.frame),
-    ));
-    files.push(file("terrain.tif", terrain_tiff(&survey.frame, &survey.terrain)?));
-    Ok(files)
+    let job = export::Job {
+        stem: "forest",
+        formats: &formats(&typed.format),
+        profile: profile(typed.levels.profile),
+    };
+    stage_scene(&forest.scene, &job, staged, run)?;
+    let inventory = crate::inventory::to_geojson(&survey.trees, &survey.frame);
+    staged.add(vec![
+        OutputFile::new("preview.png", preview),
+        OutputFile::new("inventory.geojson", inventory),
+        OutputFile::new("terrain.tif", terrain_tiff(&survey.frame, &survey.terrain)?),
+    ])?;
+    Ok(())
 }
 
-/// The scene as `STEM`, each of its coarser forms as `STEM_NAME`.
-fn export_scene(
+fn stage_scene(
     scene: &ValidScene,
-    levels: &[(String, ValidScene)],
-    stem: &str,
-    formats: &[Format],
+    job: &export::Job<'_>,
+    staged: &mut Staged,
     run: &mut Recorder,
-) -> Result<Vec<OutputFile>> {
-    run.stage("export", |_| {
-        let mut files = export::files(scene, stem, formats)?;
-        for (name, level) in levels {
-            files.extend(export::files(level, &format!("{stem}_{name}"), formats)?);
-        }
-        let bytes: usize = files.iter().map(|f| f.bytes.len()).sum();
+) -> Result<()> {
+    run.stage("export", |warnings| {
+        let pictures = Pictures::encode(scene, &job.picture_formats())?;
+        let files = export::files(scene, &pictures, job)?;
+        warnings.extend(files.warnings);
+        let bytes = staged.add(files.value)?;
         let trees = scene.instances().len();
-        Ok((files, Outcome::items(trees, "trees", bytes, "bytes")))
+        Ok(((), Outcome::items(trees, "trees", bytes as usize, "bytes")))
     })
-}
-
-pub(super) fn file(path: &str, bytes: Vec<u8>) -> OutputFile {
-    OutputFile { path: path.into(), bytes }
 }
 
 /// Heights in the scan's own system and vertical unit; every cell has a value.
@@ -335,7 +352,7 @@ fn inventory(a: &args::Inventory, run: &mut Recorder) -> Result<Told> {
         "fgb" => crate::inventory::to_fgb(&survey.trees, &survey.frame)?,
         _ => crate::inventory::to_geojson(&survey.trees, &survey.frame),
     };
-    export::write_all(&dir, &[file(&name, bytes)])?;
+    export::write_all(&dir, vec![OutputFile::new(name, bytes)])?;
     let line = format!("{} trees written to {}", survey.trees.len(), a.output.display());
     Ok(Told { lines: vec![line], json: summary("inventory", Some(a.tree.seed), run, None) })
 }
@@ -367,15 +384,17 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
     let g = terrain.heights.geometry;
     let mut lines = vec![format!("{} × {} cells of {} m", g.cols, g.rows, g.cell_x)];
     let mut told = json!({ "cols": g.cols, "rows": g.rows, "cell_m": g.cell_x });
-    let mut files = Vec::new();
+    let mut staged = Staged::new(&dir)?;
     if format.is_none() {
-        files.push(file(&name, terrain_tiff(&frame, &terrain)?));
+        staged.add(vec![OutputFile::new(&name, terrain_tiff(&frame, &terrain)?)])?;
     }
     if format.is_some() || a.terrain_error.is_some() {
         let error_m = a.terrain_error.unwrap_or(TERRAIN_ERROR_M);
         let (scene, facets) = pipeline::forest::terrain_scene(frame, &terrain, error_m, run)?;
         if let Some(format) = format {
-            files = export_scene(&scene, &[], &stem(&a.output), &[format], run)?;
+            let stem = stem(&a.output);
+            let job = export::Job { stem: &stem, formats: &[format], profile: Profile::Dcc };
+            stage_scene(&scene, &job, &mut staged, run)?;
         }
         lines.push(format!(
             "{} triangles keep every height within {:.3} m",
@@ -389,7 +408,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
         told["triangles_by_error_m"] =
             facets.ladder.iter().map(|(m, n)| json!({ "error_m": m, "triangles": n })).collect();
     }
-    export::write_all(&dir, &files)?;
+    staged.commit()?;
     lines.push(format!("written to {}", a.output.display()));
     let mut summary = summary("terrain", None, run, None);
     summary["terrain"] = told;
@@ -420,18 +439,28 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     };
     let (dir, name) = place(&a.output)?;
     export::check_writable(&dir)?;
-    let Grown { scene, levels, rows, pruned, fit } = pipeline::tree::tree(&job, run)?;
+    let Grown { scene, rows, pruned, fit } = pipeline::tree::tree(&job, run)?;
     let stem = stem(&a.output);
-    let files = match extension {
-        "glb" => export_scene(&scene, &levels, &stem, &[Format::Glb], run)?,
-        "gltf" => export_scene(&scene, &levels, &stem, &[Format::Gltf], run)?,
-        "usda" => export_scene(&scene, &levels, &stem, &[Format::Usda], run)?,
-        _ => run.stage("preview", |_| {
-            let picture = pipeline::tree::preview(&scene, PORTRAIT_PX);
-            Ok((vec![file(&name, picture.to_png()?)], Outcome::items(1, "tree", 1, "picture")))
-        })?,
+    let format = match extension {
+        "glb" => Some(Format::Glb),
+        "gltf" => Some(Format::Gltf),
+        "usda" => Some(Format::Usda),
+        _ => None,
     };
-    export::write_all(&dir, &files)?;
+    let mut staged = Staged::new(&dir)?;
+    match format {
+        Some(format) => {
+            let profile = profile(a.levels.profile);
+            let job = export::Job { stem: &stem, formats: &[format], profile };
+            stage_scene(&scene, &job, &mut staged, run)?;
+        }
+        None => run.stage("preview", |_| {
+            let picture = pipeline::tree::preview(&scene, PORTRAIT_PX);
+            staged.add(vec![OutputFile::new(name, picture.to_png()?)])?;
+            Ok(((), Outcome::items(1, "tree", 1, "picture")))
+        })?,
+    }
+    staged.commit()?;
     let stats = crate::scene::statistics(&scene);
     let line = format!(
         "{} of {:.1} m, {} triangles, written to {}",
@@ -523,8 +552,11 @@ fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
         Error::new(format!("no temporary folder can be made: {e}"))
             .remedy("set TMPDIR to one with room")
     })?;
-    let inputs = [file("scan.laz", survey.scan), file("photo.tif", survey.photo)];
-    export::write_all(held.path(), &inputs)?;
+    let (scan, photo) = (Bytes::from(survey.scan), Bytes::from(survey.photo));
+    let inputs = || {
+        vec![OutputFile::new("scan.laz", scan.clone()), OutputFile::new("photo.tif", photo.clone())]
+    };
+    export::write_all(held.path(), inputs())?;
     let job = forest_job(
         SurveyJob {
             scans: vec![held.path().join("scan.laz")],
@@ -544,12 +576,13 @@ fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
     );
     let forest = pipeline::forest::forest(&job, run)?;
     let truth = pipeline::demo::compare(&survey.stand, &forest.survey);
-    let mut files = forest_files(&forest, &formats(&a.scene.format), run)?;
+    let mut staged = Staged::new(&a.output)?;
+    stage_forest(&forest, &a.scene, &mut staged, run)?;
     let mut summary = forest_summary("demo", a.seed, &forest, &a.scene, run);
     summary["truth"] = json!(truth);
-    files.push(report_file(&summary));
-    files.extend(inputs);
-    export::write_all(&a.output, &files)?;
+    staged.add(vec![report_file(&summary)])?;
+    staged.add(inputs())?;
+    staged.commit()?;
     let mut lines = forest_lines(&forest, &a.scene, run, &a.output);
     lines.splice(0..0, pipeline::demo::lines(&truth));
     Ok(Told { lines, json: summary })
@@ -644,8 +677,8 @@ fn forest_summary(
     summary
 }
 
-fn report_file(summary: &Value) -> OutputFile {
-    file("report.json", format!("{summary:#}\n").into_bytes())
+fn report_file(summary: &Value) -> OutputFile<'static> {
+    OutputFile::new("report.json", format!("{summary:#}\n"))
 }
 
 fn stem(path: &Path) -> String {

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::args::{self, Cli, SpeciesCommand};
-use super::commands::{extension, file, place, print};
+use super::commands::{extension, place, print};
 use super::watch;
 use crate::diagnostic::{Error, Result};
-use crate::export;
+use crate::export::{self, OutputFile};
 use crate::pipeline::rules::{self, Sound};
 use crate::pipeline::sheet::{self, SheetJob};
 use crate::report::Recorder;
@@ -204,7 +204,7 @@ fn new(a: &args::New, cli: &Cli) -> Result<()> {
             .in_file(&path)
             .remedy("choose another name with -o, or give --force to write over it"));
     }
-    export::write_all(&dir, &[file(&name, text.into_bytes())])?;
+    export::write_all(&dir, vec![OutputFile::new(name, text.into_bytes())])?;
     let shown = path.display();
     answer(
         cli,
@@ -221,7 +221,7 @@ fn schema(a: &args::Schema, cli: &Cli) -> Result<()> {
         return Ok(());
     };
     let (dir, name) = place(path)?;
-    export::write_all(&dir, &[file(&name, format!("{text}\n").into_bytes())])?;
+    export::write_all(&dir, vec![OutputFile::new(name, format!("{text}\n").into_bytes())])?;
     answer(
         cli,
         json!({ "file": path.to_string_lossy() }),
@@ -241,7 +241,7 @@ fn show(a: &args::Show, cli: &Cli, run: &mut Recorder) -> Result<()> {
     };
     export::check_writable(&dir)?;
     let sheet = sheet::sheet(&job, run)?;
-    export::write_all(&dir, &[file(&name, sheet.picture.to_png()?)])?;
+    export::write_all(&dir, vec![OutputFile::new(name, sheet.picture.to_png()?)])?;
     let value = json!({
         "species": job.species.name,
         "file": a.output.to_string_lossy(),

@@ -10,10 +10,10 @@ use std::thread::sleep;
 use std::time::{Duration, Instant, SystemTime};
 
 use super::args::{Check, Cli};
-use super::commands::{extension, file, place, print};
+use super::commands::{extension, place, print};
 use super::species::{checked_json, checked_line};
 use crate::diagnostic::{self, Error, Result};
-use crate::export;
+use crate::export::{self, OutputFile};
 use crate::pipeline::rules::{self, Sound};
 use crate::pipeline::sheet::{self, SheetJob};
 use crate::report::{Recorder, Silent};
@@ -191,5 +191,5 @@ fn draw(sound: &Sound, seed: u64, picture: &Path, cli: &Cli) -> Result<()> {
     };
     let sheet = sheet::sheet(&job, &mut Recorder::new(&Silent))?;
     let (dir, name) = place(picture)?;
-    export::write_all(&dir, &[file(&name, sheet.picture.to_png()?)])
+    export::write_all(&dir, vec![OutputFile::new(name, sheet.picture.to_png()?)])
 }

@@ -2,44 +2,92 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, ErrorKind};
 use std::path::{Component, Path, PathBuf};
 
+use bytes::Bytes;
 use tempfile::{Builder, NamedTempFile};
 
-use super::OutputFile;
+use super::{Content, OutputFile};
 use crate::diagnostic::{Error, Result};
 
-/// Writes `files` into `dir`, making folders as needed. Each goes to a temporary file beside
-/// its destination and is flushed to the disk; only when all are there are they renamed over
-/// what was there before. On an error nothing earlier has changed, and temporary files and
-/// folders made on the way are removed.
+/// Files on their way to the disk: each is written to a temporary file beside its destination and
+/// flushed; [`Staged::commit`] renames them all over what was there before. Dropped before that,
+/// or on an error, nothing earlier has changed, and temporary files and folders made on the way
+/// are removed.
 ///
 /// A rename that fails after others succeeded would leave a mixture; folders in the way, the
 /// one foreseeable cause, are looked for first.
-pub fn write_all(dir: &Path, files: &[OutputFile]) -> Result<()> {
-    check_paths(files)?;
-    let mut made = MadeFolders(Vec::new());
-    make_folder(dir, &mut made)?;
-    let mut written: Vec<(NamedTempFile, PathBuf)> = Vec::with_capacity(files.len());
-    for file in files {
-        let path = dir.join(&file.path);
-        let parent = path.parent().unwrap_or(dir);
-        make_folder(parent, &mut made)?;
-        if path.is_dir() {
-            return Err(Error::new("is a folder, so no file can be written there")
-                .in_file(&path)
-                .remedy("move it away, or choose another output folder or name"));
+pub struct Staged {
+    dir: PathBuf,
+    paths: BTreeSet<PathBuf>,
+    // Dropped before the folders, which must be empty to go.
+    written: Vec<(NamedTempFile, PathBuf)>,
+    made: MadeFolders,
+}
+
+impl Staged {
+    /// An output folder, made where it is missing.
+    pub fn new(dir: &Path) -> Result<Staged> {
+        let mut made = MadeFolders(Vec::new());
+        make_folder(dir, &mut made)?;
+        Ok(Staged { dir: dir.into(), paths: BTreeSet::new(), written: Vec::new(), made })
+    }
+
+    /// Writes the files, making folders as needed; gives their bytes.
+    pub fn add(&mut self, files: Vec<OutputFile<'_>>) -> Result<u64> {
+        for file in &files {
+            self.check_path(&file.path)?;
         }
-        let temporary = write_temporary(parent, &file.bytes)
-            .map_err(|e| unwritable(&path, &e, file.bytes.len()))?;
-        written.push((temporary, path));
+        let mut all = 0;
+        for OutputFile { path, content } in files {
+            let path = self.dir.join(path);
+            let parent = path.parent().unwrap_or(&self.dir).to_path_buf();
+            make_folder(&parent, &mut self.made)?;
+            if path.is_dir() {
+                return Err(Error::new("is a folder, so no file can be written there")
+                    .in_file(&path)
+                    .remedy("move it away, or choose another output folder or name"));
+            }
+            let (temporary, bytes) = write_temporary(&parent, content)
+                .map_err(|(e, reached)| unwritable(&path, &e, reached))?;
+            all += bytes;
+            self.written.push((temporary, path));
+        }
+        Ok(all)
     }
-    for (temporary, path) in written {
-        temporary.persist(&path).map_err(|e| unwritable(&path, &e.error, 0))?;
+
+    /// Puts the files in their places.
+    pub fn commit(mut self) -> Result<()> {
+        for (temporary, path) in self.written.drain(..) {
+            temporary.persist(&path).map_err(|e| unwritable(&path, &e.error, 0))?;
+        }
+        self.made.0.clear();
+        Ok(())
     }
-    made.0.clear();
-    Ok(())
+
+    /// Below the output folder, and each once.
+    fn check_path(&mut self, path: &Path) -> Result<()> {
+        let below = path.components().all(|c| matches!(c, Component::Normal(_)));
+        if !below || path.file_name().is_none() {
+            return Err(Error::new("is not a path below the output folder")
+                .in_file(path)
+                .remedy("choose an output name without `..` and without a leading `/`"));
+        }
+        if !self.paths.insert(path.into()) {
+            return Err(Error::new("would be written twice")
+                .in_file(path)
+                .remedy("give each output a name of its own"));
+        }
+        Ok(())
+    }
+}
+
+/// Writes `files` into `dir`, all of them or none.
+pub fn write_all(dir: &Path, files: Vec<OutputFile<'_>>) -> Result<()> {
+    let mut staged = Staged::new(dir)?;
+    staged.add(files)?;
+    staged.commit()
 }
 
 /// Whether [`write_all`] could write into `dir`, so that a long run need not find out at its end.
@@ -47,27 +95,9 @@ pub fn write_all(dir: &Path, files: &[OutputFile]) -> Result<()> {
 pub fn check_writable(dir: &Path) -> Result<()> {
     let mut made = MadeFolders(Vec::new());
     make_folder(dir, &mut made)?;
-    let probe = write_temporary(dir, &[]).map_err(|e| unwritable(dir, &e, 0))?;
+    let nothing = Content::Bytes(Bytes::new());
+    let probe = write_temporary(dir, nothing).map_err(|(e, _)| unwritable(dir, &e, 0))?;
     drop(probe);
-    Ok(())
-}
-
-/// Below the output folder, and each once.
-fn check_paths(files: &[OutputFile]) -> Result<()> {
-    let mut seen = BTreeSet::new();
-    for OutputFile { path, .. } in files {
-        let below = path.components().all(|c| matches!(c, Component::Normal(_)));
-        if !below || path.file_name().is_none() {
-            return Err(Error::new("is not a path below the output folder")
-                .in_file(path)
-                .remedy("choose an output name without `..` and without a leading `/`"));
-        }
-        if !seen.insert(path) {
-            return Err(Error::new("would be written twice")
-                .in_file(path)
-                .remedy("give each output a name of its own"));
-        }
-    }
     Ok(())
 }
 
@@ -113,7 +143,11 @@ fn no_folder(folder: &Path, error: &io::Error) -> Error {
         .remedy("choose an output folder that you may write to")
 }
 
-fn write_temporary(folder: &Path, bytes: &[u8]) -> io::Result<NamedTempFile> {
+/// The file and its bytes; on an error, the bytes that it had got to.
+fn write_temporary(
+    folder: &Path,
+    content: Content<'_>,
+) -> std::result::Result<(NamedTempFile, u64), (io::Error, u64)> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let mut builder = Builder::new();
     builder.prefix(".larix-").suffix(".part");
@@ -122,16 +156,23 @@ fn write_temporary(folder: &Path, bytes: &[u8]) -> io::Result<NamedTempFile> {
     let permissions = <fs::Permissions as std::os::unix::fs::PermissionsExt>::from_mode(0o666);
     #[cfg(unix)]
     builder.permissions(permissions);
-    let mut file = builder.tempfile_in(folder)?;
-    file.write_all(bytes)?;
-    file.as_file().sync_all()?;
-    Ok(file)
+    let mut file = builder.tempfile_in(folder).map_err(|e| (e, 0))?;
+    let written = content.write(file.as_file_mut()).and_then(|()| file.as_file().sync_all());
+    let bytes = file.as_file().metadata().map_or(0, |m| m.len());
+    match written {
+        Ok(()) => Ok((file, bytes)),
+        Err(e) => Err((e, bytes)),
+    }
 }
 
-pub(super) fn unwritable(path: &Path, error: &io::Error, bytes: usize) -> Error {
+/// `bytes` are those that there was room for.
+pub(super) fn unwritable(path: &Path, error: &io::Error, bytes: u64) -> Error {
     let remedy = match error.kind() {
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
-            format!("free at least {} MB, or choose another output folder", bytes / 1_000_000 + 1)
+            format!(
+                "the disk was full after {} MB of it: free more, or choose another output folder",
+                bytes / 1_000_000
+            )
         }
         _ => "choose an output folder that you may write to".to_owned(),
     };

@@ -1,29 +1,85 @@
 //! A validated scene to files. Decides nothing; knows nothing but [`crate::scene`].
 //!
-//! [`files`] turns a scene into bytes; [`write_all`] puts bytes on disk, all of them or none.
+//! [`files`] tells what files there will be and how each is written; [`write_all`] and [`Staged`]
+//! put them on disk, all of them or none. Large files are streamed: none is held in memory.
 
 mod disk;
 pub mod gltf;
 mod pictures;
 pub mod usd;
 
+use std::collections::BTreeSet;
+use std::io::{self, BufWriter, Seek, Write};
 use std::path::PathBuf;
 
-pub use disk::{check_writable, write_all};
-pub use pictures::Pictures;
+use bytes::Bytes;
 
-use crate::diagnostic::Result;
-use crate::scene::ValidScene;
+pub use disk::{Staged, check_writable, write_all};
+pub use gltf::Profile;
+pub use pictures::{PictureFormat, Pictures};
+
+use crate::diagnostic::{Result, Warned};
+use crate::scene::{Forms, Selection, ValidScene};
 
 /// What wrote the file, as the files say it.
 const GENERATOR: &str = concat!("Larix ", env!("CARGO_PKG_VERSION"));
 
+/// Where a file's bytes go.
+pub trait Sink: Write + Seek {}
+
+impl<T: Write + Seek> Sink for T {}
+
+type Writer<'a> = dyn FnOnce(&mut dyn Sink) -> io::Result<()> + Send + 'a;
+
+/// The bytes of a file, or what writes them.
+pub enum Content<'a> {
+    Bytes(Bytes),
+    Stream(Box<Writer<'a>>),
+}
+
+impl<'a> Content<'a> {
+    pub fn stream(write: impl FnOnce(&mut dyn Sink) -> io::Result<()> + Send + 'a) -> Self {
+        Content::Stream(Box::new(write))
+    }
+
+    /// Writes all of it.
+    pub fn write(self, sink: impl Sink) -> io::Result<()> {
+        /// Enough that a disk is kept busy.
+        const BUFFER: usize = 1 << 20;
+        let mut sink = BufWriter::with_capacity(BUFFER, sink);
+        match self {
+            Content::Bytes(bytes) => sink.write_all(&bytes)?,
+            Content::Stream(write) => write(&mut sink)?,
+        }
+        sink.flush()
+    }
+}
+
+impl<T: Into<Bytes>> From<T> for Content<'_> {
+    fn from(bytes: T) -> Self {
+        Content::Bytes(bytes.into())
+    }
+}
+
 /// A file to be written.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct OutputFile {
+pub struct OutputFile<'a> {
     /// Relative to the output folder.
     pub path: PathBuf,
-    pub bytes: Vec<u8>,
+    pub content: Content<'a>,
+}
+
+impl<'a> OutputFile<'a> {
+    pub fn new(path: impl Into<PathBuf>, content: impl Into<Content<'a>>) -> Self {
+        OutputFile { path: path.into(), content: content.into() }
+    }
+
+    /// What would be written.
+    #[cfg(test)]
+    pub fn into_bytes(self) -> Vec<u8> {
+        let mut bytes = io::Cursor::new(Vec::new());
+        self.content.write(&mut bytes).expect("memory takes all");
+        bytes.into_inner()
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -36,24 +92,86 @@ pub enum Format {
     Usda,
 }
 
-/// The scene in each format as `STEM.glb`, `STEM.gltf` + `STEM.bin`, `STEM.usda`, and the
-/// textures that these refer to, each once. Formats given twice count once.
-pub fn files(scene: &ValidScene, stem: &str, formats: &[Format]) -> Result<Vec<OutputFile>> {
-    let pictures = Pictures::encode(scene)?;
-    let mut files = Vec::new();
-    if formats.contains(&Format::Glb) {
-        files.push(gltf::glb(scene, &pictures, stem)?);
+/// What is to be written of a scene.
+#[derive(Debug, Clone, Copy)]
+pub struct Job<'a> {
+    /// Name of the files, without extension.
+    pub stem: &'a str,
+    /// Those given twice count once.
+    pub formats: &'a [Format],
+    /// Of the glTF files.
+    pub profile: Profile,
+}
+
+impl Job<'_> {
+    /// How textures are coded in files of their own.
+    fn pictures_beside(&self) -> BTreeSet<PictureFormat> {
+        let of = |format: &Format| match format {
+            Format::Glb => None,
+            Format::Gltf => Some(self.profile.picture_format()),
+            Format::Usda => Some(PictureFormat::Png),
+        };
+        self.formats.iter().filter_map(of).collect()
     }
-    if formats.contains(&Format::Gltf) {
-        files.extend(gltf::gltf(scene, stem)?);
+
+    /// How textures are coded in any of the files.
+    pub fn picture_formats(&self) -> Vec<PictureFormat> {
+        let mut all = self.pictures_beside();
+        if self.formats.contains(&Format::Glb) {
+            all.insert(self.profile.picture_format());
+        }
+        all.into_iter().collect()
+    }
+}
+
+/// The files of a scene: `STEM.glb`, `STEM.gltf` + `STEM.bin`, `STEM.usda`, and the textures that
+/// these refer to, each once. Where a glTF profile holds one form a file, coarser forms are
+/// `STEM_LOD1.glb` and so on. `pictures` must be of [`Job::picture_formats`].
+///
+/// # Errors
+/// A tree too large for a GLB.
+pub fn files<'a>(
+    scene: &'a ValidScene,
+    pictures: &'a Pictures,
+    job: &Job<'a>,
+) -> Result<Warned<Vec<OutputFile<'a>>>> {
+    let Job { stem, formats, profile } = *job;
+    let mut files = Vec::new();
+    let mut warnings = Vec::new();
+    for format in [Format::Glb, Format::Gltf].into_iter().filter(|f| formats.contains(f)) {
+        for (stem, selection) in forms(scene, job) {
+            let recipe = gltf::Recipe {
+                is_binary: format == Format::Glb,
+                profile,
+                stem: &stem,
+                textures_of: job.stem,
+                most_bytes: gltf::MOST_GLB_BYTES,
+            };
+            let made = gltf::files(&selection, pictures, &recipe)?;
+            files.extend(made.value);
+            warnings.extend(made.warnings);
+        }
     }
     if formats.contains(&Format::Usda) {
         files.push(usd::usda(scene, stem));
     }
-    if formats.contains(&Format::Gltf) || formats.contains(&Format::Usda) {
-        files.extend(pictures.into_files(scene, stem));
+    for kind in job.pictures_beside() {
+        files.extend(pictures.files(scene, stem, kind));
     }
-    Ok(files)
+    Ok(Warned::with(files, warnings))
+}
+
+/// What goes into which glTF file.
+fn forms<'a>(scene: &'a ValidScene, job: &Job<'_>) -> Vec<(String, Selection<'a>)> {
+    let stem = job.stem;
+    if job.profile.holds_all_forms() {
+        return vec![(stem.to_owned(), Selection::of(scene, Forms::All))];
+    }
+    let finest = (stem.to_owned(), Selection::of(scene, Forms::One(0)));
+    let coarser = (1..)
+        .zip(scene.level_names())
+        .map(|(k, name)| (format!("{stem}_{name}"), Selection::of(scene, Forms::One(k))));
+    std::iter::once(finest).chain(coarser).collect()
 }
 
 #[cfg(test)]

@@ -1,42 +1,101 @@
-//! The textures of a scene as PNG, encoded once for all formats.
+//! The textures of a scene as PNG or WebP, encoded once for all files.
 
 use bytes::Bytes;
 use rayon::prelude::*;
 
 use super::OutputFile;
-use crate::diagnostic::Result;
-use crate::scene::ValidScene;
+use crate::diagnostic::{Error, Result};
+use crate::scene::{Colorspace, Texture, ValidScene};
 
-/// One PNG for each of [`ValidScene::textures`].
+/// How a picture is coded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum PictureFormat {
+    /// Without loss.
+    Png,
+    /// Colour with loss that the eye does not see, alpha nearly without; normals and the like at a
+    /// higher quality, as their errors light a surface.
+    WebP,
+}
+
+impl PictureFormat {
+    pub fn extension(self) -> &'static str {
+        match self {
+            PictureFormat::Png => "png",
+            PictureFormat::WebP => "webp",
+        }
+    }
+
+    pub fn mime_type(self) -> &'static str {
+        match self {
+            PictureFormat::Png => "image/png",
+            PictureFormat::WebP => "image/webp",
+        }
+    }
+}
+
+/// WebP quality of colours and of everything else.
+const COLOUR_QUALITY: f32 = 80.0;
+const RAW_QUALITY: f32 = 90.0;
+
+/// One picture for each of [`ValidScene::textures`], in each way of coding that is asked for.
 pub struct Pictures {
     png: Vec<Bytes>,
+    webp: Vec<Bytes>,
 }
 
 impl Pictures {
-    pub fn encode(scene: &ValidScene) -> Result<Self> {
-        let png = scene.textures().par_iter().map(|t| t.image.png()).collect::<Result<_>>()?;
-        Ok(Pictures { png })
+    /// # Errors
+    /// A picture larger than a format takes.
+    pub fn encode(scene: &ValidScene, kinds: &[PictureFormat]) -> Result<Self> {
+        let all = |kind: PictureFormat| -> Result<Vec<Bytes>> {
+            if !kinds.contains(&kind) {
+                return Ok(Vec::new());
+            }
+            let encode = |t: &Texture| match kind {
+                PictureFormat::Png => t.image.png(),
+                PictureFormat::WebP => webp(t),
+            };
+            scene.textures().par_iter().map(encode).collect()
+        };
+        Ok(Pictures { png: all(PictureFormat::Png)?, webp: all(PictureFormat::WebP)? })
     }
 
-    pub fn png(&self) -> &[Bytes] {
-        &self.png
+    /// Of the scene's texture of this number; empty where this way of coding was not asked for.
+    pub fn of(&self, texture: u32, kind: PictureFormat) -> Bytes {
+        let all = match kind {
+            PictureFormat::Png => &self.png,
+            PictureFormat::WebP => &self.webp,
+        };
+        all.get(texture as usize).cloned().unwrap_or_default()
     }
 
     /// `textures/STEM_NAME.png`, as the other files refer to them.
-    pub fn into_files(self, scene: &ValidScene, stem: &str) -> Vec<OutputFile> {
-        let named = scene.textures().iter().zip(self.png);
-        named
-            .map(|(t, png)| OutputFile {
-                path: texture_path(stem, &t.name).into(),
-                bytes: png.to_vec(),
-            })
-            .collect()
+    pub fn files<'a>(
+        &'a self,
+        scene: &'a ValidScene,
+        stem: &'a str,
+        kind: PictureFormat,
+    ) -> impl Iterator<Item = OutputFile<'a>> {
+        (0u32..).zip(scene.textures()).map(move |(number, texture)| {
+            OutputFile::new(texture_path(stem, &texture.name, kind), self.of(number, kind))
+        })
     }
+}
+
+fn webp(texture: &Texture) -> Result<Bytes> {
+    let picture = texture.image.picture();
+    let quality = match texture.colorspace {
+        Colorspace::Srgb => COLOUR_QUALITY,
+        Colorspace::Raw => RAW_QUALITY,
+    };
+    crate::raster::webp(picture, quality)
+        .map_err(|e| Error::new(format!("texture `{}`: {e}", texture.name)))
 }
 
 /// `textures/STEM_NAME.png`: the stem keeps scenes in one folder apart. Characters of the stem
 /// that mean something to a format or a file system become `_`.
-pub(super) fn texture_path(stem: &str, name: &str) -> String {
+pub(super) fn texture_path(stem: &str, name: &str, kind: PictureFormat) -> String {
     let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
-    format!("textures/{}_{name}.png", stem.chars().map(plain).collect::<String>())
+    let stem: String = stem.chars().map(plain).collect();
+    format!("textures/{stem}_{name}.{}", kind.extension())
 }

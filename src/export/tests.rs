@@ -14,6 +14,26 @@ use crate::scene::{Collider, ColliderShape, Scene, ValidScene};
 
 const ALL: [Format; 3] = [Format::Glb, Format::Gltf, Format::Usda];
 
+/// A file as it would be on disk.
+#[derive(PartialEq)]
+struct Made {
+    path: PathBuf,
+    bytes: Vec<u8>,
+}
+
+fn made(scene: &ValidScene, stem: &str, formats: &[Format], profile: Profile) -> Vec<Made> {
+    let job = Job { stem, formats, profile };
+    let pictures = Pictures::encode(scene, &job.picture_formats()).unwrap();
+    let files = super::files(scene, &pictures, &job).unwrap();
+    assert!(files.warnings.is_empty());
+    let read = |f: OutputFile<'_>| Made { path: f.path.clone(), bytes: f.into_bytes() };
+    files.value.into_iter().map(read).collect()
+}
+
+fn files(scene: &ValidScene, stem: &str, formats: &[Format]) -> Vec<Made> {
+    made(scene, stem, formats, Profile::Dcc)
+}
+
 fn sample() -> Scene {
     forest(&["Larix sibirica", "Betula pendula", "Pinus sylvestris"], 50, 60.0)
 }
@@ -35,7 +55,7 @@ fn variants_are_on_every_primitive() {
         });
     }
     let scene = scene.validate().unwrap();
-    let files = files(&scene, "x", &[Format::Gltf]).unwrap();
+    let files = files(&scene, "x", &[Format::Gltf]);
     let json = files.iter().find(|f| f.path.ends_with("x.gltf")).unwrap();
     let json: serde_json::Value = serde_json::from_slice(&json.bytes).unwrap();
     const KEY: &str = "KHR_materials_variants";
@@ -116,28 +136,30 @@ fn two_trees() -> ValidScene {
 fn sample_on_disk() {
     let dir = std::env::var("LARIX_SAMPLE").expect("LARIX_SAMPLE names a folder");
     let scene = sample().validate().unwrap();
-    write_all(Path::new(&dir), &files(&scene, "forest", &ALL).unwrap()).unwrap();
+    let files = files(&scene, "forest", &ALL);
+    let files = files.into_iter().map(|f| OutputFile::new(f.path, f.bytes)).collect();
+    write_all(Path::new(&dir), files).unwrap();
 }
 
 #[test]
 fn the_gltf_of_two_trees() {
-    let all = files(&two_trees(), "two trees", &[Format::Gltf]).unwrap();
+    let all = files(&two_trees(), "two trees", &[Format::Gltf]);
     insta::assert_snapshot!(text_of(&all[0]));
 }
 
 #[test]
 fn the_usda_of_two_trees() {
-    let all = files(&two_trees(), "two trees", &[Format::Usda]).unwrap();
+    let all = files(&two_trees(), "two trees", &[Format::Usda]);
     insta::assert_snapshot!(text_of(&all[0]));
 }
 
-fn text_of(file: &OutputFile) -> String {
+fn text_of(file: &Made) -> String {
     String::from_utf8(file.bytes.clone()).unwrap().replace(env!("CARGO_PKG_VERSION"), "VERSION")
 }
 
 #[test]
 fn names_of_files_and_textures_shared_by_formats() {
-    let all = files(&two_trees(), "two trees", &[ALL[1], ALL[2], ALL[0], ALL[1]]).unwrap();
+    let all = files(&two_trees(), "two trees", &[ALL[1], ALL[2], ALL[0], ALL[1]]);
     let names: Vec<&str> = all.iter().map(|f| f.path.to_str().unwrap()).collect();
     assert_eq!(
         names,
@@ -153,7 +175,7 @@ fn names_of_files_and_textures_shared_by_formats() {
             "textures/two_trees_Larix_sibirica_bark_orm.png",
         ]
     );
-    let glb_alone = files(&two_trees(), "two trees", &[Format::Glb]).unwrap();
+    let glb_alone = files(&two_trees(), "two trees", &[Format::Glb]);
     assert_eq!(glb_alone.len(), 1);
 }
 
@@ -161,7 +183,7 @@ fn names_of_files_and_textures_shared_by_formats() {
 #[test]
 fn glb_reads_back_as_the_scene() {
     let scene = sample().validate().unwrap();
-    let glb = &files(&scene, "forest", &[Format::Glb]).unwrap()[0];
+    let glb = &files(&scene, "forest", &[Format::Glb])[0];
     let (document, buffers, images) = ::gltf::import_slice(&glb.bytes).unwrap();
     assert_eq!(images.len(), scene.textures().len());
     assert_eq!(document.meshes().len(), 1 + scene.prototypes().len());
@@ -217,7 +239,7 @@ fn surfaces_of_more_vertices_than_16_bits_reach_get_long_indices() {
     let scene = scene.validate().unwrap();
     let vertices = scene.terrain().unwrap().surface.position.len();
     assert!(vertices > 65_535, "{vertices}");
-    let glb = &files(&scene, "forest", &[Format::Glb]).unwrap()[0];
+    let glb = &files(&scene, "forest", &[Format::Glb])[0];
     let (document, buffers, _) = ::gltf::import_slice(&glb.bytes).unwrap();
     let kinds: Vec<bool> = document
         .meshes()
@@ -235,13 +257,13 @@ fn the_same_scene_gives_the_same_bytes_on_any_number_of_threads() {
     let scene = forest(&["Larix", "Betula"], 20, 400.0).validate().unwrap();
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| files(&scene, "forest", &ALL).unwrap())
+        pool.install(|| files(&scene, "forest", &ALL))
     };
     assert!(on(1) == on(3));
 }
 
-fn file(path: &str, text: &str) -> OutputFile {
-    OutputFile { path: path.into(), bytes: text.into() }
+fn file(path: &str, text: &'static str) -> OutputFile<'static> {
+    OutputFile::new(path, text)
 }
 
 /// Every file below `dir` with its text.
@@ -268,8 +290,8 @@ fn tree(dir: &Path) -> Vec<(PathBuf, String)> {
 fn writing_makes_folders_and_replaces_old_files() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("a/b");
-    write_all(&out, &[file("x.glb", "old"), file("textures/y.png", "old")]).unwrap();
-    write_all(&out, &[file("x.glb", "new")]).unwrap();
+    write_all(&out, vec![file("x.glb", "old"), file("textures/y.png", "old")]).unwrap();
+    write_all(&out, vec![file("x.glb", "new")]).unwrap();
     let expected = [
         (out.join("textures"), "a folder".to_owned()),
         (out.join("textures/y.png"), "old".to_owned()),
@@ -290,7 +312,7 @@ fn writing_makes_folders_and_replaces_old_files() {
 fn a_failure_leaves_everything_as_it_was() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
-    write_all(&out, &[file("a.glb", "old"), file("taken", "old"), file("c/d", "old")]).unwrap();
+    write_all(&out, vec![file("a.glb", "old"), file("taken", "old"), file("c/d", "old")]).unwrap();
     let before = tree(dir.path());
     let cases = [
         ("out", vec![file("a.glb", "new"), file("new/e", "new"), file("taken/b", "new")]),
@@ -302,7 +324,7 @@ fn a_failure_leaves_everything_as_it_was() {
     ];
     let mut told = Vec::new();
     for (folder, files) in cases {
-        let error = write_all(&dir.path().join(folder), &files).unwrap_err();
+        let error = write_all(&dir.path().join(folder), files).unwrap_err();
         told.push(format!("{error:?}").replace(dir.path().to_str().unwrap(), "DIR"));
         assert_eq!(tree(dir.path()), before, "{}", told.last().unwrap());
     }
@@ -314,7 +336,7 @@ fn a_failure_leaves_everything_as_it_was() {
 #[cfg(target_os = "linux")]
 fn a_folder_that_takes_no_files_is_named_with_a_remedy() {
     for folder in ["/proc/larix", "/proc"] {
-        let error = write_all(Path::new(folder), &[file("a.glb", "new")]).unwrap_err();
+        let error = write_all(Path::new(folder), vec![file("a.glb", "new")]).unwrap_err();
         assert!(error.to_string().starts_with(folder), "{error:?}");
         assert_eq!(
             error.remedy_text(),
@@ -329,7 +351,10 @@ fn a_folder_that_takes_no_files_is_named_with_a_remedy() {
 fn a_full_disk_says_how_much_to_free() {
     let full = std::io::Error::from(std::io::ErrorKind::StorageFull);
     let error = disk::unwritable(Path::new("out/forest.glb"), &full, 4_200_000);
-    assert_eq!(error.remedy_text(), Some("free at least 5 MB, or choose another output folder"));
+    assert_eq!(
+        error.remedy_text(),
+        Some("the disk was full after 4 MB of it: free more, or choose another output folder")
+    );
 }
 
 /// A collider and wind on every prototype of the sample.
@@ -354,7 +379,7 @@ fn with_extras() -> ValidScene {
 #[test]
 fn colliders_and_wind_read_back_as_they_were() {
     let scene = with_extras();
-    let glb = &files(&scene, "forest", &[Format::Glb]).unwrap()[0];
+    let glb = &files(&scene, "forest", &[Format::Glb])[0];
     let (document, buffers, _) = ::gltf::import_slice(&glb.bytes).unwrap();
     let root = document.default_scene().unwrap().nodes().next().unwrap();
     let mut trees = 0;

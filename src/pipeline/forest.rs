@@ -113,8 +113,6 @@ impl ForestJob {
 /// A forest, ready to write.
 pub struct Forest {
     pub scene: ValidScene,
-    /// The trees in coarser forms, with their names, from fine to coarse.
-    pub levels: Vec<(String, ValidScene)>,
     /// What the forms of every model are.
     pub rows: Vec<levels::Row>,
     /// What the camera made of it.
@@ -186,8 +184,7 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
     if job.levels.has_lightmap_uv {
         run.stage("light map", |_| Ok(((), light::add(&mut scene)?)))?;
     }
-    let (scene, levels, pruned) = run.stage("scene", |warnings| {
-        let (mut scene, levels) = levels::split(scene)?;
+    let (scene, pruned) = run.stage("scene", |warnings| {
         let left_out = scene.prune();
         let scene = scene.validate()?;
         if survey.trees.is_empty() {
@@ -206,9 +203,9 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
         if let Some(stretch) = stretch {
             outcome = outcome.error(ErrorMeasure::new("model stretch RMS", stretch, "%"));
         }
-        Ok(((scene, levels, left_out), outcome))
+        Ok(((scene, left_out), outcome))
     })?;
-    Ok(Forest { scene, levels, rows, chosen, clipped, pruned, survey })
+    Ok(Forest { scene, rows, chosen, clipped, pruned, survey })
 }
 
 fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {
@@ -595,6 +592,7 @@ fn assemble(
                     crown_diameter_m: crown.diameter_m,
                     crown_base_height_m: crown.base_height_m,
                     stem_diameter_m: tree.stem_diameter_m,
+                    condition: job.state.condition.numeral(),
                     confidence: crown.confidence,
                 },
             });

@@ -12,7 +12,6 @@ use crate::render::capture::Sitter;
 use crate::report::{ErrorMeasure, Outcome};
 use crate::scene::{
     Alpha, Apart, ColliderShape, Colorspace, Level, Material, Octahedral, Part, Scene, Texture,
-    ValidScene,
 };
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
@@ -303,17 +302,4 @@ pub fn outcome(rows: &[Row], models: usize) -> Outcome {
         worst.into(),
         "m",
     ))
-}
-
-/// A scene with its coarser forms beside it, each a scene by itself, ready to write.
-///
-/// # Errors
-/// Those of [`Scene::validate`].
-pub fn split(mut scene: Scene) -> Result<(Scene, Vec<(String, ValidScene)>)> {
-    let levels = scene.take_levels();
-    let levels = levels
-        .into_iter()
-        .map(|(name, level)| Ok((name, level.validate()?)))
-        .collect::<Result<_>>()?;
-    Ok((scene, levels))
 }

@@ -56,8 +56,6 @@ pub struct TreeJob {
 pub struct Grown {
     /// The tree at the origin.
     pub scene: ValidScene,
-    /// The tree in coarser forms, with their names, from fine to coarse.
-    pub levels: Vec<(String, ValidScene)>,
     /// What these forms are.
     pub rows: Vec<levels::Row>,
     pub pruned: LeftOut,
@@ -223,7 +221,7 @@ fn stand(
         position: Vec3::ZERO,
         yaw_rad: 0.0,
         scale: Vec3::ONE,
-        facts: facts(species, skeleton, stem_diameter_m),
+        facts: facts(job, species, skeleton, stem_diameter_m),
     });
     let mut rows = Vec::new();
     if !job.levels.is_empty() {
@@ -237,12 +235,11 @@ fn stand(
         run.stage("light map", |_| Ok(((), light::add(&mut scene)?)))?;
     }
     run.stage("scene", |_| {
-        let (mut scene, levels) = levels::split(scene)?;
         let left_out = scene.prune();
         let scene = scene.validate()?;
         let triangles = crate::scene::statistics(&scene).unique_triangles as usize;
         Ok((
-            Grown { scene, levels, rows, pruned: left_out, fit: None },
+            Grown { scene, rows, pruned: left_out, fit: None },
             Outcome::items(1, "model", triangles, "triangles")
                 .note(format!("left out: {left_out}")),
         ))
@@ -260,7 +257,7 @@ fn age_years(job: &TreeJob, skeleton: &Skeleton) -> f32 {
     share * size.age_at(grown_m)
 }
 
-fn facts(species: &Species, skeleton: &Skeleton, stem_diameter_m: f32) -> TreeFacts {
+fn facts(job: &TreeJob, species: &Species, skeleton: &Skeleton, stem_diameter_m: f32) -> TreeFacts {
     let height_m = skeleton.height_m();
     TreeFacts {
         id: "1".into(),
@@ -269,6 +266,7 @@ fn facts(species: &Species, skeleton: &Skeleton, stem_diameter_m: f32) -> TreeFa
         crown_diameter_m: skeleton.width_m(),
         crown_base_height_m: skeleton.crown_base_m(),
         stem_diameter_m,
+        condition: job.state.condition.numeral(),
         confidence: 1.0,
     }
 }

@@ -13,6 +13,7 @@ mod pad;
 pub mod picture;
 pub mod scatter;
 pub mod trend;
+mod webp;
 mod world_file;
 
 pub use encoded::Image;
@@ -20,6 +21,7 @@ pub use groups::Groups;
 pub use pad::pad_transparent;
 pub use picture::Picture;
 use rayon::prelude::*;
+pub use webp::encode as webp;
 pub use world_file::read;
 
 /// Placement of a north-up grid. Units are the owner's: local metres for terrain, world units for

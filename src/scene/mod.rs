@@ -9,6 +9,7 @@ mod name;
 mod prune;
 #[cfg(test)]
 pub(crate) mod sample;
+mod selection;
 pub mod sharing;
 mod standing;
 mod statistics;
@@ -17,6 +18,7 @@ mod valid;
 pub use level::{Apart, Collider, ColliderShape, Level, Octahedral};
 pub use name::{identifier, is_identifier};
 pub use prune::LeftOut;
+pub use selection::{Form, Forms, Group, Model, Selection, Tree};
 pub use standing::{OFF_TERRAIN_M, ROOT_TOLERANCE_M};
 pub use statistics::{Statistics, bounds_of, statistics};
 pub use valid::{SpeciesGroup, ValidScene, Wrap};
@@ -129,6 +131,8 @@ pub struct TreeFacts {
     pub crown_diameter_m: f32,
     pub crown_base_height_m: f32,
     pub stem_diameter_m: f32,
+    /// Sanitary category, `I` healthy … `VI` old dead.
+    pub condition: &'static str,
     pub confidence: f32,
 }
 

@@ -107,6 +107,7 @@ fn add_species(scene: &mut Scene, species: &str, number: usize, trees: usize, si
                 crown_diameter_m: 5.0 * size,
                 crown_base_height_m: 3.0,
                 stem_diameter_m: 0.4 * size,
+                condition: "I",
                 confidence: draws.unit(),
             },
         });

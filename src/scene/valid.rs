@@ -104,9 +104,16 @@ impl ValidScene {
         self.bounds
     }
 
-    /// The terrain, then the parts of every prototype.
+    /// The terrain, then the parts of every prototype in its finest form.
     pub fn parts(&self) -> impl Iterator<Item = &Part> {
-        parts(&self.scene)
+        let finest = self.scene.prototypes.iter().flat_map(|p| &p.parts);
+        self.scene.terrain.iter().chain(finest)
+    }
+
+    /// Names of the coarser forms, from fine to coarse: every prototype has them all.
+    pub fn level_names(&self) -> Vec<&str> {
+        let levels = self.scene.prototypes.first().map_or(&[][..], |p| &p.levels);
+        levels.iter().map(|l| l.name.as_str()).collect()
     }
 
     /// The colliders of every prototype, in their order.
@@ -166,6 +173,19 @@ impl Scene {
         for prototype in &self.prototypes {
             let what = format!("part of prototype `{}`", prototype.name);
             faults.unique(&what, prototype.parts.iter().map(|p| p.name.as_str()));
+            for level in &prototype.levels {
+                let what =
+                    format!("part of prototype `{}`, level `{}`", prototype.name, level.name);
+                faults.unique(&what, level.parts.iter().map(|p| p.name.as_str()));
+            }
+        }
+        let names = |p: &Prototype| p.levels.iter().map(|l| l.name.clone()).collect::<Vec<_>>();
+        if let Some(first) = self.prototypes.first().map(names) {
+            faults.unique("level", first.iter().map(String::as_str));
+            for prototype in self.prototypes.iter().filter(|p| names(p) != first) {
+                let name = &prototype.name;
+                faults.add(|| format!("prototype `{name}` has not the levels of the first one"));
+            }
         }
         faults.unique("instance", self.instances.iter().map(|i| i.name.as_str()));
         if let Some(terrain) = self.terrain.as_ref().filter(|t| t.name != "terrain") {
@@ -306,6 +326,10 @@ impl Scene {
             if prototype.parts.is_empty() {
                 faults.add(|| format!("prototype `{}` has no parts", prototype.name));
             }
+            for level in prototype.levels.iter().filter(|l| l.parts.is_empty()) {
+                let (name, level) = (&prototype.name, &level.name);
+                faults.add(|| format!("prototype `{name}`, level `{level}` has no parts"));
+            }
             for collider in &prototype.colliders {
                 if let Some(complaint) = check_body(&collider.body) {
                     faults.add(|| format!("prototype `{}`, collider: {complaint}", prototype.name));
@@ -410,7 +434,8 @@ impl Scene {
     fn wraps(&self) -> Vec<Wrap> {
         let inside = -INSIDE_TOLERANCE..=1.0 + INSIDE_TOLERANCE;
         let mut wraps = vec![Wrap::Clamp; self.textures.len()];
-        for part in parts(self) {
+        let of_prototypes = self.prototypes.iter().flat_map(Prototype::all_parts);
+        for part in self.terrain.iter().chain(of_prototypes) {
             let uv = &part.surface.uv;
             if uv.par_iter().all(|c| inside.contains(&c.x) && inside.contains(&c.y)) {
                 continue;
@@ -422,10 +447,6 @@ impl Scene {
         }
         wraps
     }
-}
-
-fn parts(scene: &Scene) -> impl Iterator<Item = &Part> {
-    scene.terrain.iter().chain(scene.prototypes.iter().flat_map(|p| &p.parts))
 }
 
 /// What is wrong with a body of positions and triangles alone.

@@ -38,18 +38,24 @@ impl Condition {
         Condition::FreshDead,
         Condition::OldDead,
     ];
+
+    /// `I` … `VI`.
+    pub fn numeral(self) -> &'static str {
+        NUMERALS[self as usize]
+    }
 }
+
+const NUMERALS: [&str; 6] = ["I", "II", "III", "IV", "V", "VI"];
 
 impl FromStr for Condition {
     type Err = String;
 
     /// `1` … `6` or `I` … `VI`.
     fn from_str(text: &str) -> Result<Self, String> {
-        const ROMAN: [&str; 6] = ["I", "II", "III", "IV", "V", "VI"];
         let text = text.trim();
         let at = match text.parse::<usize>() {
             Ok(number) => number.checked_sub(1),
-            Err(_) => ROMAN.iter().position(|r| r.eq_ignore_ascii_case(text)),
+            Err(_) => NUMERALS.iter().position(|r| r.eq_ignore_ascii_case(text)),
         };
         at.and_then(|i| Condition::ALL.get(i).copied())
             .ok_or_else(|| "give 1 (healthy) to 6 (old dead), or I to VI".into())

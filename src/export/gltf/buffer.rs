@@ -1,150 +1,520 @@
-//! The binary buffer: where everything lies, then the bytes, in one pass and without copies.
+//! The binary buffer: which columns there are, where each lies, then the bytes, streamed.
 //!
-//! All positions, then all normals, texture coordinates, tangents, indices, then pictures: a
-//! handful of buffer views however many prototypes there are.
+//! Plain columns of a kind lie together (all positions, then all normals, …, then pictures): a
+//! handful of buffer views however many prototypes there are. Compressed ones have a view each.
 
-use std::ops::Range;
+use std::io::{self, Write};
+use std::sync::Arc;
 
-use super::super::Pictures;
+use bytemuck::NoUninit;
+use bytes::Bytes;
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::compress::{self, Encoded};
+use super::json::{
+    ARRAY_BUFFER, Accessor, BYTE, Bound, Compressed, ELEMENT_ARRAY_BUFFER, FLOAT, SHORT,
+    UNSIGNED_BYTE, UNSIGNED_INT, UNSIGNED_SHORT, View, ViewExtensions,
+};
+use super::quantize::{Grid, UvRange, direction};
 use super::tangent::tangents;
 use super::y_up;
 use crate::mesh::Surface;
-use crate::scene::{Part, ValidScene};
-
-pub(super) const POSITION_BYTES: u64 = 12;
-pub(super) const NORMAL_BYTES: u64 = 12;
-pub(super) const UV_BYTES: u64 = 8;
-pub(super) const TANGENT_BYTES: u64 = 16;
-pub(super) const WIND_BYTES: u64 = 4;
 
 /// Indices of 16 bits reach so many vertices: the highest value is reserved.
 const MOST_SHORT_VERTICES: usize = u16::MAX as usize;
 
-/// Whether the surface's indices fit in 16 bits.
-pub(super) fn has_short_indices(surface: &Surface) -> bool {
-    surface.position.len() <= MOST_SHORT_VERTICES
+/// Columns in the order of their views.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Kind {
+    Position,
+    Normal,
+    Uv,
+    LightmapUv,
+    Tangent,
+    Wind,
+    LongIndex,
+    ShortIndex,
+    Translation,
+    Rotation,
+    Scale,
 }
 
-/// Whether the part's material needs tangents.
-pub(super) fn has_tangents(scene: &ValidScene, part: &Part) -> bool {
-    scene.materials()[part.material as usize].normal_texture.is_some()
+/// What the numbers of a column come from.
+#[derive(Clone)]
+enum Source<'a> {
+    Positions(&'a Surface),
+    Counted(&'a Surface, Grid),
+    Normals(&'a Surface),
+    NormalBytes(&'a Surface),
+    Uvs(&'a Surface),
+    UvShorts(&'a Surface, UvRange),
+    LightmapUvs(&'a Surface),
+    LightmapUvShorts(&'a Surface),
+    Tangents(&'a Surface),
+    TangentBytes(&'a Surface),
+    Winds(&'a Surface),
+    LongIndices(&'a Surface),
+    ShortIndices(&'a Surface),
+    Vectors(Arc<[[f32; 3]]>),
+    Turns(Arc<[[i16; 4]]>),
+    Encoded(Arc<Encoded>),
+    Picture(Bytes),
 }
 
-/// Whether the surface says how it moves in the wind.
-pub(super) fn has_wind(surface: &Surface) -> bool {
-    !surface.wind.is_empty()
+/// An accessor and what it shows.
+struct Column<'a> {
+    kind: Kind,
+    source: Source<'a>,
+    accessor: Accessor,
 }
 
-/// Byte ranges in the buffer; each starts at a multiple of 4.
-pub(super) struct Layout {
-    pub positions: Range<u64>,
-    pub normals: Range<u64>,
-    pub uvs: Range<u64>,
-    /// Empty if no part needs them; so the next three.
-    pub tangents: Range<u64>,
-    pub winds: Range<u64>,
-    pub long_indices: Range<u64>,
-    pub short_indices: Range<u64>,
-    /// One a texture; none where pictures are files of their own.
-    pub pictures: Vec<Range<u64>>,
+/// How the numbers of a surface are written.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Piece<'a> {
+    pub surface: &'a Surface,
+    /// Where there is one, positions are counted in it.
+    pub grid: Option<Grid>,
+    /// Where there is one, texture coordinates are counted in it, and directions in 8 bits.
+    pub uv_range: Option<UvRange>,
+    pub has_tangents: bool,
 }
 
-impl Layout {
-    pub fn new(scene: &ValidScene, pictures: Option<&Pictures>) -> Self {
-        let surfaces = || scene.parts().map(|p| &p.surface);
-        let vertices: u64 = surfaces().map(|s| s.position.len() as u64).sum();
-        let indices = |short: bool| -> u64 {
-            let chosen = surfaces().filter(|s| has_short_indices(s) == short);
-            chosen.map(|s| s.index.len() as u64).sum()
-        };
-        let bumpy = scene.parts().filter(|p| has_tangents(scene, p));
-        let bumpy_vertices: u64 = bumpy.map(|p| p.surface.position.len() as u64).sum();
-        let winds: u64 = surfaces().map(|s| s.wind.len() as u64).sum();
-        let bodies = || scene.colliders().map(|c| &c.body);
-        let body_vertices: u64 = bodies().map(|b| b.position.len() as u64).sum();
-        let body_indices: u64 = bodies().map(|b| b.index.len() as u64).sum();
-        let mut end = 0u64;
-        let mut take = |bytes: u64| {
-            let start = end.next_multiple_of(4);
-            end = start + bytes;
-            start..end
-        };
-        Layout {
-            positions: take((vertices + body_vertices) * POSITION_BYTES),
-            normals: take(vertices * NORMAL_BYTES),
-            uvs: take(vertices * UV_BYTES),
-            tangents: take(bumpy_vertices * TANGENT_BYTES),
-            winds: take(winds * WIND_BYTES),
-            long_indices: take(indices(false) * 4),
-            short_indices: take((indices(true) + body_indices) * 2),
-            pictures: pictures
-                .map_or(Vec::new(), |p| p.png().iter().map(|png| take(png.len() as u64)).collect()),
-        }
+/// Numbers of a piece's accessors.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PieceAccessors {
+    pub position: u32,
+    pub normal: Option<u32>,
+    pub uv: Option<u32>,
+    pub lightmap_uv: Option<u32>,
+    pub tangent: Option<u32>,
+    pub wind: Option<u32>,
+    pub index: u32,
+}
+
+impl<'a> Piece<'a> {
+    /// The kinds of its columns, in the order of its accessors.
+    fn kinds(&self) -> Vec<Kind> {
+        let surface = self.surface;
+        let is_short = surface.position.len() <= MOST_SHORT_VERTICES;
+        let all = [
+            (Kind::Position, true),
+            (Kind::Normal, !surface.normal.is_empty()),
+            (Kind::Uv, !surface.uv.is_empty()),
+            (Kind::LightmapUv, !surface.lightmap_uv.is_empty()),
+            (Kind::Tangent, self.has_tangents),
+            (Kind::Wind, !surface.wind.is_empty()),
+            (Kind::LongIndex, !is_short),
+            (Kind::ShortIndex, is_short),
+        ];
+        all.into_iter().filter(|(_, is_there)| *is_there).map(|(kind, _)| kind).collect()
     }
 
+    fn column(&self, kind: Kind) -> Column<'a> {
+        let surface = self.surface;
+        let count = surface.position.len();
+        let accessor = |component_type, r#type, normalized| Accessor {
+            buffer_view: 0,
+            byte_offset: 0,
+            component_type,
+            count,
+            r#type,
+            normalized,
+            min: None,
+            max: None,
+        };
+        let index = |component_type| Accessor {
+            count: surface.index.len(),
+            ..accessor(component_type, "SCALAR", false)
+        };
+        let is_small = self.uv_range.is_some();
+        let (source, accessor) = match kind {
+            Kind::Position => {
+                let (lo, hi) = surface.bounds();
+                let (source, plain, [min, max]) = match self.grid {
+                    None => {
+                        let (a, b) = (Vec3::from(y_up(lo)), Vec3::from(y_up(hi)));
+                        let ends = [a.min(b), a.max(b)].map(|v| Bound::Float(v.to_array()));
+                        (Source::Positions(surface), accessor(FLOAT, "VEC3", false), ends)
+                    }
+                    Some(grid) => {
+                        let (a, b) = (y_up_count(grid.count(lo)), y_up_count(grid.count(hi)));
+                        let each = |pick: fn(i16, i16) -> i16| {
+                            Bound::Short(std::array::from_fn(|k| pick(a[k], b[k])))
+                        };
+                        let ends = [each(i16::min), each(i16::max)];
+                        (Source::Counted(surface, grid), accessor(SHORT, "VEC3", true), ends)
+                    }
+                };
+                (source, Accessor { min: Some(min), max: Some(max), ..plain })
+            }
+            Kind::Normal if is_small => {
+                (Source::NormalBytes(surface), accessor(BYTE, "VEC3", true))
+            }
+            Kind::Normal => (Source::Normals(surface), accessor(FLOAT, "VEC3", false)),
+            Kind::Uv => match self.uv_range {
+                None => (Source::Uvs(surface), accessor(FLOAT, "VEC2", false)),
+                Some(range) => {
+                    (Source::UvShorts(surface, range), accessor(UNSIGNED_SHORT, "VEC2", true))
+                }
+            },
+            Kind::LightmapUv if is_small => {
+                let short = accessor(UNSIGNED_SHORT, "VEC2", true);
+                (Source::LightmapUvShorts(surface), short)
+            }
+            Kind::LightmapUv => (Source::LightmapUvs(surface), accessor(FLOAT, "VEC2", false)),
+            Kind::Tangent if is_small => {
+                (Source::TangentBytes(surface), accessor(BYTE, "VEC4", true))
+            }
+            Kind::Tangent => (Source::Tangents(surface), accessor(FLOAT, "VEC4", false)),
+            Kind::LongIndex => (Source::LongIndices(surface), index(UNSIGNED_INT)),
+            Kind::ShortIndex => (Source::ShortIndices(surface), index(UNSIGNED_SHORT)),
+            _ => (Source::Winds(surface), accessor(UNSIGNED_BYTE, "VEC4", true)),
+        };
+        Column { kind, source, accessor }
+    }
+}
+
+/// Columns in the order of their accessors.
+#[derive(Default)]
+pub(super) struct Plan<'a> {
+    pieces: Vec<Piece<'a>>,
+    placed: Vec<Column<'a>>,
+    accessors: u32,
+}
+
+impl<'a> Plan<'a> {
+    /// Every piece must come before the first instances.
+    pub fn piece(&mut self, piece: Piece<'a>) -> PieceAccessors {
+        let mut numbers = PieceAccessors {
+            position: 0,
+            normal: None,
+            uv: None,
+            lightmap_uv: None,
+            tangent: None,
+            wind: None,
+            index: 0,
+        };
+        for (number, kind) in (self.accessors..).zip(piece.kinds()) {
+            match kind {
+                Kind::Position => numbers.position = number,
+                Kind::Normal => numbers.normal = Some(number),
+                Kind::Uv => numbers.uv = Some(number),
+                Kind::LightmapUv => numbers.lightmap_uv = Some(number),
+                Kind::Tangent => numbers.tangent = Some(number),
+                Kind::Wind => numbers.wind = Some(number),
+                _ => numbers.index = number,
+            }
+            self.accessors = number + 1;
+        }
+        self.pieces.push(piece);
+        numbers
+    }
+
+    /// Places, turns (quaternions x, y, z, w; in 16 bits) and sizes of instances, Y up; the number
+    /// of the first of their three accessors.
+    pub fn instances(
+        &mut self,
+        places: Vec<[f32; 3]>,
+        turns: Vec<[i16; 4]>,
+        scales: Vec<[f32; 3]>,
+    ) -> u32 {
+        let first = self.accessors;
+        let accessor = |component_type, r#type, normalized| Accessor {
+            buffer_view: 0,
+            byte_offset: 0,
+            component_type,
+            count: places.len(),
+            r#type,
+            normalized,
+            min: None,
+            max: None,
+        };
+        let vectors = accessor(FLOAT, "VEC3", false);
+        let quaternions = accessor(SHORT, "VEC4", true);
+        let columns = [
+            (Kind::Translation, Source::Vectors(places.into()), vectors.clone()),
+            (Kind::Rotation, Source::Turns(turns.into()), quaternions),
+            (Kind::Scale, Source::Vectors(scales.into()), vectors),
+        ];
+        let columns =
+            columns.into_iter().map(|(kind, source, accessor)| Column { kind, source, accessor });
+        self.placed.extend(columns);
+        self.accessors += 3;
+        first
+    }
+
+    /// Where everything lies, with these pictures behind it.
+    pub fn layout(self, pictures: Vec<Bytes>) -> Layout<'a> {
+        let of_piece = |p: &Piece<'a>| -> Vec<Column<'a>> {
+            p.kinds().into_iter().map(|kind| p.column(kind)).collect()
+        };
+        let columns = self.pieces.iter().flat_map(of_piece).chain(self.placed);
+        let columns: Vec<Column<'a>> = columns.collect();
+        let mut order: Vec<usize> = (0..columns.len()).collect();
+        order.sort_by_key(|&c| columns[c].kind);
+        let mut layout = Layout::default();
+        let mut accessors: Vec<Accessor> = columns.iter().map(|c| c.accessor.clone()).collect();
+        let mut last = None;
+        for c in order {
+            let Column { kind, source, .. } = &columns[c];
+            if last != Some(*kind) {
+                layout.open(view(*kind, source));
+            }
+            last = Some(*kind);
+            accessors[c].buffer_view = layout.views.len() as u32 - 1;
+            accessors[c].byte_offset = layout.append(source.clone());
+        }
+        layout.accessors = accessors;
+        layout.append_pictures(pictures);
+        layout
+    }
+
+    /// The same, compressed (EXT_meshopt_compression); nothing borrowed remains.
+    ///
+    /// # Errors
+    /// The encoder's.
+    pub fn compressed(self, pictures: Vec<Bytes>) -> crate::diagnostic::Result<Layout<'static>> {
+        type Set = Vec<(Kind, Accessor, Arc<Encoded>)>;
+        let of_piece = |p: &Piece<'_>| -> crate::diagnostic::Result<Set> {
+            let ordered = compress::ordered(p.surface);
+            let piece = Piece { surface: &ordered, ..*p };
+            piece.kinds().into_iter().map(|kind| piece.column(kind).encoded()).collect()
+        };
+        let pieces: Vec<Set> = self.pieces.par_iter().map(of_piece).collect::<Result<_, _>>()?;
+        let placed: Set = self.placed.iter().map(Column::encoded).collect::<Result<_, _>>()?;
+        let mut layout = Layout::default();
+        for (kind, mut accessor, encoded) in pieces.into_iter().flatten().chain(placed) {
+            layout.open_compressed(kind, &encoded);
+            accessor.buffer_view = layout.views.len() as u32 - 1;
+            layout.accessors.push(accessor);
+            layout.append_apart(Source::Encoded(encoded));
+        }
+        layout.append_pictures(pictures);
+        Ok(layout)
+    }
+}
+
+impl Column<'_> {
+    fn encoded(&self) -> crate::diagnostic::Result<(Kind, Accessor, Arc<Encoded>)> {
+        let mut raw = Vec::with_capacity(self.source.bytes() as usize);
+        self.source.write(&mut raw).map_err(|e| compress::refused(&e))?;
+        let is_index = matches!(self.kind, Kind::LongIndex | Kind::ShortIndex);
+        let encoded = match is_index {
+            true => compress::triangles(&raw, self.source.stride() as usize)?,
+            false => compress::attributes(&raw, self.source.stride() as usize)?,
+        };
+        Ok((self.kind, self.accessor.clone(), Arc::new(encoded)))
+    }
+}
+
+fn view(kind: Kind, source: &Source<'_>) -> View {
+    let (byte_stride, target) = match kind {
+        Kind::LongIndex | Kind::ShortIndex => (None, Some(ELEMENT_ARRAY_BUFFER)),
+        // No vertex attributes, so the standard allows neither.
+        Kind::Translation | Kind::Rotation | Kind::Scale => (None, None),
+        _ => (Some(source.stride()), Some(ARRAY_BUFFER)),
+    };
+    View { buffer: 0, byte_offset: 0, byte_length: 0, byte_stride, target, extensions: None }
+}
+
+/// Where everything lies.
+#[derive(Default)]
+pub(super) struct Layout<'a> {
+    pub views: Vec<View>,
+    pub accessors: Vec<Accessor>,
+    /// Number of the first picture's view.
+    pub first_picture: u32,
     /// Length of the buffer, a multiple of 4.
-    pub fn bytes(&self) -> u64 {
-        let end = self.pictures.last().map_or(self.short_indices.end, |p| p.end);
-        end.next_multiple_of(4)
+    pub bytes: u64,
+    /// Length of what the compressed views stand for; 0 where nothing is compressed.
+    pub decoded_bytes: u64,
+    pub body: Body<'a>,
+}
+
+/// What the buffer holds, in its order.
+#[derive(Default)]
+pub(super) struct Body<'a> {
+    sources: Vec<Source<'a>>,
+}
+
+impl<'a> Layout<'a> {
+    /// A view that starts here.
+    fn open(&mut self, view: View) {
+        self.views.push(View { byte_offset: self.bytes, ..view });
     }
 
-    /// Appends the buffer.
-    pub fn write(&self, scene: &ValidScene, pictures: Option<&Pictures>, out: &mut Vec<u8>) {
-        let start = out.len();
-        out.reserve_exact(self.bytes() as usize);
-        let surfaces = || scene.parts().map(|p| &p.surface);
-        let bodies = || scene.colliders().map(|c| &c.body);
-        for surface in surfaces().chain(bodies()) {
-            for &p in &surface.position {
-                push(out, y_up(p));
-            }
+    /// Adds to the view opened last; gives the place within it.
+    fn append(&mut self, source: Source<'a>) -> u64 {
+        let bytes = source.bytes();
+        let within = self.views.last_mut().map_or(0, |view| {
+            let within = self.bytes - view.byte_offset;
+            view.byte_length = within + bytes;
+            within
+        });
+        self.body.sources.push(source);
+        self.bytes = (self.bytes + bytes).next_multiple_of(4);
+        within
+    }
+
+    /// A view of decoded bytes, of which the encoded ones start here.
+    fn open_compressed(&mut self, kind: Kind, encoded: &Encoded) {
+        let target = match kind {
+            Kind::LongIndex | Kind::ShortIndex => Some(ELEMENT_ARRAY_BUFFER),
+            Kind::Translation | Kind::Rotation | Kind::Scale => None,
+            _ => Some(ARRAY_BUFFER),
+        };
+        let byte_length = (encoded.stride * encoded.count) as u64;
+        let byte_stride = (target == Some(ARRAY_BUFFER)).then_some(encoded.stride as u64);
+        let meshopt = Compressed {
+            buffer: 0,
+            byte_offset: self.bytes,
+            byte_length: encoded.bytes.len() as u64,
+            byte_stride: encoded.stride as u64,
+            count: encoded.count,
+            mode: encoded.mode,
+        };
+        self.views.push(View {
+            buffer: 1,
+            byte_offset: self.decoded_bytes,
+            byte_length,
+            byte_stride,
+            target,
+            extensions: Some(ViewExtensions { meshopt }),
+        });
+        self.decoded_bytes = (self.decoded_bytes + byte_length).next_multiple_of(4);
+    }
+
+    /// Adds bytes that no view grows by.
+    fn append_apart(&mut self, source: Source<'a>) {
+        self.bytes = (self.bytes + source.bytes()).next_multiple_of(4);
+        self.body.sources.push(source);
+    }
+
+    fn append_pictures(&mut self, pictures: Vec<Bytes>) {
+        self.first_picture = self.views.len() as u32;
+        for picture in pictures {
+            self.open(View {
+                buffer: 0,
+                byte_offset: 0,
+                byte_length: 0,
+                byte_stride: None,
+                target: None,
+                extensions: None,
+            });
+            self.append(Source::Picture(picture));
         }
-        for surface in surfaces() {
-            for &n in &surface.normal {
-                push(out, y_up(n));
-            }
+    }
+}
+
+impl Body<'_> {
+    /// The buffer.
+    pub fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+        for source in &self.sources {
+            source.write(out)?;
+            let rest = source.bytes().next_multiple_of(4) - source.bytes();
+            out.write_all(&[0; 3][..rest as usize])?;
         }
-        for surface in surfaces() {
+        Ok(())
+    }
+}
+
+impl Source<'_> {
+    /// Bytes of one element.
+    fn stride(&self) -> u64 {
+        match self {
+            Source::Positions(_) | Source::Normals(_) | Source::Vectors(_) => 12,
+            Source::Counted(..) | Source::Uvs(_) | Source::LightmapUvs(_) | Source::Turns(_) => 8,
+            Source::Tangents(_) => 16,
+            Source::NormalBytes(_) | Source::TangentBytes(_) | Source::UvShorts(..) => 4,
+            Source::LightmapUvShorts(_) | Source::Winds(_) | Source::LongIndices(_) => 4,
+            Source::ShortIndices(_) => 2,
+            Source::Encoded(_) | Source::Picture(_) => 1,
+        }
+    }
+
+    fn count(&self) -> usize {
+        match self {
+            Source::LongIndices(s) | Source::ShortIndices(s) => s.index.len(),
+            Source::Positions(s)
+            | Source::Counted(s, _)
+            | Source::Normals(s)
+            | Source::NormalBytes(s)
+            | Source::Uvs(s)
+            | Source::UvShorts(s, _)
+            | Source::LightmapUvs(s)
+            | Source::LightmapUvShorts(s)
+            | Source::Tangents(s)
+            | Source::TangentBytes(s)
+            | Source::Winds(s) => s.position.len(),
+            Source::Vectors(v) => v.len(),
+            Source::Turns(t) => t.len(),
+            Source::Encoded(e) => e.bytes.len(),
+            Source::Picture(p) => p.len(),
+        }
+    }
+
+    fn bytes(&self) -> u64 {
+        self.stride() * self.count() as u64
+    }
+
+    fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+        match self {
+            Source::Positions(s) => pour(out, &s.position, |&p| y_up(p)),
+            Source::Counted(s, grid) => pour(out, &s.position, |&p| {
+                let [x, y, z] = y_up_count(grid.count(p));
+                [x, y, z, 0]
+            }),
+            Source::Normals(s) => pour(out, &s.normal, |&n| y_up(n)),
+            Source::NormalBytes(s) => pour(out, &s.normal, |&n| {
+                let [x, y, z] = direction(Vec3::from(y_up(n)));
+                [x, y, z, 0]
+            }),
             // v = 0 is the bottom of the picture in the scene, the top in glTF.
-            for uv in &surface.uv {
-                push(out, [uv.x, 1.0 - uv.y]);
+            Source::Uvs(s) => pour(out, &s.uv, |uv| [uv.x, 1.0 - uv.y]),
+            Source::UvShorts(s, range) => pour(out, &s.uv, |&uv| range.count(uv)),
+            Source::LightmapUvs(s) => pour(out, &s.lightmap_uv, |uv| [uv.x, 1.0 - uv.y]),
+            Source::LightmapUvShorts(s) => {
+                pour(out, &s.lightmap_uv, |&uv| UvRange::PICTURE.count(uv))
             }
+            Source::Tangents(s) => pour(out, &tangents(s), |t| {
+                let [x, y, z] = y_up(t.truncate());
+                [x, y, z, t.w]
+            }),
+            Source::TangentBytes(s) => pour(out, &tangents(s), |t| {
+                let [x, y, z] = direction(Vec3::from(y_up(t.truncate())));
+                [x, y, z, if t.w < 0.0 { -i8::MAX } else { i8::MAX }]
+            }),
+            Source::Winds(s) => out.write_all(s.wind.as_flattened()),
+            Source::LongIndices(s) => pour(out, &s.index, |&i| i),
+            Source::ShortIndices(s) => pour(out, &s.index, |&i| i as u16),
+            Source::Vectors(v) => out.write_all(bytemuck::cast_slice(v)),
+            Source::Turns(t) => out.write_all(bytemuck::cast_slice(t)),
+            Source::Encoded(e) => out.write_all(&e.bytes),
+            Source::Picture(p) => out.write_all(p),
         }
-        for part in scene.parts().filter(|p| has_tangents(scene, p)) {
-            for tangent in tangents(&part.surface) {
-                let [x, y, z] = y_up(tangent.truncate());
-                push(out, [x, y, z, tangent.w]);
-            }
-        }
-        for surface in surfaces() {
-            out.extend_from_slice(surface.wind.as_flattened());
-        }
-        for surface in surfaces().filter(|s| !has_short_indices(s)) {
-            for &i in &surface.index {
-                out.extend_from_slice(&i.to_le_bytes());
-            }
-        }
-        // A collider has few vertices.
-        for surface in surfaces().filter(|s| has_short_indices(s)).chain(bodies()) {
-            for &i in &surface.index {
-                out.extend_from_slice(&(i as u16).to_le_bytes());
-            }
-        }
-        for png in pictures.map_or(&[][..], Pictures::png) {
-            pad(out, start);
-            out.extend_from_slice(png);
-        }
-        pad(out, start);
     }
 }
 
-fn push<const N: usize>(out: &mut Vec<u8>, values: [f32; N]) {
-    for value in values {
-        out.extend_from_slice(&value.to_le_bytes());
-    }
+/// Scene steps to glTF's Y up.
+fn y_up_count([x, y, z]: [i16; 3]) -> [i16; 3] {
+    [x, z, -y]
 }
 
-fn pad(out: &mut Vec<u8>, start: usize) {
-    let length = (out.len() - start).next_multiple_of(4);
-    out.resize(start + length, 0);
+/// Writes what becomes of items, by blocks.
+fn pour<T, N: NoUninit>(
+    out: &mut dyn Write,
+    items: &[T],
+    numbers: impl Fn(&T) -> N,
+) -> io::Result<()> {
+    // glTF's numbers are little-endian, and so are those of every machine this is built for.
+    const { assert!(cfg!(target_endian = "little")) };
+    const ITEMS: usize = 4096;
+    let mut block = Vec::with_capacity(ITEMS.min(items.len()));
+    for items in items.chunks(ITEMS) {
+        block.clear();
+        block.extend(items.iter().map(&numbers));
+        out.write_all(bytemuck::cast_slice(&block))?;
+    }
+    Ok(())
 }

@@ -1,322 +1,118 @@
-//! The JSON of a glTF file: structures that mirror the standard's objects, each written only
-//! where it says something.
+//! From what a file shows to the JSON of glTF and the plan of its buffer.
 
 use std::borrow::Cow;
-use std::ops::Range;
 
+use bytes::Bytes;
 use glam::Vec3;
-use serde::Serialize;
 
 use super::super::GENERATOR;
-use super::super::pictures::texture_path;
-use super::buffer::{
-    Layout, NORMAL_BYTES, POSITION_BYTES, TANGENT_BYTES, UV_BYTES, WIND_BYTES, has_short_indices,
-    has_tangents, has_wind,
-};
-use super::variants::{self, Extensions, PrimitiveExtensions};
-use super::y_up;
+use super::super::pictures::{PictureFormat, Pictures, texture_path};
+use super::buffer::{Body, Layout, Piece, PieceAccessors, Plan};
+use super::cells::{Cell, cells, screen_coverage};
+use super::json::*;
+use super::quantize::{Grid, UvRange};
+use super::{Profile, variants, y_up};
+use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::mesh::Surface;
-use crate::scene::{self, Alpha, Instance, ValidScene, Wrap};
+use crate::scene::{self, Alpha, Form, Model, Part, Selection, TreeFacts, Wrap};
 
-const FLOAT: u32 = 5126;
-const UNSIGNED_INT: u32 = 5125;
-const UNSIGNED_SHORT: u32 = 5123;
-const UNSIGNED_BYTE: u32 = 5121;
-const ARRAY_BUFFER: u32 = 34962;
-const ELEMENT_ARRAY_BUFFER: u32 = 34963;
-const LINEAR: u32 = 9729;
-const LINEAR_MIPMAP_LINEAR: u32 = 9987;
-const CLAMP_TO_EDGE: u32 = 33071;
-const REPEAT: u32 = 10497;
+/// Terrain keeps its 32-bit positions where 16 bits would move it farther than this, metres.
+const MOST_TERRAIN_ERROR_M: f32 = 0.005;
 
-#[derive(Serialize)]
-#[serde(rename_all = "camelCase")]
-pub(super) struct Document<'a> {
-    asset: Asset<'a>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    extensions_used: Vec<&'static str>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    extensions: Option<Extensions<'a>>,
-    scene: u32,
-    scenes: [SceneNodes<'a>; 1],
-    nodes: Vec<Node<'a>>,
-    meshes: Vec<Mesh<'a>>,
-    materials: Vec<Material<'a>>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    textures: Vec<Texture<'a>>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    samplers: Vec<Sampler>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    images: Vec<Image<'a>>,
-    accessors: Vec<Accessor>,
-    buffer_views: Vec<View>,
-    buffers: [Buffer; 1],
+/// Where buffer and pictures are.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Beside<'a> {
+    /// In the file itself.
+    Nothing,
+    /// In files beside it: the buffer by this name, pictures by that stem.
+    Files { buffer: &'a str, stem: &'a str },
 }
 
-#[derive(Serialize)]
-struct Asset<'a> {
-    version: &'static str,
-    generator: &'static str,
-    extras: Place<'a>,
+/// A file's description, and its buffer of so many bytes.
+pub(super) struct Built<'a> {
+    pub json: Vec<u8>,
+    pub body: Body<'a>,
+    pub bytes: u64,
 }
 
-/// How to put the scene back on the map.
-#[derive(Serialize)]
-struct Place<'a> {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    epsg: Option<u32>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    wkt: Option<&'a str>,
-    origin: [f64; 3],
-    unit_m: [f64; 3],
-    note: &'static str,
-}
-
-#[derive(Serialize)]
-struct SceneNodes<'a> {
-    name: &'a str,
-    nodes: [u32; 1],
-}
-
-#[derive(Serialize, Default)]
-struct Node<'a> {
-    name: Cow<'a, str>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    mesh: Option<u32>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    children: Vec<u32>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    translation: Option<[f32; 3]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    rotation: Option<[f32; 4]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    scale: Option<[f32; 3]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    extras: Option<TreeExtras<'a>>,
-}
-
-/// [`scene::TreeFacts`] by their own names.
-#[derive(Serialize)]
-struct TreeExtras<'a> {
-    id: &'a str,
-    species: &'a str,
-    height_m: f32,
-    crown_diameter_m: f32,
-    crown_base_height_m: f32,
-    stem_diameter_m: f32,
-    confidence: f32,
-}
-
-#[derive(Serialize)]
-struct Mesh<'a> {
-    name: Cow<'a, str>,
-    primitives: Vec<Primitive>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    extras: Option<MeshExtras>,
-}
-
-/// [`scene::Octahedral`] by its own names, Y up.
-#[derive(Serialize)]
-struct MeshExtras {
-    octahedral: OctahedralExtras,
-}
-
-#[derive(Serialize)]
-struct OctahedralExtras {
-    frames: u32,
-    centre: [f32; 3],
-    radius_m: f32,
-    note: &'static str,
-}
-
-#[derive(Serialize)]
-struct Primitive {
-    attributes: Attributes,
-    indices: u32,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    material: Option<u32>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    extensions: Option<PrimitiveExtensions>,
-}
-
-#[derive(Serialize)]
-#[serde(rename_all = "UPPERCASE")]
-struct Attributes {
-    position: u32,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    normal: Option<u32>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    texcoord_0: Option<u32>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    tangent: Option<u32>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    color_0: Option<u32>,
-}
-
-#[derive(Serialize)]
-#[serde(rename_all = "camelCase")]
-struct Material<'a> {
-    name: Cow<'a, str>,
-    pbr_metallic_roughness: MetallicRoughness,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    normal_texture: Option<TextureRef>,
-    /// Red of the texture that holds the roughness, too.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    occlusion_texture: Option<TextureRef>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    alpha_mode: Option<&'static str>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    alpha_cutoff: Option<f32>,
-    #[serde(skip_serializing_if = "is_false")]
-    double_sided: bool,
-}
-
-#[derive(Serialize)]
-#[serde(rename_all = "camelCase")]
-struct MetallicRoughness {
-    #[serde(skip_serializing_if = "is_white")]
-    base_color_factor: [f32; 4],
-    #[serde(skip_serializing_if = "Option::is_none")]
-    base_color_texture: Option<TextureRef>,
-    metallic_factor: f32,
-    roughness_factor: f32,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    metallic_roughness_texture: Option<TextureRef>,
-}
-
-#[derive(Serialize)]
-struct TextureRef {
-    index: u32,
-}
-
-#[derive(Serialize)]
-struct Texture<'a> {
-    name: &'a str,
-    sampler: u32,
-    source: u32,
-}
-
-#[derive(Serialize)]
-#[serde(rename_all = "camelCase")]
-struct Sampler {
-    mag_filter: u32,
-    min_filter: u32,
-    wrap_s: u32,
-    wrap_t: u32,
-}
-
-#[derive(Serialize)]
-#[serde(rename_all = "camelCase")]
-struct Image<'a> {
-    name: &'a str,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    uri: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    mime_type: Option<&'static str>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    buffer_view: Option<u32>,
-}
-
-#[derive(Serialize)]
-#[serde(rename_all = "camelCase")]
-struct Accessor {
-    buffer_view: u32,
-    #[serde(skip_serializing_if = "is_zero")]
-    byte_offset: u64,
-    component_type: u32,
-    count: usize,
-    r#type: &'static str,
-    #[serde(skip_serializing_if = "is_false")]
-    normalized: bool,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    min: Option<[f32; 3]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    max: Option<[f32; 3]>,
-}
-
-#[derive(Serialize)]
-#[serde(rename_all = "camelCase")]
-struct View {
-    buffer: u32,
-    #[serde(skip_serializing_if = "is_zero")]
-    byte_offset: u64,
-    byte_length: u64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    byte_stride: Option<u64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    target: Option<u32>,
-}
-
-#[derive(Serialize)]
-#[serde(rename_all = "camelCase")]
-struct Buffer {
-    byte_length: u64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    uri: Option<String>,
-}
-
-fn is_false(value: &bool) -> bool {
-    !value
-}
-
-fn is_white(colour: &[f32; 4]) -> bool {
-    *colour == [1.0; 4]
-}
-
-fn is_zero(value: &u64) -> bool {
-    *value == 0
-}
-
-/// For a GLB: buffer and pictures in the file itself.
-pub(super) fn embedded<'a>(scene: &'a ValidScene, layout: &Layout) -> Document<'a> {
-    let (views, first_picture) = views(layout);
-    let images = (first_picture..).zip(scene.textures()).map(|(view, texture)| Image {
-        name: &texture.name,
-        uri: None,
-        mime_type: Some("image/png"),
-        buffer_view: Some(view),
-    });
-    document(scene, layout, views, images.collect(), None)
-}
-
-/// For a .gltf: buffer and pictures in files beside it.
-pub(super) fn beside<'a>(scene: &'a ValidScene, layout: &Layout, stem: &str) -> Document<'a> {
-    let images = scene.textures().iter().map(|texture| Image {
-        name: &texture.name,
-        uri: Some(percent_encoded(&texture_path(stem, &texture.name))),
-        mime_type: None,
-        buffer_view: None,
-    });
-    let uri = percent_encoded(&format!("{stem}.bin"));
-    document(scene, layout, views(layout).0, images.collect(), Some(uri))
-}
-
-fn document<'a>(
-    scene: &'a ValidScene,
-    layout: &Layout,
-    buffer_views: Vec<View>,
-    images: Vec<Image<'a>>,
-    uri: Option<String>,
-) -> Document<'a> {
-    let (textures, samplers) = textures(scene);
-    let extensions = variants::of_document(scene);
-    Document {
-        extensions_used: extensions.iter().map(|_| variants::EXTENSION).collect(),
+/// # Errors
+/// Those of compression.
+pub(super) fn build<'a>(
+    selection: &Selection<'a>,
+    pictures: &Pictures,
+    profile: Profile,
+    beside: Beside<'_>,
+) -> Result<Built<'a>> {
+    let mut builder = Builder::new(selection, profile);
+    builder.terrain();
+    builder.models();
+    builder.groups();
+    let Builder { plan, nodes, meshes, uv_ranges, .. } = builder;
+    let coding = profile.picture_format();
+    let inside: Vec<Bytes> = match beside {
+        Beside::Nothing => selection.textures.iter().map(|&t| pictures.of(t, coding)).collect(),
+        Beside::Files { .. } => Vec::new(),
+    };
+    let layout =
+        if profile.is_compressed() { plan.compressed(inside)? } else { plan.layout(inside) };
+    let Layout { views, accessors, first_picture, bytes, decoded_bytes, body } = layout;
+    let mut buffers = vec![Buffer {
+        byte_length: bytes,
+        uri: match beside {
+            Beside::Nothing => None,
+            Beside::Files { buffer, .. } => Some(percent_encoded(buffer)),
+        },
+        extensions: None,
+    }];
+    if decoded_bytes > 0 {
+        let extensions = Some(BufferExtensions { meshopt: Fallback { fallback: true } });
+        buffers.push(Buffer { byte_length: decoded_bytes, uri: None, extensions });
+    }
+    let (textures, samplers) = textures(selection, coding);
+    let extensions = variants::of_document(selection);
+    let mut required = Vec::new();
+    let mut used = Vec::new();
+    let mut uses = |name, is_used: bool, is_required: bool| {
+        used.extend(is_used.then_some(name));
+        required.extend((is_used && is_required).then_some(name));
+    };
+    let has_instances = nodes.iter().any(|n| n.extensions.instancing.is_some());
+    uses("EXT_mesh_gpu_instancing", has_instances, true);
+    uses("EXT_meshopt_compression", decoded_bytes > 0, true);
+    uses("EXT_texture_webp", textures.iter().any(|t| t.extensions.is_some()), true);
+    uses(variants::EXTENSION, extensions.is_some(), false);
+    uses("KHR_mesh_quantization", profile.is_quantized(), true);
+    uses("KHR_texture_transform", uv_ranges.iter().any(|&r| r != UvRange::PICTURE), true);
+    uses("MSFT_lod", nodes.iter().any(|n| n.extensions.lod.is_some()), false);
+    let document = Document {
+        asset: Asset {
+            version: "2.0",
+            generator: GENERATOR,
+            extras: place(selection.scene().frame()),
+        },
+        extensions_used: used,
+        extensions_required: required,
         extensions,
-        asset: Asset { version: "2.0", generator: GENERATOR, extras: place(scene.frame()) },
         scene: 0,
-        scenes: [SceneNodes { name: scene.name(), nodes: [0] }],
-        nodes: nodes(scene),
-        meshes: meshes(scene),
-        materials: materials(scene),
+        scenes: [SceneNodes { name: selection.scene().name(), nodes: [0] }],
+        nodes,
+        meshes,
+        materials: materials(selection, &uv_ranges),
         textures,
         samplers,
-        images,
-        accessors: accessors(scene, layout),
-        buffer_views,
-        buffers: [Buffer { byte_length: layout.bytes(), uri }],
-    }
+        images: images(selection, coding, beside, first_picture),
+        accessors,
+        buffer_views: views,
+        buffers,
+    };
+    let json = match beside {
+        Beside::Nothing => serde_json::to_vec(&document),
+        Beside::Files { .. } => serde_json::to_vec_pretty(&document),
+    };
+    let json =
+        json.map_err(|e| Error::new(format!("the glTF description could not be written: {e}")))?;
+    Ok(Built { json, body, bytes })
 }
 
 fn place(frame: &Frame) -> Place<'_> {
@@ -330,260 +126,326 @@ fn place(frame: &Frame) -> Place<'_> {
     }
 }
 
-/// The root, the terrain, then each species with its trees.
-fn nodes(scene: &ValidScene) -> Vec<Node<'_>> {
-    let mut nodes = vec![Node { name: scene.name().into(), ..Node::default() }];
-    let mut push = |node| {
-        nodes.push(node);
-        nodes.len() as u32 - 1
-    };
-    let mut of_root = Vec::new();
-    if let Some(terrain) = scene.terrain() {
-        of_root.push(push(Node {
-            name: terrain.name.as_str().into(),
-            mesh: Some(0),
-            ..Node::default()
-        }));
-    }
-    let first_mesh = u32::from(scene.terrain().is_some());
-    // Colliders follow the prototypes' meshes.
-    let mut next_collider = first_mesh + scene.prototypes().len() as u32;
-    let mut first_collider = Vec::with_capacity(scene.prototypes().len());
-    for prototype in scene.prototypes() {
-        first_collider.push(next_collider);
-        next_collider += prototype.colliders.len() as u32;
-    }
-    for group in scene.groups() {
-        let mut children = Vec::with_capacity(group.instances.len());
-        for &i in &group.instances {
-            let tree = &scene.instances()[i as usize];
-            let first = first_collider[tree.prototype as usize];
-            let bodies = &scene.prototypes()[tree.prototype as usize].colliders;
-            let colliders = bodies.iter().enumerate().map(|(k, body)| {
-                push(Node {
-                    name: body.name(&tree.name, k).into(),
-                    mesh: Some(first + k as u32),
-                    ..Node::default()
-                })
-            });
-            let colliders = colliders.collect();
-            children.push(push(tree_node(tree, first_mesh, colliders)));
-        }
-        let name = group.name.as_str().into();
-        of_root.push(push(Node { name, children, ..Node::default() }));
-    }
-    nodes[0].children = of_root;
-    nodes
+/// Nodes and meshes in the making: the root, the terrain, then each species with its trees.
+struct Builder<'a, 's> {
+    selection: &'s Selection<'a>,
+    profile: Profile,
+    plan: Plan<'a>,
+    nodes: Vec<Node<'a>>,
+    meshes: Vec<Mesh<'a>>,
+    /// One a material.
+    uv_ranges: Vec<UvRange>,
+    /// One a model: its meshes, and how their positions are counted.
+    models: Vec<Shared>,
+    variant_names: Vec<&'a str>,
 }
 
-fn tree_node(tree: &Instance, first_mesh: u32, colliders: Vec<u32>) -> Node<'_> {
-    let (sin, cos) = (tree.yaw_rad * 0.5).sin_cos();
-    let facts = &tree.facts;
-    Node {
-        name: tree.name.as_str().into(),
-        mesh: Some(first_mesh + tree.prototype),
-        children: colliders,
-        translation: Some(y_up(tree.position)),
-        rotation: (sin != 0.0).then_some([0.0, sin, 0.0, cos]),
-        scale: (tree.scale != Vec3::ONE).then_some([tree.scale.x, tree.scale.z, tree.scale.y]),
-        extras: Some(TreeExtras {
-            id: &facts.id,
-            species: &facts.species,
-            height_m: facts.height_m,
-            crown_diameter_m: facts.crown_diameter_m,
-            crown_base_height_m: facts.crown_base_height_m,
-            stem_diameter_m: facts.stem_diameter_m,
-            confidence: facts.confidence,
-        }),
-    }
+/// The meshes of a model.
+struct Shared {
+    /// A mesh a form.
+    forms: Vec<u32>,
+    colliders: Vec<u32>,
+    grid: Option<Grid>,
 }
 
-/// The terrain if there is one, then one a prototype, then one a collider; a primitive a part, with
-/// the accessors of [`accessors`].
-fn meshes(scene: &ValidScene) -> Vec<Mesh<'_>> {
-    let names = variants::names(scene);
-    let mut next = 0u32..;
-    let mut take = |is_there: bool| is_there.then(|| next.next().unwrap_or(0));
-    let mut primitive = |part: &scene::Part| Primitive {
-        attributes: Attributes {
-            position: take(true).unwrap_or(0),
-            normal: take(true),
-            texcoord_0: take(true),
-            tangent: take(has_tangents(scene, part)),
-            color_0: take(has_wind(&part.surface)),
-        },
-        indices: take(true).unwrap_or(0),
-        material: Some(part.material),
-        extensions: variants::of_primitive(scene, part.material, &names),
-    };
-    let mut meshes = Vec::with_capacity(scene.prototypes().len() + 1);
-    if let Some(terrain) = scene.terrain() {
-        let name = terrain.name.as_str().into();
-        meshes.push(Mesh { name, primitives: vec![primitive(terrain)], extras: None });
-    }
-    for prototype in scene.prototypes() {
-        let primitives = prototype.parts.iter().map(&mut primitive).collect();
-        let extras = prototype.octahedral.map(|o| MeshExtras {
-            octahedral: OctahedralExtras {
-                frames: o.frames,
-                centre: y_up(o.centre),
-                radius_m: o.radius_m,
-                note: "towards the eye d, y up: p = d.xz / (|d.x| + |d.y| + |d.z|), \
-                       e = (p.x - p.z, p.x + p.z); the view is in column, row (from below) \
-                       (frames - 1) (e + 1) / 2",
-            },
+impl<'a, 's> Builder<'a, 's> {
+    fn new(selection: &'s Selection<'a>, profile: Profile) -> Self {
+        let range = |material: u32| {
+            UvRange::of(selection.parts().filter(move |p| selection.material(p) == material))
+        };
+        let count = selection.materials.len() as u32;
+        let uv_ranges = (0..count).map(|m| match profile.is_quantized() {
+            true => range(m),
+            false => UvRange::PICTURE,
         });
-        meshes.push(Mesh { name: prototype.name.as_str().into(), primitives, extras });
+        let root = Node { name: selection.scene().name().into(), ..Node::default() };
+        Builder {
+            selection,
+            profile,
+            plan: Plan::default(),
+            nodes: vec![root],
+            meshes: Vec::new(),
+            uv_ranges: uv_ranges.collect(),
+            models: Vec::new(),
+            variant_names: variants::names(selection),
+        }
     }
-    for prototype in scene.prototypes() {
-        for (k, collider) in prototype.colliders.iter().enumerate() {
-            let attributes = Attributes {
-                position: take(true).unwrap_or(0),
-                normal: None,
-                texcoord_0: None,
-                tangent: None,
-                color_0: None,
-            };
-            let indices = take(true).unwrap_or(0);
-            meshes.push(Mesh {
-                name: collider.name(&prototype.name, k).into(),
-                primitives: vec![Primitive {
-                    attributes,
-                    indices,
+
+    fn node(&mut self, node: Node<'a>) -> u32 {
+        self.nodes.push(node);
+        self.nodes.len() as u32 - 1
+    }
+
+    fn mesh(
+        &mut self,
+        name: Cow<'a, str>,
+        primitives: Vec<Primitive>,
+        extras: Option<MeshExtras>,
+    ) -> u32 {
+        self.meshes.push(Mesh { name, primitives, extras });
+        self.meshes.len() as u32 - 1
+    }
+
+    fn terrain(&mut self) {
+        let Some(terrain) = self.selection.terrain else { return };
+        let grid = Grid::around([&terrain.surface].into_iter());
+        let is_counted = self.profile.is_quantized() && grid.error_m() <= MOST_TERRAIN_ERROR_M;
+        let grid = is_counted.then_some(grid);
+        let primitive = self.primitive(terrain, grid);
+        let name = terrain.name.as_str();
+        let mesh = self.mesh(name.into(), vec![primitive], None);
+        let node = self.node(Node {
+            name: name.into(),
+            mesh: Some(mesh),
+            translation: grid.map(|g| y_up(g.centre)),
+            scale: grid.map(|g| [g.half_m; 3]),
+            ..Node::default()
+        });
+        self.nodes[0].children.push(node);
+    }
+
+    fn primitive(&mut self, part: &'a Part, grid: Option<Grid>) -> Primitive {
+        let material = self.selection.material(part);
+        let range = self.uv_ranges[material as usize];
+        let at = self.plan.piece(Piece {
+            surface: &part.surface,
+            grid,
+            uv_range: self.profile.is_quantized().then_some(range),
+            has_tangents: self.selection.materials[material as usize].normal_texture.is_some(),
+        });
+        let extensions = variants::of_primitive(self.selection, material, &self.variant_names);
+        Primitive {
+            attributes: attributes(&at),
+            indices: at.index,
+            material: Some(material),
+            extensions,
+        }
+    }
+
+    /// One mesh a form and one a collider of every model.
+    fn models(&mut self) {
+        for model in &self.selection.models {
+            let grid = self.profile.is_quantized().then(|| grid_of(model));
+            let mut forms = Vec::with_capacity(model.forms.len());
+            for (k, form) in model.forms.iter().enumerate() {
+                let primitives = form.parts.iter().map(|p| self.primitive(p, grid)).collect();
+                let name = form_name(model.name, k, form);
+                forms.push(self.mesh(name, primitives, form.octahedral.map(octahedral)));
+            }
+            self.models.push(Shared { forms, colliders: Vec::new(), grid });
+        }
+        for (m, model) in self.selection.models.iter().enumerate() {
+            for (k, collider) in model.colliders.iter().enumerate() {
+                let at = self.plan.piece(Piece {
+                    surface: &collider.body,
+                    grid: self.models[m].grid,
+                    uv_range: None,
+                    has_tangents: false,
+                });
+                let primitive = Primitive {
+                    attributes: attributes(&at),
+                    indices: at.index,
                     material: None,
                     extensions: None,
-                }],
-                extras: None,
-            });
+                };
+                let mesh = self.mesh(collider.name(model.name, k).into(), vec![primitive], None);
+                self.models[m].colliders.push(mesh);
+            }
         }
     }
-    meshes
-}
 
-/// What has been given out of one buffer view.
-struct Column {
-    view: u32,
-    component_type: u32,
-    r#type: &'static str,
-    /// Bytes of one element.
-    size: u64,
-    given: u64,
-}
-
-impl Column {
-    fn give(&mut self, count: usize) -> Accessor {
-        let byte_offset = self.given;
-        self.given += count as u64 * self.size;
-        Accessor {
-            buffer_view: self.view,
-            byte_offset,
-            component_type: self.component_type,
-            count,
-            r#type: self.r#type,
-            min: None,
-            max: None,
-            normalized: false,
+    fn groups(&mut self) {
+        let selection = self.selection;
+        for group in &selection.groups {
+            let children = if self.profile.has_instances() {
+                let cells = cells(selection, &group.trees);
+                cells.iter().flat_map(|cell| self.cell(cell)).collect()
+            } else {
+                group.trees.iter().map(|&t| self.tree(t)).collect()
+            };
+            let node = self.node(Node { name: group.name.into(), children, ..Node::default() });
+            self.nodes[0].children.push(node);
         }
+    }
+
+    /// A node that shares its model's mesh.
+    fn tree(&mut self, t: u32) -> u32 {
+        let tree = self.selection.trees[t as usize];
+        let instance = tree.instance;
+        let model = &self.selection.models[tree.model as usize];
+        let mesh = self.models[tree.model as usize].forms[0];
+        let bodies = self.models[tree.model as usize].colliders.clone();
+        let named = model.colliders.iter().zip(bodies).enumerate();
+        let colliders: Vec<u32> = named
+            .map(|(k, (collider, mesh))| {
+                let name = collider.name(&instance.name, k).into();
+                self.node(Node { name, mesh: Some(mesh), ..Node::default() })
+            })
+            .collect();
+        let (sin, cos) = (instance.yaw_rad * 0.5).sin_cos();
+        let scale = instance.scale;
+        self.node(Node {
+            name: instance.name.as_str().into(),
+            mesh: Some(mesh),
+            children: colliders,
+            translation: Some(y_up(instance.position)),
+            rotation: (sin != 0.0).then_some([0.0, sin, 0.0, cos]),
+            scale: (scale != Vec3::ONE).then_some([scale.x, scale.z, scale.y]),
+            extras: Some(NodeExtras::Tree(facts(&instance.facts))),
+            ..Node::default()
+        })
+    }
+
+    /// A node of many instances, then one a collider. Nodes of coarser forms are reached from the
+    /// first alone, so that readers that do not know them pass them by.
+    fn cell(&mut self, cell: &Cell) -> Vec<u32> {
+        let selection = self.selection;
+        let model = &selection.models[cell.model as usize];
+        let Shared { forms, colliders, grid } = &self.models[cell.model as usize];
+        let (forms, colliders) = (forms.clone(), colliders.clone());
+        let (middle, half_m) = grid.map_or((Vec3::ZERO, 1.0), |g| (g.centre, g.half_m));
+        let trees = || cell.trees.iter().map(|&t| selection.trees[t as usize].instance);
+        let places = trees().map(|t| y_up(t.place(middle) - cell.centre)).collect();
+        let turns = trees().map(|t| {
+            let (sin, cos) = (t.yaw_rad * 0.5).sin_cos();
+            let steps = |c: f32| (c * f32::from(i16::MAX)).round() as i16;
+            [0, steps(sin), 0, steps(cos)]
+        });
+        let scales =
+            trees().map(|t| (Vec3::new(t.scale.x, t.scale.z, t.scale.y) * half_m).to_array());
+        let first = self.plan.instances(places, turns.collect(), scales.collect());
+        let attributes =
+            InstanceAttributes { translation: first, rotation: first + 1, scale: first + 2 };
+        let name = format!("{}_cell_{}_{}", model.name, cell.at[0], cell.at[1]);
+        let node = |name: String, mesh: u32| Node {
+            name: name.into(),
+            mesh: Some(mesh),
+            translation: Some(y_up(cell.centre)),
+            extensions: NodeExtensions { instancing: Some(Instancing { attributes }), lod: None },
+            ..Node::default()
+        };
+        let coarser: Vec<u32> = model.forms[1..]
+            .iter()
+            .zip(&forms[1..])
+            .map(|(form, &mesh)| self.node(node(format!("{name}_{}", form.name), mesh)))
+            .collect();
+        let mut finest = node(name.clone(), forms[0]);
+        let mut screen_cover = Vec::new();
+        if !coarser.is_empty() {
+            screen_cover = screen_coverage(&model.forms, cell.diameter_m);
+            finest.extensions.lod = Some(Lod { ids: coarser });
+        }
+        let facts: Vec<&TreeFacts> = trees().map(|t| &t.facts).collect();
+        finest.extras = Some(NodeExtras::Trees(TreesExtras {
+            screen_coverage: screen_cover,
+            species: facts.first().map_or("", |f| f.species.as_str()),
+            trees: columns(&facts),
+        }));
+        let mut out = vec![self.node(finest)];
+        for (k, (collider, mesh)) in model.colliders.iter().zip(colliders).enumerate() {
+            out.push(self.node(node(collider.name(&name, k), mesh)));
+        }
+        out
     }
 }
 
-/// Of each part in [`ValidScene::parts`]: position, normal, texture coordinate, tangent where
-/// the material needs it, wind where there is one, index; then of each collider position, index.
-fn accessors(scene: &ValidScene, layout: &Layout) -> Vec<Accessor> {
-    let mut views = 0u32..;
-    let mut column = |range: &Range<u64>, component_type, r#type, size| Column {
-        // An empty range has no view and gives nothing.
-        view: if range.is_empty() { 0 } else { views.next().unwrap_or(0) },
-        component_type,
-        r#type,
-        size,
-        given: 0,
-    };
-    let mut positions = column(&layout.positions, FLOAT, "VEC3", POSITION_BYTES);
-    let mut normals = column(&layout.normals, FLOAT, "VEC3", NORMAL_BYTES);
-    let mut uvs = column(&layout.uvs, FLOAT, "VEC2", UV_BYTES);
-    let mut tangents = column(&layout.tangents, FLOAT, "VEC4", TANGENT_BYTES);
-    let mut winds = column(&layout.winds, UNSIGNED_BYTE, "VEC4", WIND_BYTES);
-    let mut long_indices = column(&layout.long_indices, UNSIGNED_INT, "SCALAR", 4);
-    let mut short_indices = column(&layout.short_indices, UNSIGNED_SHORT, "SCALAR", 2);
-
-    let mut accessors = Vec::new();
-    for part in scene.parts() {
-        let surface = &part.surface;
-        let vertices = surface.position.len();
-        accessors.push(bounded(positions.give(vertices), surface));
-        accessors.push(normals.give(vertices));
-        accessors.push(uvs.give(vertices));
-        if has_tangents(scene, part) {
-            accessors.push(tangents.give(vertices));
-        }
-        if has_wind(surface) {
-            accessors.push(Accessor { normalized: true, ..winds.give(vertices) });
-        }
-        let short = has_short_indices(surface);
-        let indices = if short { &mut short_indices } else { &mut long_indices };
-        accessors.push(indices.give(surface.index.len()));
+fn attributes(at: &PieceAccessors) -> Attributes {
+    Attributes {
+        position: at.position,
+        normal: at.normal,
+        texcoord_0: at.uv,
+        texcoord_1: at.lightmap_uv,
+        tangent: at.tangent,
+        color_0: at.wind,
     }
-    for collider in scene.colliders() {
-        let body = &collider.body;
-        accessors.push(bounded(positions.give(body.position.len()), body));
-        accessors.push(short_indices.give(body.index.len()));
+}
+
+/// `Larix_sibirica_01`, `Larix_sibirica_01_LOD1`.
+fn form_name<'a>(model: &'a str, number: usize, form: &Form<'_>) -> Cow<'a, str> {
+    match number {
+        0 => model.into(),
+        _ => format!("{model}_{}", form.name).into(),
     }
-    accessors
 }
 
-fn bounded(positions: Accessor, surface: &Surface) -> Accessor {
-    let (lo, hi) = surface.bounds();
-    let (a, b) = (Vec3::from(y_up(lo)), Vec3::from(y_up(hi)));
-    Accessor { min: Some(a.min(b).to_array()), max: Some(a.max(b).to_array()), ..positions }
+/// One for all forms and colliders, so that instances of each stand alike.
+fn grid_of(model: &Model<'_>) -> Grid {
+    let parts = model.forms.iter().flat_map(|f| f.parts).map(|p| &p.surface);
+    let bodies: Vec<&Surface> = model.colliders.iter().map(|c| &c.body).collect();
+    Grid::around(parts.chain(bodies))
 }
 
-/// The views in the order that [`accessors`] counts on, and the number of the first picture's.
-fn views(layout: &Layout) -> (Vec<View>, u32) {
-    let view = |range: &Range<u64>, byte_stride, target| View {
-        buffer: 0,
-        byte_offset: range.start,
-        byte_length: range.end - range.start,
-        byte_stride,
-        target,
-    };
-    let columns = [
-        (&layout.positions, Some(POSITION_BYTES), ARRAY_BUFFER),
-        (&layout.normals, Some(NORMAL_BYTES), ARRAY_BUFFER),
-        (&layout.uvs, Some(UV_BYTES), ARRAY_BUFFER),
-        (&layout.tangents, Some(TANGENT_BYTES), ARRAY_BUFFER),
-        (&layout.winds, Some(WIND_BYTES), ARRAY_BUFFER),
-        (&layout.long_indices, None, ELEMENT_ARRAY_BUFFER),
-        (&layout.short_indices, None, ELEMENT_ARRAY_BUFFER),
-    ];
-    let columns = columns.into_iter().filter(|(range, ..)| !range.is_empty());
-    let mut views: Vec<View> =
-        columns.map(|(range, stride, target)| view(range, stride, Some(target))).collect();
-    let first_picture = views.len() as u32;
-    views.extend(layout.pictures.iter().map(|range| view(range, None, None)));
-    (views, first_picture)
+fn facts(facts: &TreeFacts) -> TreeExtras<'_> {
+    TreeExtras {
+        id: &facts.id,
+        species: &facts.species,
+        height_m: facts.height_m,
+        crown_diameter_m: facts.crown_diameter_m,
+        crown_base_height_m: facts.crown_base_height_m,
+        stem_diameter_m: facts.stem_diameter_m,
+        condition: facts.condition,
+        confidence: facts.confidence,
+    }
 }
 
-/// The scene's, then their variants in the same order.
-fn materials(scene: &ValidScene) -> Vec<Material<'_>> {
-    let own = scene.materials().iter().map(material);
-    let others = scene.materials().iter().flat_map(|m| {
+fn columns<'a>(facts: &[&'a TreeFacts]) -> TreeColumns<'a> {
+    let number = |of: fn(&TreeFacts) -> f32| facts.iter().map(|f| of(f)).collect();
+    TreeColumns {
+        id: facts.iter().map(|f| f.id.as_str()).collect(),
+        height_m: number(|f| f.height_m),
+        crown_diameter_m: number(|f| f.crown_diameter_m),
+        crown_base_height_m: number(|f| f.crown_base_height_m),
+        stem_diameter_m: number(|f| f.stem_diameter_m),
+        condition: facts.iter().map(|f| f.condition).collect(),
+        confidence: number(|f| f.confidence),
+    }
+}
+
+fn octahedral(o: scene::Octahedral) -> MeshExtras {
+    MeshExtras {
+        octahedral: OctahedralExtras {
+            frames: o.frames,
+            centre: y_up(o.centre),
+            radius_m: o.radius_m,
+            note: "towards the eye d, y up: p = d.xz / (|d.x| + |d.y| + |d.z|), \
+                   e = (p.x - p.z, p.x + p.z); the view is in column, row (from below) \
+                   (frames - 1) (e + 1) / 2",
+        },
+    }
+}
+
+/// The selection's, then their variants in the same order.
+fn materials<'a>(selection: &Selection<'a>, ranges: &[UvRange]) -> Vec<Material<'a>> {
+    let all = || selection.materials.iter().zip(ranges);
+    let own = all().map(|(m, &range)| material(selection, m, range));
+    let others = all().flat_map(|(m, &range)| {
         m.variants.iter().map(move |v| {
             let [r, g, b] = v.base_color;
-            let mut other = material(m);
+            let mut other = material(selection, m, range);
             other.name = format!("{}_{}", m.name, v.name).into();
             other.pbr_metallic_roughness.base_color_factor = [r, g, b, 1.0];
             other.pbr_metallic_roughness.base_color_texture =
-                v.base_color_texture.map(|index| TextureRef { index });
+                texture_ref(selection, v.base_color_texture, range);
             other
         })
     });
     own.chain(others).collect()
 }
 
-fn material(material: &scene::Material) -> Material<'_> {
+fn texture_ref(selection: &Selection<'_>, of: Option<u32>, range: UvRange) -> Option<TextureRef> {
+    let transform =
+        TextureTransform { offset: range.offset.to_array(), scale: range.scale.to_array() };
+    let extensions = (range != UvRange::PICTURE).then_some(TextureRefExtensions { transform });
+    of.map(|texture| TextureRef { index: selection.texture(texture), extensions })
+}
+
+fn material<'a>(
+    selection: &Selection<'a>,
+    material: &'a scene::Material,
+    range: UvRange,
+) -> Material<'a> {
     let [r, g, b] = material.base_color;
-    let texture = |index: Option<u32>| index.map(|index| TextureRef { index });
+    let texture = |of: Option<u32>| texture_ref(selection, of, range);
     let (alpha_mode, alpha_cutoff) = match material.alpha {
         Alpha::Opaque => (None, None),
         Alpha::Mask { cutoff } => (Some("MASK"), Some(cutoff)),
@@ -605,16 +467,24 @@ fn material(material: &scene::Material) -> Material<'_> {
     }
 }
 
-/// Textures as the scene numbers them, and a sampler for each way of wrapping that occurs.
-fn textures(scene: &ValidScene) -> (Vec<Texture<'_>>, Vec<Sampler>) {
+/// Textures as the selection numbers them, and a sampler for each way of wrapping that occurs.
+fn textures<'a>(
+    selection: &Selection<'a>,
+    coding: PictureFormat,
+) -> (Vec<Texture<'a>>, Vec<Sampler>) {
     let mut wraps: Vec<Wrap> = Vec::new();
-    let textures = (0u32..).zip(scene.textures()).map(|(source, texture)| {
-        let wrap = scene.wrap(source);
+    let textures = (0u32..).zip(selection.pictures()).map(|(number, (texture, wrap))| {
         let sampler = wraps.iter().position(|&w| w == wrap).unwrap_or_else(|| {
             wraps.push(wrap);
             wraps.len() - 1
         });
-        Texture { name: &texture.name, sampler: sampler as u32, source }
+        let webp = coding == PictureFormat::WebP;
+        Texture {
+            name: &texture.name,
+            sampler: sampler as u32,
+            source: (!webp).then_some(number),
+            extensions: webp.then_some(TextureExtensions { webp: Source { source: number } }),
+        }
     });
     let textures = textures.collect();
     let samplers = wraps.iter().map(|wrap| {
@@ -625,6 +495,29 @@ fn textures(scene: &ValidScene) -> (Vec<Texture<'_>>, Vec<Sampler>) {
         Sampler { mag_filter: LINEAR, min_filter: LINEAR_MIPMAP_LINEAR, wrap_s: mode, wrap_t: mode }
     });
     (textures, samplers.collect())
+}
+
+fn images<'a>(
+    selection: &Selection<'a>,
+    coding: PictureFormat,
+    beside: Beside<'_>,
+    first_view: u32,
+) -> Vec<Image<'a>> {
+    let image = |(view, (texture, _)): (u32, (&'a scene::Texture, Wrap))| match beside {
+        Beside::Nothing => Image {
+            name: &texture.name,
+            uri: None,
+            mime_type: Some(coding.mime_type()),
+            buffer_view: Some(view),
+        },
+        Beside::Files { stem, .. } => Image {
+            name: &texture.name,
+            uri: Some(percent_encoded(&texture_path(stem, &texture.name, coding))),
+            mime_type: None,
+            buffer_view: None,
+        },
+    };
+    (first_view..).zip(selection.pictures()).map(image).collect()
 }
 
 /// A relative path as a URI (RFC 3986): everything but unreserved characters and `/` encoded.

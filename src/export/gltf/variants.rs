@@ -3,7 +3,7 @@
 
 use serde::Serialize;
 
-use crate::scene::ValidScene;
+use crate::scene::Selection;
 
 pub(super) const EXTENSION: &str = "KHR_materials_variants";
 
@@ -41,9 +41,9 @@ struct Mapping {
 }
 
 /// Names of all variants in the scene, in the order they first occur.
-pub(super) fn names(scene: &ValidScene) -> Vec<&str> {
-    let mut names: Vec<&str> = Vec::new();
-    for variant in scene.materials().iter().flat_map(|m| &m.variants) {
+pub(super) fn names<'a>(selection: &Selection<'a>) -> Vec<&'a str> {
+    let mut names: Vec<&'a str> = Vec::new();
+    for variant in selection.materials.iter().flat_map(|m| &m.variants) {
         if !names.contains(&variant.name.as_str()) {
             names.push(&variant.name);
         }
@@ -51,24 +51,25 @@ pub(super) fn names(scene: &ValidScene) -> Vec<&str> {
     names
 }
 
-pub(super) fn of_document(scene: &ValidScene) -> Option<Extensions<'_>> {
-    let variants: Vec<Named> = names(scene).into_iter().map(|name| Named { name }).collect();
+pub(super) fn of_document<'a>(selection: &Selection<'a>) -> Option<Extensions<'a>> {
+    let variants: Vec<Named<'a>> =
+        names(selection).into_iter().map(|name| Named { name }).collect();
     (!variants.is_empty()).then_some(Extensions { variants: Variants { variants } })
 }
 
 /// Which material a primitive has in each variant: its own where it knows no other. Variants'
 /// materials follow all others, in the order of their owners.
 pub(super) fn of_primitive(
-    scene: &ValidScene,
+    selection: &Selection<'_>,
     material: u32,
     names: &[&str],
 ) -> Option<PrimitiveExtensions> {
     if names.is_empty() {
         return None;
     }
-    let (before, from) = scene.materials().split_at(material as usize);
-    let count = |m: &crate::scene::Material| m.variants.len();
-    let first = scene.materials().len() + before.iter().map(count).sum::<usize>();
+    let (before, from) = selection.materials.split_at(material as usize);
+    let count = |m: &&crate::scene::Material| m.variants.len();
+    let first = selection.materials.len() + before.iter().map(count).sum::<usize>();
     let own = &from[0].variants;
     let mut mappings: Vec<Mapping> = Vec::new();
     for (at, name) in (0u32..).zip(names) {

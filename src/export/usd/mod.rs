@@ -12,14 +12,14 @@ use glam::Vec3;
 
 use self::text::{Text, quoted};
 use super::pictures::texture_path;
-use super::{GENERATOR, OutputFile};
+use super::{GENERATOR, OutputFile, PictureFormat};
 use crate::frame::Frame;
 use crate::scene::{
     Alpha, Collider, Instance, Material, Part, SpeciesGroup, TreeFacts, ValidScene, Wrap, bounds_of,
 };
 
 /// `STEM.usda`; the textures are [`super::Pictures::into_files`].
-pub fn usda(scene: &ValidScene, stem: &str) -> OutputFile {
+pub fn usda<'a>(scene: &ValidScene, stem: &str) -> OutputFile<'a> {
     let mut text = Text::new();
     layer_metadata(&mut text, scene);
     text.blank();
@@ -51,7 +51,7 @@ pub fn usda(scene: &ValidScene, stem: &str) -> OutputFile {
         text.close();
     }
     text.close();
-    OutputFile { path: format!("{stem}.usda").into(), bytes: text.into_bytes() }
+    OutputFile::new(format!("{stem}.usda"), text.into_bytes())
 }
 
 fn layer_metadata(text: &mut Text, scene: &ValidScene) {
@@ -183,7 +183,8 @@ fn write_texture(
     material_path: &str,
     shader: &TextureShader,
 ) {
-    let file = texture_path(stem, &scene.textures()[shader.index as usize].name);
+    let file =
+        texture_path(stem, &scene.textures()[shader.index as usize].name, PictureFormat::Png);
     let colorspace = if shader.raw { "raw" } else { "sRGB" };
     let wrap = match scene.wrap(shader.index) {
         Wrap::Repeat => "repeat",
@@ -225,6 +226,9 @@ fn mesh(text: &mut Text, scene: &ValidScene, part: &Part, kind: Option<&str>) {
     text.array("normal3f[] normals", &surface.normal, Text::vec3, Some("vertex"));
     text.array("point3f[] points", &surface.position, Text::vec3, None);
     text.array("texCoord2f[] primvars:st", &surface.uv, Text::vec2, Some("vertex"));
+    if !surface.lightmap_uv.is_empty() {
+        text.array("texCoord2f[] primvars:st1", &surface.lightmap_uv, Text::vec2, Some("vertex"));
+    }
     if !surface.wind.is_empty() {
         let write = |out: &mut Vec<u8>, c: &[u8; 4]| {
             Text::floats(out, &c.map(|v| f32::from(v) / 255.0));

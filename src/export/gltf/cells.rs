@@ -1,0 +1,107 @@
+//! Trees of one model in one square of ground, drawn together (EXT_mesh_gpu_instancing), and when
+//! which of their forms is shown (MSFT_lod).
+
+use std::collections::BTreeMap;
+
+use glam::Vec3;
+
+use crate::scene::{Form, Selection};
+
+/// Side of the squares, metres: small enough to be passed over when out of sight and to change
+/// form as one, large enough for many trees.
+pub(super) const CELL_M: f32 = 64.0;
+
+/// Never empty.
+pub(super) struct Cell {
+    /// Column and row from the scene's origin.
+    pub at: [i32; 2],
+    /// Indices into [`Selection::models`] and [`Selection::trees`].
+    pub model: u32,
+    pub trees: Vec<u32>,
+    /// Instances are placed about it; scene metres.
+    pub centre: Vec3,
+    /// Diameter of the sphere about all of it, metres.
+    pub diameter_m: f32,
+}
+
+/// The cells of these trees, by column, row and model.
+pub(super) fn cells(selection: &Selection<'_>, trees: &[u32]) -> Vec<Cell> {
+    let mut by_place: BTreeMap<([i32; 2], u32), Vec<u32>> = BTreeMap::new();
+    for &t in trees {
+        let tree = &selection.trees[t as usize];
+        // Saturates for places that no forest reaches.
+        let at = (tree.instance.position.truncate() / CELL_M).floor().to_array().map(|c| c as i32);
+        by_place.entry((at, tree.model)).or_default().push(t);
+    }
+    let cells = by_place.into_iter().map(|((at, model), trees)| {
+        let (lo, hi) = selection.bounds_of(&trees).unwrap_or_default();
+        let centre = (0.5 * lo + 0.5 * hi).round();
+        Cell { at, model, trees, centre, diameter_m: lo.distance(hi) }
+    });
+    cells.collect()
+}
+
+/// Lines of the picture for which forms are chosen.
+const PICTURE_LINES: f32 = 1080.0;
+const PICTURE_ASPECT: f32 = 16.0 / 9.0;
+
+/// The share of the picture that a cell covers when the next form takes over, one value a form:
+/// each is shown until the silhouette of the next is off by less than a line (root mean square)
+/// of a picture of 1080. The last is 0: the coarsest form never vanishes.
+pub(super) fn screen_coverage(forms: &[Form<'_>], diameter_m: f32) -> Vec<f32> {
+    let mut covers: Vec<f32> = Vec::with_capacity(forms.len());
+    for next in &forms[1..] {
+        // At the distance where a line is as high as the error, the cell is so many lines high.
+        let height = diameter_m / (PICTURE_LINES * next.silhouette.rms_m.max(1e-6));
+        let area = std::f32::consts::FRAC_PI_4 * height * height / PICTURE_ASPECT;
+        let before = covers.last().copied().unwrap_or(1.0);
+        covers.push(area.min(before));
+    }
+    covers.push(0.0);
+    covers
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::sample::forest;
+    use crate::scene::{Apart, Forms};
+
+    #[test]
+    fn every_tree_is_in_one_cell_with_its_model() {
+        let scene = forest(&["Larix", "Betula"], 100, 300.0).validate().unwrap();
+        let selection = Selection::of(&scene, Forms::All);
+        let mut seen = vec![0; selection.trees.len()];
+        for group in &selection.groups {
+            for cell in cells(&selection, &group.trees) {
+                for &t in &cell.trees {
+                    seen[t as usize] += 1;
+                    let tree = &selection.trees[t as usize];
+                    assert_eq!(tree.model, cell.model);
+                    let off = (tree.instance.position - cell.centre).truncate().abs();
+                    assert!(off.max_element() <= CELL_M + 5.0, "{off}");
+                }
+            }
+        }
+        assert!(seen.iter().all(|&n| n == 1));
+    }
+
+    #[test]
+    fn a_form_is_shown_until_the_next_is_good_enough() {
+        let form = |rms_m| Form {
+            name: "",
+            parts: &[],
+            silhouette: Apart { worst_m: 1.0, rms_m },
+            octahedral: None,
+        };
+        // 108 m cell, error 1 m: 0.1 of the picture's height when 1 m is a line.
+        let covers = screen_coverage(&[form(0.0), form(1.0), form(2.0)], 108.0);
+        let disc = std::f32::consts::FRAC_PI_4 * 0.01 * 9.0 / 16.0;
+        assert!((covers[0] - disc).abs() < 1e-6 && (covers[1] - disc / 4.0).abs() < 1e-6);
+        assert_eq!(covers[2], 0.0);
+        // A coarser form that is nearer than a finer one does not come before it.
+        let covers = screen_coverage(&[form(0.0), form(2.0), form(1.0)], 108.0);
+        assert_eq!(covers[0], covers[1]);
+        assert_eq!(screen_coverage(&[form(0.0), form(0.0)], 10.0), [1.0, 0.0]);
+    }
+}

@@ -1,0 +1,140 @@
+//! Columns made small by meshoptimizer's codecs, as EXT_meshopt_compression has them: attributes in
+//! version 0, triangles in version 1. Without loss.
+
+use std::fmt::Display;
+
+use meshopt::{
+    encode_index_buffer, encode_vertex_buffer_level, optimize_vertex_cache,
+    optimize_vertex_fetch_remap,
+};
+
+use crate::diagnostic::{Error, Result};
+use crate::mesh::Surface;
+
+/// Bytes that a decoder turns back into `count` elements of `stride`.
+pub(super) struct Encoded {
+    pub bytes: Vec<u8>,
+    pub stride: usize,
+    pub count: usize,
+    pub mode: &'static str,
+}
+
+/// The surface with triangles and vertices in the order in which a graphics card draws them
+/// fastest, which is also the order that compresses best.
+pub(super) fn ordered(surface: &Surface) -> Surface {
+    let vertices = surface.position.len();
+    let index = optimize_vertex_cache(&surface.index, vertices);
+    let moved = optimize_vertex_fetch_remap(&index, vertices);
+    let kept = moved.iter().filter(|&&to| to != u32::MAX).count();
+    let mut from = vec![0; kept];
+    for (old, &new) in (0u32..).zip(&moved) {
+        if let Some(slot) = from.get_mut(new as usize) {
+            *slot = old;
+        }
+    }
+    fn gather<T: Copy>(from: &[u32], column: &[T]) -> Vec<T> {
+        if column.is_empty() {
+            return Vec::new();
+        }
+        from.iter().map(|&old| column[old as usize]).collect()
+    }
+    Surface {
+        position: gather(&from, &surface.position),
+        normal: gather(&from, &surface.normal),
+        uv: gather(&from, &surface.uv),
+        wind: gather(&from, &surface.wind),
+        lightmap_uv: gather(&from, &surface.lightmap_uv),
+        index: index.iter().map(|&i| moved[i as usize]).collect(),
+    }
+}
+
+/// Elements of 4, 8, 12 or 16 bytes.
+pub(super) fn attributes(raw: &[u8], stride: usize) -> Result<Encoded> {
+    fn encode<const N: usize>(raw: &[u8]) -> meshopt::Result<Vec<u8>> {
+        /// Means nothing in version 0.
+        const LEVEL: i32 = 2;
+        let (elements, _) = raw.as_chunks::<N>();
+        encode_vertex_buffer_level(elements, LEVEL, Some(0))
+    }
+    let bytes = match stride {
+        4 => encode::<4>(raw),
+        8 => encode::<8>(raw),
+        12 => encode::<12>(raw),
+        16 => encode::<16>(raw),
+        _ => return Err(refused(&format!("elements of {stride} bytes"))),
+    };
+    let bytes = bytes.map_err(|e| refused(&e))?;
+    Ok(Encoded { bytes, stride, count: raw.len() / stride, mode: "ATTRIBUTES" })
+}
+
+/// Indices of 2 or 4 bytes, three a triangle. A decoder may begin a triangle at another corner.
+pub(super) fn triangles(raw: &[u8], stride: usize) -> Result<Encoded> {
+    let index: Vec<u32> = match stride {
+        2 => raw.as_chunks().0.iter().map(|&b| u32::from(u16::from_le_bytes(b))).collect(),
+        _ => raw.as_chunks().0.iter().map(|&b| u32::from_le_bytes(b)).collect(),
+    };
+    let vertices = index.iter().max().map_or(0, |&i| i as usize + 1);
+    let bytes = encode_index_buffer(&index, vertices).map_err(|e| refused(&e))?;
+    Ok(Encoded { bytes, stride, count: index.len(), mode: "TRIANGLES" })
+}
+
+pub(super) fn refused(why: &dyn Display) -> Error {
+    Error::new(format!("the geometry could not be compressed: {why}"))
+        .remedy("choose --profile dcc or engine, and report this with the command that led here")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::sample::forest;
+
+    fn corners(surface: &Surface) -> Vec<[[u32; 8]; 3]> {
+        let corner = |&i: &u32| {
+            let i = i as usize;
+            let (p, n, uv) = (surface.position[i], surface.normal[i], surface.uv[i]);
+            [p.x, p.y, p.z, n.x, n.y, n.z, uv.x, uv.y].map(f32::to_bits)
+        };
+        let triangle = |t: &[u32]| {
+            let mut corners = [corner(&t[0]), corner(&t[1]), corner(&t[2])];
+            // The same triangle, begun at its least corner.
+            let least = (0..3).min_by_key(|&k| corners[k]).unwrap_or(0);
+            corners.rotate_left(least);
+            corners
+        };
+        let mut all: Vec<_> = surface.index.chunks_exact(3).map(triangle).collect();
+        all.sort_unstable();
+        all
+    }
+
+    #[test]
+    fn ordering_keeps_every_triangle_as_it_was() {
+        let scene = forest(&["Larix"], 2, 60.0);
+        for part in scene.prototypes.iter().flat_map(|p| &p.parts).chain(&scene.terrain) {
+            assert!(corners(&part.surface) == corners(&ordered(&part.surface)), "{}", part.name);
+        }
+    }
+
+    #[test]
+    fn codecs_read_back() {
+        let scene = forest(&["Larix"], 1, 100.0);
+        let surface = ordered(&scene.terrain.unwrap().surface);
+        let raw: Vec<u8> = surface
+            .position
+            .iter()
+            .flat_map(|p| p.to_array().map(f32::to_le_bytes))
+            .flatten()
+            .collect();
+        let encoded = attributes(&raw, 12).unwrap();
+        assert_eq!(encoded.bytes[0], 0xa0, "version 0");
+        let decoded: Vec<[u8; 12]> =
+            meshopt::decode_vertex_buffer(&encoded.bytes, encoded.count).unwrap();
+        assert!(decoded.as_flattened() == raw);
+
+        let raw: Vec<u8> = surface.index.iter().flat_map(|i| i.to_le_bytes()).collect();
+        let encoded = triangles(&raw, 4).unwrap();
+        assert_eq!(encoded.bytes[0], 0xe1, "version 1");
+        let index: Vec<u32> = meshopt::decode_index_buffer(&encoded.bytes, encoded.count).unwrap();
+        assert!(corners(&Surface { index, ..surface.clone() }) == corners(&surface));
+        assert!(encoded.bytes.len() < raw.len() / 8, "{} of {}", encoded.bytes.len(), raw.len());
+    }
+}

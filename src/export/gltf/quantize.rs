@@ -1,0 +1,145 @@
+//! Numbers of fewer bits (KHR_mesh_quantization): positions in 16 bits within a cube about the
+//! model, normals and tangents in 8, texture coordinates in 16 within their range.
+//!
+//! Errors at most: positions half a step, which is the cube's side / 131,068 (0.25 mm for a tree
+//! of 33 m), along each axis; directions 0.5°; texture coordinates the range / 131,070.
+
+use glam::{Vec2, Vec3};
+
+use crate::mesh::Surface;
+use crate::scene::Part;
+
+/// Greatest whole number that stands for 1.
+const MOST: f32 = i16::MAX as f32;
+
+/// A cube that positions are counted in, from −1 to 1 along each axis; scene axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Grid {
+    pub centre: Vec3,
+    /// Half the side, metres, > 0.
+    pub half_m: f32,
+}
+
+impl Grid {
+    /// About everything that these surfaces hold.
+    pub fn around<'a>(surfaces: impl Iterator<Item = &'a Surface>) -> Grid {
+        let all = surfaces.filter(|s| !s.position.is_empty()).map(Surface::bounds);
+        let (lo, hi) = all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or_default();
+        let centre = 0.5 * lo + 0.5 * hi;
+        // From the rounded centre, so that no corner lies outside.
+        let half_m = (hi - centre).max(centre - lo).max_element();
+        Grid { centre, half_m: if half_m > 0.0 { half_m } else { 1.0 } }
+    }
+
+    /// Farthest that a position moves along an axis, metres.
+    pub fn error_m(&self) -> f32 {
+        0.5 * self.half_m / MOST
+    }
+
+    pub fn count(&self, p: Vec3) -> [i16; 3] {
+        let steps = ((p - self.centre) / self.half_m * MOST)
+            .round()
+            .clamp(Vec3::splat(-MOST), Vec3::splat(MOST));
+        [steps.x as i16, steps.y as i16, steps.z as i16]
+    }
+}
+
+/// Of a unit vector.
+pub(super) fn direction(v: Vec3) -> [i8; 3] {
+    let steps = (v * f32::from(i8::MAX)).round();
+    [steps.x as i8, steps.y as i8, steps.z as i8]
+}
+
+/// The range of texture coordinates, v downwards as glTF has it, that 16 bits are spread over.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct UvRange {
+    pub offset: Vec2,
+    pub scale: Vec2,
+}
+
+impl UvRange {
+    /// The picture itself.
+    pub const PICTURE: UvRange = UvRange { offset: Vec2::ZERO, scale: Vec2::ONE };
+    /// Texture coordinates so little outside the picture are drawn in.
+    const TOLERANCE: f32 = 1e-3;
+
+    /// Of all these parts, which share a material.
+    pub fn of<'a>(parts: impl Iterator<Item = &'a Part>) -> UvRange {
+        let coordinates = parts.flat_map(|p| &p.surface.uv).map(|&uv| flipped(uv));
+        let (lo, hi) = coordinates
+            .fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(lo, hi), c| (lo.min(c), hi.max(c)));
+        let inside =
+            lo.min_element() >= -Self::TOLERANCE && hi.max_element() <= 1.0 + Self::TOLERANCE;
+        if inside || !(lo.is_finite() && hi.is_finite()) {
+            return Self::PICTURE;
+        }
+        UvRange { offset: lo, scale: (hi - lo).max(Vec2::splat(f32::MIN_POSITIVE)) }
+    }
+
+    /// `uv` with v upwards, as the scene has it.
+    pub fn count(&self, uv: Vec2) -> [u16; 2] {
+        let share = ((flipped(uv) - self.offset) / self.scale).clamp(Vec2::ZERO, Vec2::ONE);
+        let steps = (share * f32::from(u16::MAX)).round();
+        [steps.x as u16, steps.y as u16]
+    }
+}
+
+fn flipped(uv: Vec2) -> Vec2 {
+    Vec2::new(uv.x, 1.0 - uv.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::sample::forest;
+    use crate::seed::Seed;
+
+    #[test]
+    fn positions_move_by_half_a_step_at_most() {
+        let mut draws = Seed::new(1).derive("grid", 0).draws();
+        let mut between = |lo, hi| draws.between(lo, hi);
+        let position = (0..5000)
+            .map(|_| Vec3::new(between(-9.0, 4.0), between(-5.0, 6.0), between(-0.5, 31.0)))
+            .collect();
+        let surface = Surface { position, ..Surface::default() };
+        let grid = Grid::around([&surface].into_iter());
+        assert!(grid.error_m() < 0.000_25, "{}", grid.error_m());
+        for &p in &surface.position {
+            let back = Vec3::from(grid.count(p).map(f32::from)) / MOST * grid.half_m + grid.centre;
+            let off = (back - p).abs().max_element();
+            assert!(off <= grid.error_m() * 1.01 + 4e-6, "{off}");
+        }
+    }
+
+    #[test]
+    fn a_single_point_has_a_grid() {
+        let surface = Surface { position: vec![Vec3::splat(3.0)], ..Surface::default() };
+        assert_eq!(Grid::around([&surface].into_iter()).count(Vec3::splat(3.0)), [0; 3]);
+    }
+
+    #[test]
+    fn directions_turn_by_half_a_degree_at_most() {
+        let mut draws = Seed::new(2).derive("direction", 0).draws();
+        for _ in 0..5000 {
+            let mut one = || draws.between(-1.0, 1.0);
+            let Some(v) = Vec3::new(one(), one(), one()).try_normalize() else { continue };
+            let back = Vec3::from(direction(v).map(f32::from));
+            assert!(back.angle_between(v).to_degrees() < 0.5);
+        }
+    }
+
+    #[test]
+    fn a_range_is_that_of_all_parts_of_a_material() {
+        let scene = forest(&["Larix"], 2, 20.0);
+        let of = |name: &str| {
+            let parts = scene.prototypes.iter().flat_map(|p| &p.parts);
+            UvRange::of(parts.filter(|p| p.name == name))
+        };
+        assert_eq!(of("foliage"), UvRange::PICTURE);
+        // Bark goes up to 16 m in metres.
+        let wood = of("wood");
+        assert_eq!((wood.offset, wood.scale), (Vec2::new(0.0, -15.0), Vec2::new(1.0, 16.0)));
+        assert_eq!(wood.count(Vec2::new(1.0, 0.0)), [u16::MAX, u16::MAX]);
+        assert_eq!(wood.count(Vec2::new(0.0, 16.0)), [0, 0]);
+    }
+}

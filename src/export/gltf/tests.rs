@@ -1,0 +1,392 @@
+//! The engine and web profiles, read back by a reader written for these tests, for the gltf crate
+//! knows none of their extensions.
+
+use std::collections::BTreeMap;
+
+use glam::{Mat4, Quat, Vec3};
+use serde_json::Value;
+
+use super::super::{Format, Job, OutputFile, Pictures, files};
+use super::*;
+use crate::mesh::Surface;
+use crate::scene::sample::forest;
+use crate::scene::{Apart, Collider, ColliderShape, Level, Part, ValidScene};
+
+/// Three forms, a collider and wind on every model.
+fn sample() -> ValidScene {
+    let mut scene = forest(&["Larix sibirica", "Betula pendula"], 60, 200.0);
+    let body = Surface {
+        position: vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z],
+        index: vec![0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3],
+        ..Surface::default()
+    };
+    for prototype in &mut scene.prototypes {
+        prototype.colliders = vec![Collider { shape: ColliderShape::Convex, body: body.clone() }];
+        for part in &mut prototype.parts {
+            let count = part.surface.position.len();
+            part.surface.wind = (0..count).map(|i| [i as u8, 7, 3, 255]).collect();
+        }
+        for (name, parts, rms_m) in [("LOD1", 2, 0.05), ("LOD2", 1, 0.4)] {
+            prototype.levels.push(Level {
+                name: name.into(),
+                parts: prototype.parts[..parts].to_vec(),
+                silhouette: Apart { worst_m: 1.0, rms_m },
+                octahedral: None,
+            });
+        }
+    }
+    scene.validate().unwrap()
+}
+
+/// A GLB, its compressed views decoded.
+struct Read {
+    json: Value,
+    buffers: Vec<Vec<u8>>,
+}
+
+impl Read {
+    fn new(bytes: &[u8]) -> Read {
+        let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+        assert_eq!(word(8), bytes.len());
+        let end = 20 + word(12);
+        let json: Value = serde_json::from_slice(&bytes[20..end]).unwrap();
+        let binary = bytes[end + 8..].to_vec();
+        assert_eq!(word(end), binary.len());
+        let mut read = Read { buffers: vec![binary], json };
+        if let Some(decoded) = read.json["buffers"].get(1) {
+            assert_eq!(decoded["extensions"]["EXT_meshopt_compression"]["fallback"], true);
+            read.buffers.push(vec![0; number(&decoded["byteLength"])]);
+            read.decode();
+        }
+        read
+    }
+
+    fn decode(&mut self) {
+        for view in self.json["bufferViews"].as_array().unwrap() {
+            let packed = &view["extensions"]["EXT_meshopt_compression"];
+            if packed.is_null() {
+                continue;
+            }
+            let (count, stride) = (number(&packed["count"]), number(&packed["byteStride"]));
+            let from = offset(packed);
+            let encoded = &self.buffers[0][from..from + number(&packed["byteLength"])];
+            let decoded: Vec<u8> = match (packed["mode"].as_str().unwrap(), stride) {
+                ("TRIANGLES", 2) => {
+                    let index: Vec<u16> = meshopt::decode_index_buffer(encoded, count).unwrap();
+                    bytemuck::cast_slice(&index).to_vec()
+                }
+                ("TRIANGLES", _) => {
+                    let index: Vec<u32> = meshopt::decode_index_buffer(encoded, count).unwrap();
+                    bytemuck::cast_slice(&index).to_vec()
+                }
+                (_, 4) => vertices::<4>(encoded, count),
+                (_, 8) => vertices::<8>(encoded, count),
+                (_, 12) => vertices::<12>(encoded, count),
+                (_, _) => vertices::<16>(encoded, count),
+            };
+            assert_eq!(decoded.len(), number(&view["byteLength"]));
+            let to = offset(view);
+            self.buffers[1][to..to + decoded.len()].copy_from_slice(&decoded);
+        }
+    }
+
+    /// Elements as numbers, normalized where the accessor says so.
+    fn accessor(&self, number_of: &Value) -> Vec<Vec<f64>> {
+        let accessor = &self.json["accessors"][number(number_of)];
+        let view = &self.json["bufferViews"][number(&accessor["bufferView"])];
+        let buffer = &self.buffers[number(&view["buffer"])];
+        let width = match accessor["type"].as_str().unwrap() {
+            "SCALAR" => 1,
+            "VEC2" => 2,
+            "VEC3" => 3,
+            _ => 4,
+        };
+        let kind = number(&accessor["componentType"]);
+        let size = match kind {
+            5120 | 5121 => 1,
+            5122 | 5123 => 2,
+            _ => 4,
+        };
+        let stride = view["byteStride"].as_u64().map_or(width * size, |s| s as usize);
+        let first = offset(view) + offset(accessor);
+        let is_normalized = accessor["normalized"] == true;
+        let one = |at: usize| -> f64 {
+            let b = &buffer[at..at + size];
+            let (value, most) = match kind {
+                5120 => (f64::from(b[0] as i8), 127.0),
+                5121 => (f64::from(b[0]), 255.0),
+                5122 => (f64::from(i16::from_le_bytes(b.try_into().unwrap())), 32767.0),
+                5123 => (f64::from(u16::from_le_bytes(b.try_into().unwrap())), 65535.0),
+                5125 => (f64::from(u32::from_le_bytes(b.try_into().unwrap())), 1.0),
+                _ => (f64::from(f32::from_le_bytes(b.try_into().unwrap())), 1.0),
+            };
+            if is_normalized { value / most } else { value }
+        };
+        let element = |i: usize| (0..width).map(|k| one(first + i * stride + k * size)).collect();
+        let elements: Vec<Vec<f64>> = (0..number(&accessor["count"])).map(element).collect();
+        // Bounds are of the numbers as stored.
+        for (end, pick) in [("min", f64::min as fn(f64, f64) -> f64), ("max", f64::max)] {
+            let Some(told) = accessor[end].as_array() else { continue };
+            for (k, told) in told.iter().enumerate() {
+                assert!(kind == 5126 || told.is_i64(), "{told}");
+                let found = elements.iter().map(|e| e[k]).reduce(pick).unwrap();
+                let stored = if is_normalized { (found * 32767.0).round() } else { found };
+                assert_eq!(told.as_f64().unwrap(), stored);
+            }
+        }
+        elements
+    }
+
+    fn vectors(&self, number_of: &Value) -> Vec<Vec3> {
+        let vector = |v: Vec<f64>| Vec3::new(v[0] as f32, v[1] as f32, v[2] as f32);
+        self.accessor(number_of).into_iter().map(vector).collect()
+    }
+
+    fn node(&self, number_of: &Value) -> &Value {
+        &self.json["nodes"][number(number_of)]
+    }
+
+    /// What places each instance of a node.
+    fn instances(&self, node: &Value) -> Vec<Mat4> {
+        let of = &node["extensions"]["EXT_mesh_gpu_instancing"]["attributes"];
+        let t = node["translation"].as_array().unwrap();
+        let t = Vec3::from([0, 1, 2].map(|k| t[k].as_f64().unwrap() as f32));
+        let turns = self.accessor(&of["ROTATION"]);
+        let placed = self.vectors(&of["TRANSLATION"]).into_iter().zip(self.vectors(&of["SCALE"]));
+        let placed = placed.zip(turns).map(|((place, scale), q)| {
+            let q = Quat::from_xyzw(q[0] as f32, q[1] as f32, q[2] as f32, q[3] as f32);
+            Mat4::from_translation(t)
+                * Mat4::from_scale_rotation_translation(scale, q.normalize(), place)
+        });
+        placed.collect()
+    }
+}
+
+fn vertices<const N: usize>(encoded: &[u8], count: usize) -> Vec<u8>
+where
+    [u8; N]: Default,
+{
+    let decoded: Vec<[u8; N]> = meshopt::decode_vertex_buffer(encoded, count).unwrap();
+    decoded.as_flattened().to_vec()
+}
+
+fn number(value: &Value) -> usize {
+    value.as_u64().unwrap_or_else(|| panic!("{value} is no number")) as usize
+}
+
+fn offset(of: &Value) -> usize {
+    of["byteOffset"].as_u64().unwrap_or(0) as usize
+}
+
+fn written(scene: &ValidScene, profile: Profile) -> Vec<(String, Read)> {
+    let job = Job { stem: "forest", formats: &[Format::Glb], profile };
+    let pictures = Pictures::encode(scene, &job.picture_formats()).unwrap();
+    let files = files(scene, &pictures, &job).unwrap();
+    let read = |f: OutputFile<'_>| (f.path.display().to_string(), Read::new(&f.into_bytes()));
+    files.value.into_iter().map(read).collect()
+}
+
+/// The corners of a part's triangles in their places, Y up, in the order of the indices.
+fn corners(surface: &Surface, place: impl Fn(Vec3) -> Vec3) -> Vec<Vec3> {
+    let at = |&i: &u32| Vec3::from(y_up(place(surface.position[i as usize])));
+    surface.index.iter().map(at).collect()
+}
+
+/// Least and greatest corner and the mean, which no order of triangles changes.
+fn gist(corners: &[Vec3]) -> [Vec3; 3] {
+    let (mut lo, mut hi, mut sum) = (Vec3::INFINITY, Vec3::NEG_INFINITY, glam::DVec3::ZERO);
+    for &p in corners {
+        (lo, hi, sum) = (lo.min(p), hi.max(p), sum + p.as_dvec3());
+    }
+    [lo, hi, (sum / corners.len() as f64).as_vec3()]
+}
+
+/// Every instance of a node shows these parts, each where it should be.
+fn check_node(
+    read: &Read,
+    node: &Value,
+    scene: &ValidScene,
+    ids: &[&str],
+    parts: &dyn Fn(usize) -> Vec<Part>,
+) {
+    let by_id: BTreeMap<&str, usize> =
+        scene.instances().iter().enumerate().map(|(i, t)| (t.facts.id.as_str(), i)).collect();
+    let mesh = &read.json["meshes"][number(&node["mesh"])];
+    let primitives = mesh["primitives"].as_array().unwrap();
+    let placed = read.instances(node);
+    assert_eq!(placed.len(), ids.len());
+    for (matrix, id) in placed.iter().zip(ids) {
+        let tree = &scene.instances()[by_id[id]];
+        let parts = parts(by_id[id]);
+        assert_eq!(primitives.len(), parts.len());
+        for (primitive, part) in primitives.iter().zip(parts) {
+            let position = read.vectors(&primitive["attributes"]["POSITION"]);
+            let index = read.accessor(&primitive["indices"]);
+            let theirs: Vec<Vec3> =
+                index.iter().map(|i| matrix.transform_point3(position[i[0] as usize])).collect();
+            let ours = corners(&part.surface, |p| tree.place(p));
+            assert_eq!(theirs.len(), ours.len());
+            for (a, b) in gist(&theirs).into_iter().zip(gist(&ours)) {
+                // A step of the grid, and a turn of 16 bits at the end of a branch.
+                assert!((a - b).abs().max_element() < 1e-3, "{a} {b}");
+            }
+        }
+    }
+}
+
+fn ids(node: &Value) -> Vec<&str> {
+    node["extras"]["trees"]["id"].as_array().unwrap().iter().map(|v| v.as_str().unwrap()).collect()
+}
+
+#[test]
+fn an_engine_finds_trees_forms_and_colliders_where_they_are() {
+    let scene = sample();
+    let mut all = written(&scene, Profile::Engine);
+    let (name, read) = all.remove(0);
+    assert!(all.is_empty() && name == "forest.glb");
+    let required = ["EXT_mesh_gpu_instancing", "KHR_mesh_quantization", "KHR_texture_transform"];
+    assert_eq!(read.json["extensionsRequired"], serde_json::json!(required));
+    let used = &read.json["extensionsUsed"];
+    assert_eq!(used.as_array().unwrap().last().unwrap(), "MSFT_lod");
+
+    let root = &read.json["nodes"][0];
+    let mut seen = Vec::new();
+    let mut colliders = 0;
+    for group in &root["children"].as_array().unwrap()[1..] {
+        for cell in read.node(group)["children"].as_array().unwrap() {
+            let cell = read.node(cell);
+            let of_prototype =
+                |i: usize| &scene.prototypes()[scene.instances()[i].prototype as usize];
+            let name = cell["name"].as_str().unwrap();
+            if let Some(of) = name.strip_prefix("UCX_") {
+                assert!(of.ends_with("_00"));
+                let twin = read.json["nodes"].as_array().unwrap();
+                let twin = twin
+                    .iter()
+                    .find(|n| {
+                        of.starts_with(n["name"].as_str().unwrap())
+                            && n["extras"]["trees"].is_object()
+                            && of == format!("{}_00", n["name"].as_str().unwrap())
+                    })
+                    .unwrap();
+                let body = |i: usize| {
+                    let body = of_prototype(i).colliders[0].body.clone();
+                    vec![Part { name: String::new(), surface: body, material: 0 }]
+                };
+                check_node(&read, cell, &scene, &ids(twin), &body);
+                colliders += ids(twin).len();
+                continue;
+            }
+            let ids = ids(cell);
+            check_node(&read, cell, &scene, &ids, &|i| of_prototype(i).parts.clone());
+            let coarser = cell["extensions"]["MSFT_lod"]["ids"].as_array().unwrap();
+            assert_eq!(coarser.len(), 2);
+            for (k, coarser) in coarser.iter().enumerate() {
+                let node = read.node(coarser);
+                assert_eq!(node["name"], format!("{name}_LOD{}", k + 1));
+                let parts = |i: usize| of_prototype(i).levels[k].parts.clone();
+                check_node(&read, node, &scene, &ids, &parts);
+            }
+            let covers = cell["extras"]["MSFT_screencoverage"].as_array().unwrap();
+            let covers: Vec<f64> = covers.iter().map(|c| c.as_f64().unwrap()).collect();
+            assert!(covers.len() == 3 && covers[0] > covers[1] && covers[2] == 0.0, "{covers:?}");
+            seen.extend(ids.iter().map(|id| (*id).to_owned()));
+        }
+    }
+    assert_eq!((seen.len(), colliders), (120, 120));
+    seen.sort_unstable();
+    seen.dedup();
+    assert_eq!(seen.len(), 120);
+}
+
+#[test]
+fn a_browser_finds_what_the_others_do_in_a_fraction_of_the_bytes() {
+    let scene = sample();
+    let all = written(&scene, Profile::Web);
+    let names: Vec<&str> = all.iter().map(|(n, _)| n.as_str()).collect();
+    assert_eq!(names, ["forest.glb", "forest_LOD1.glb", "forest_LOD2.glb"]);
+    for (k, (_, read)) in all.iter().enumerate() {
+        let root = &read.json["nodes"][0];
+        let groups = root["children"].as_array().unwrap();
+        let mut trees = 0;
+        for group in &groups[usize::from(k == 0)..] {
+            for cell in read.node(group)["children"].as_array().unwrap() {
+                let cell = read.node(cell);
+                if cell["extras"].is_null() {
+                    continue;
+                }
+                let parts = |i: usize| {
+                    let of = &scene.prototypes()[scene.instances()[i].prototype as usize];
+                    if k == 0 { of.parts.clone() } else { of.levels[k - 1].parts.clone() }
+                };
+                check_node(read, cell, &scene, &ids(cell), &parts);
+                trees += ids(cell).len();
+            }
+        }
+        assert_eq!(trees, 120);
+        for image in read.json["images"].as_array().unwrap() {
+            assert_eq!(image["mimeType"], "image/webp");
+            let view = &read.json["bufferViews"][number(&image["bufferView"])];
+            assert_eq!(&read.buffers[0][offset(view) + 8..offset(view) + 12], b"WEBP");
+        }
+    }
+    let decoded: usize = all.iter().map(|(_, r)| r.buffers[1].len()).sum();
+    let told = |v: &Value| v["extensions"]["EXT_meshopt_compression"]["byteLength"].as_u64();
+    let views = all.iter().flat_map(|(_, r)| r.json["bufferViews"].as_array().unwrap());
+    let encoded: u64 = views.filter_map(told).sum();
+    assert!(encoded * 2 < decoded as u64, "{encoded} of {decoded}");
+}
+
+/// Texture coordinates, normals and wind of a surface, whichever way they are written.
+#[test]
+fn numbers_of_fewer_bits_say_nearly_the_same() {
+    let scene = sample();
+    let (_, read) = written(&scene, Profile::Engine).remove(0);
+    let meshes = read.json["meshes"].as_array().unwrap();
+    for prototype in scene.prototypes() {
+        let mesh = meshes.iter().find(|m| m["name"] == prototype.name.as_str()).unwrap();
+        let primitives = mesh["primitives"].as_array().unwrap();
+        for (primitive, part) in primitives.iter().zip(&prototype.parts) {
+            let of = &primitive["attributes"];
+            let material = &read.json["materials"][number(&primitive["material"])];
+            let shown = &material["pbrMetallicRoughness"]["baseColorTexture"];
+            let transform = &shown["extensions"]["KHR_texture_transform"];
+            let pair = |v: &Value, usual: f64| match v.as_array() {
+                Some(v) => [v[0].as_f64().unwrap(), v[1].as_f64().unwrap()],
+                None => [usual; 2],
+            };
+            let (offset, scale) = (pair(&transform["offset"], 0.0), pair(&transform["scale"], 1.0));
+            assert_eq!(part.name == "wood", transform.is_object());
+            for (theirs, ours) in read.accessor(&of["TEXCOORD_0"]).iter().zip(&part.surface.uv) {
+                let [u, v] = [0, 1].map(|k| offset[k] + scale[k] * theirs[k]);
+                assert!((u - f64::from(ours.x)).abs() < 2e-4, "{u} {ours}");
+                assert!((v - 1.0 + f64::from(ours.y)).abs() < 2e-4, "{v} {ours}");
+            }
+            for (theirs, ours) in read.vectors(&of["NORMAL"]).iter().zip(&part.surface.normal) {
+                assert!(theirs.angle_between(Vec3::from(y_up(*ours))).to_degrees() < 0.6);
+            }
+            for (theirs, ours) in read.accessor(&of["COLOR_0"]).iter().zip(&part.surface.wind) {
+                let theirs: Vec<u8> = theirs.iter().map(|c| (c * 255.0).round() as u8).collect();
+                assert_eq!(theirs, ours);
+            }
+            assert_eq!(of["TANGENT"].is_u64(), part.name == "wood");
+        }
+    }
+}
+
+#[test]
+fn profiles_give_the_same_bytes_on_any_number_of_threads() {
+    let scene = sample();
+    for profile in [Profile::Dcc, Profile::Engine, Profile::Web] {
+        let job = Job { stem: "x", formats: &[Format::Glb, Format::Gltf], profile };
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let pictures = Pictures::encode(&scene, &job.picture_formats()).unwrap();
+                let all = files(&scene, &pictures, &job).unwrap().value;
+                all.into_iter().map(OutputFile::into_bytes).collect::<Vec<_>>()
+            })
+        };
+        assert!(on(1) == on(3));
+    }
+}

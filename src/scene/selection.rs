@@ -1,0 +1,299 @@
+//! What one file shows of a scene: some of its trees, in one form or in all, and only the
+//! materials and textures that these need, numbered anew.
+
+use glam::Vec3;
+
+use super::{
+    Apart, Collider, Instance, Material, Octahedral, Part, Texture, ValidScene, Wrap, bounds_of,
+};
+
+/// Which forms of the models are shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Forms {
+    /// All, and colliders.
+    All,
+    /// One: 0 is the finest, which brings the terrain and colliders, others come without.
+    One(usize),
+}
+
+/// Borrowed from a [`ValidScene`]; every index leads somewhere.
+#[derive(Debug, Clone)]
+pub struct Selection<'a> {
+    scene: &'a ValidScene,
+    forms: Forms,
+    pub terrain: Option<&'a Part>,
+    pub models: Vec<Model<'a>>,
+    pub trees: Vec<Tree<'a>>,
+    pub groups: Vec<Group<'a>>,
+    pub materials: Vec<&'a Material>,
+    /// Indices into [`ValidScene::textures`].
+    pub textures: Vec<u32>,
+    material_number: Vec<u32>,
+    texture_number: Vec<u32>,
+}
+
+/// A prototype in the forms that are shown, from fine to coarse.
+#[derive(Debug, Clone)]
+pub struct Model<'a> {
+    /// Unique identifier.
+    pub name: &'a str,
+    pub forms: Vec<Form<'a>>,
+    pub colliders: &'a [Collider],
+}
+
+#[derive(Debug, Clone, Copy)]
+pub struct Form<'a> {
+    /// `LOD0`, `LOD1`, …, `impostor`.
+    pub name: &'a str,
+    pub parts: &'a [Part],
+    /// How far its silhouette is from that of the finest form, metres.
+    pub silhouette: Apart,
+    pub octahedral: Option<Octahedral>,
+}
+
+/// A tree and the number of its model.
+#[derive(Debug, Clone, Copy)]
+pub struct Tree<'a> {
+    pub instance: &'a Instance,
+    pub model: u32,
+    /// Index into [`ValidScene::instances`].
+    pub number: u32,
+}
+
+/// One species; none is empty.
+#[derive(Debug, Clone)]
+pub struct Group<'a> {
+    /// Unique identifier.
+    pub name: &'a str,
+    /// Indices into [`Selection::models`].
+    pub models: Vec<u32>,
+    /// Indices into [`Selection::trees`].
+    pub trees: Vec<u32>,
+}
+
+/// What is not shown has no number.
+const NONE: u32 = u32::MAX;
+
+impl<'a> Selection<'a> {
+    /// All trees, in these forms.
+    pub fn of(scene: &'a ValidScene, forms: Forms) -> Self {
+        let all: Vec<u32> = (0..scene.instances().len() as u32).collect();
+        Self::of_trees(scene, forms, &all, !matches!(forms, Forms::One(1..)))
+    }
+
+    /// Some trees (ascending indices into [`ValidScene::instances`]), in these forms.
+    fn of_trees(scene: &'a ValidScene, forms: Forms, numbers: &[u32], has_terrain: bool) -> Self {
+        let mut shown = vec![false; scene.prototypes().len()];
+        for &i in numbers {
+            shown[scene.instances()[i as usize].prototype as usize] = true;
+        }
+        let model_number = numbered(&shown);
+        let kept = scene.prototypes().iter().zip(&shown).filter(|(_, shown)| **shown);
+        let models: Vec<Model<'a>> = kept.map(|(p, _)| model(p, forms)).collect();
+        let mut trees = Vec::with_capacity(numbers.len());
+        let mut number_of = vec![NONE; scene.instances().len()];
+        for &number in numbers {
+            let instance = &scene.instances()[number as usize];
+            number_of[number as usize] = trees.len() as u32;
+            trees.push(Tree { instance, model: model_number[instance.prototype as usize], number });
+        }
+        let there = |of: &[u32], numbers: &[u32]| -> Vec<u32> {
+            of.iter().map(|&i| numbers[i as usize]).filter(|&n| n != NONE).collect()
+        };
+        let groups = scene.groups().iter().map(|g| Group {
+            name: &g.name,
+            models: there(&g.prototypes, &model_number),
+            trees: there(&g.instances, &number_of),
+        });
+        let groups = groups.filter(|g| !g.trees.is_empty()).collect();
+        let terrain = scene.terrain().filter(|_| has_terrain);
+
+        let mut used = vec![false; scene.materials().len()];
+        let parts = models.iter().flat_map(|m| m.forms.iter().flat_map(|f| f.parts));
+        for part in parts.chain(terrain) {
+            used[part.material as usize] = true;
+        }
+        let material_number = numbered(&used);
+        let materials = scene.materials().iter().zip(used).filter(|(_, used)| *used);
+        let materials: Vec<&Material> = materials.map(|(m, _)| m).collect();
+        let mut used = vec![false; scene.textures().len()];
+        for (_, texture, _) in materials.iter().flat_map(|m| m.textures()) {
+            used[texture as usize] = true;
+        }
+        let texture_number = numbered(&used);
+        let textures = (0u32..).zip(used).filter_map(|(t, used)| used.then_some(t)).collect();
+        Selection {
+            scene,
+            forms,
+            terrain,
+            models,
+            trees,
+            groups,
+            materials,
+            textures,
+            material_number,
+            texture_number,
+        }
+    }
+
+    /// The same in two files, one on either side of the middle tree along the longer way; the
+    /// terrain goes with the first. `None` where there is but one tree.
+    pub fn halves(&self) -> Option<[Selection<'a>; 2]> {
+        if self.trees.len() < 2 {
+            return None;
+        }
+        let places = || self.trees.iter().map(|t| t.instance.position);
+        let (lo, hi) = places()
+            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
+        let axis = usize::from(hi.y - lo.y > hi.x - lo.x);
+        let mut order: Vec<&Tree<'_>> = self.trees.iter().collect();
+        order.sort_by(|a, b| {
+            let along = |t: &Tree<'_>| t.instance.position[axis];
+            along(a).total_cmp(&along(b)).then(a.number.cmp(&b.number))
+        });
+        let (low, high) = order.split_at(order.len() / 2);
+        let half = |trees: &[&Tree<'_>], has_terrain| {
+            let mut numbers: Vec<u32> = trees.iter().map(|t| t.number).collect();
+            numbers.sort_unstable();
+            Self::of_trees(self.scene, self.forms, &numbers, has_terrain)
+        };
+        Some([half(low, self.terrain.is_some()), half(high, false)])
+    }
+
+    pub fn scene(&self) -> &'a ValidScene {
+        self.scene
+    }
+
+    /// The terrain, then the parts of every form of every model.
+    pub fn parts(&self) -> impl Iterator<Item = &'a Part> {
+        let of_models = self.models.iter().flat_map(|m| m.forms.iter().flat_map(|f| f.parts));
+        self.terrain.into_iter().chain(of_models)
+    }
+
+    /// Number of the part's material among [`Selection::materials`].
+    pub fn material(&self, part: &Part) -> u32 {
+        self.material_number[part.material as usize]
+    }
+
+    /// Number among [`Selection::textures`] of one of the scene's.
+    pub fn texture(&self, of_scene: u32) -> u32 {
+        self.texture_number[of_scene as usize]
+    }
+
+    /// The textures with how each is wrapped.
+    pub fn pictures(&self) -> impl Iterator<Item = (&'a Texture, Wrap)> {
+        let scene = self.scene;
+        self.textures.iter().map(move |&t| (&scene.textures()[t as usize], scene.wrap(t)))
+    }
+
+    /// Least and greatest corner of these trees (indices into [`Selection::trees`]) in their
+    /// finest form, scene metres; `None` for none.
+    pub fn bounds_of(&self, trees: &[u32]) -> Option<(Vec3, Vec3)> {
+        let instances = trees.iter().map(|&t| self.trees[t as usize].instance);
+        bounds_of(self.scene.prototypes(), instances)
+    }
+}
+
+fn model(prototype: &super::Prototype, forms: Forms) -> Model<'_> {
+    let finest = Form {
+        name: "LOD0",
+        parts: &prototype.parts,
+        silhouette: Apart { worst_m: 0.0, rms_m: 0.0 },
+        octahedral: prototype.octahedral,
+    };
+    let coarser = prototype.levels.iter().map(|level| Form {
+        name: &level.name,
+        parts: &level.parts,
+        silhouette: level.silhouette,
+        octahedral: level.octahedral,
+    });
+    let all = std::iter::once(finest).chain(coarser);
+    let has_bodies = !matches!(forms, Forms::One(1..));
+    Model {
+        name: &prototype.name,
+        forms: match forms {
+            Forms::All => all.collect(),
+            Forms::One(k) => all.skip(k).take(1).collect(),
+        },
+        colliders: if has_bodies { &prototype.colliders } else { &[] },
+    }
+}
+
+fn numbered(shown: &[bool]) -> Vec<u32> {
+    let mut next = 0;
+    let number = |&shown: &bool| {
+        next += u32::from(shown);
+        if shown { next - 1 } else { NONE }
+    };
+    shown.iter().map(number).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Level;
+    use crate::scene::sample::forest;
+
+    /// Two forms beside the finest, the coarsest without leaves.
+    fn with_levels() -> ValidScene {
+        let mut scene = forest(&["Larix sibirica", "Betula pendula"], 12, 60.0);
+        for prototype in &mut scene.prototypes {
+            for (name, parts) in [("LOD1", 2), ("LOD2", 1)] {
+                prototype.levels.push(Level {
+                    name: name.into(),
+                    parts: prototype.parts[..parts].to_vec(),
+                    silhouette: Apart { worst_m: 0.5, rms_m: 0.1 },
+                    octahedral: None,
+                });
+            }
+        }
+        scene.validate().unwrap()
+    }
+
+    #[test]
+    fn a_form_brings_only_what_it_shows() {
+        let scene = with_levels();
+        assert_eq!(scene.level_names(), ["LOD1", "LOD2"]);
+        let all = Selection::of(&scene, Forms::All);
+        assert_eq!(all.parts().count(), 1 + 4 * 5);
+        let finest = Selection::of(&scene, Forms::One(0));
+        assert_eq!(finest.parts().count(), 1 + 4 * 2);
+        assert_eq!(finest.materials.len(), scene.materials().len());
+        let coarsest = Selection::of(&scene, Forms::One(2));
+        assert!(coarsest.terrain.is_none());
+        assert_eq!(coarsest.parts().count(), 4);
+        assert!(coarsest.materials.iter().all(|m| m.name.ends_with("bark")));
+        assert_eq!(coarsest.textures.len(), 2 * 3);
+        for part in coarsest.parts() {
+            let material = coarsest.materials[coarsest.material(part) as usize];
+            assert_eq!(material.name, scene.materials()[part.material as usize].name);
+            for (_, texture, _) in material.textures() {
+                assert_eq!(coarsest.textures[coarsest.texture(texture) as usize], texture);
+            }
+        }
+    }
+
+    #[test]
+    fn halves_hold_each_tree_once_with_its_own_model() {
+        let scene = with_levels();
+        let whole = Selection::of(&scene, Forms::One(0));
+        let mut waiting = vec![whole];
+        let mut seen = vec![0; scene.instances().len()];
+        let mut terrains = 0;
+        while let Some(part) = waiting.pop() {
+            if let Some(halves) = part.halves() {
+                waiting.extend(halves);
+                continue;
+            }
+            terrains += usize::from(part.terrain.is_some());
+            assert_eq!((part.trees.len(), part.models.len(), part.groups.len()), (1, 1, 1));
+            for tree in &part.trees {
+                seen[tree.number as usize] += 1;
+                let prototype = &scene.prototypes()[tree.instance.prototype as usize];
+                assert_eq!(part.models[tree.model as usize].name, prototype.name);
+            }
+        }
+        assert_eq!(terrains, 1);
+        assert!(seen.iter().all(|&n| n == 1));
+    }
+}
