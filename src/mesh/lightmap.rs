@@ -48,7 +48,9 @@ pub fn unwrap(surfaces: &mut [&mut Surface]) -> Result<Size> {
         return Err(Error::new(format!(
             "a model of {triangles} triangles is too fine for a light map"
         ))
-        .remedy(format!("give --triangles {MOST_TRIANGLES} or fewer, or leave --lightmap-uv out")));
+        .remedy(format!(
+            "give --triangles {MOST_TRIANGLES} or fewer, or leave --lightmap-uv out"
+        )));
     }
     if triangles == 0 {
         return Ok(Size { width: 1, height: 1 });
@@ -72,8 +74,11 @@ pub fn unwrap(surfaces: &mut [&mut Surface]) -> Result<Size> {
         for mesh in &meshes {
             atlas.add_mesh(mesh).map_err(|e| Error::new(format!("no light map: {e:?}")))?;
         }
-        let pack =
-            PackOptions { padding: PADDING_TEXELS, resolution: AIM_TEXELS, ..PackOptions::default() };
+        let pack = PackOptions {
+            padding: PADDING_TEXELS,
+            resolution: AIM_TEXELS,
+            ..PackOptions::default()
+        };
         atlas.generate(&ChartOptions::default(), &pack);
         let size = Size { width: atlas.width().max(1), height: atlas.height().max(1) };
         let texel = Vec2::new(size.width as f32, size.height as f32).recip();
@@ -203,8 +208,8 @@ mod tests {
                             };
                             let sides = [side(a, b), side(b, c), side(c, a)];
                             // Inside by a hundredth of a texel, whichever way it is wound.
-                            let is_in = sides.iter().all(|d| *d > 0.01)
-                                || sides.iter().all(|d| *d < -0.01);
+                            let is_in =
+                                sides.iter().all(|d| *d > 0.01) || sides.iter().all(|d| *d < -0.01);
                             if is_in {
                                 twice += usize::from(map[y * w + x] != u32::MAX);
                                 covered += 1;

@@ -19,6 +19,7 @@ mod wind;
 mod wood;
 
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
@@ -29,6 +30,9 @@ use crate::texture::Atlas;
 pub use foliage::FoliageLevel;
 pub use path::BELOW_GROUND_M;
 pub use wind::{Wind, WindProfile};
+
+/// Vertices that a thread takes at once.
+const CHUNK: usize = 1 << 14;
 
 /// An indexed triangle surface; columns of equal length, three indices a triangle,
 /// counter-clockwise seen from outside. `uv` has v = 0 at the bottom of the picture.
@@ -57,9 +61,12 @@ impl Surface {
 
     /// Least and greatest corner; zero for an empty surface.
     pub fn bounds(&self) -> (Vec3, Vec3) {
-        let mut points = self.position.iter().copied();
-        let Some(first) = points.next() else { return (Vec3::ZERO, Vec3::ZERO) };
-        points.fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)))
+        let Some(&first) = self.position.first() else { return (Vec3::ZERO, Vec3::ZERO) };
+        let of = |points: &[Vec3]| {
+            points.iter().fold((first, first), |(lo, hi), p| (lo.min(*p), hi.max(*p)))
+        };
+        let chunks = self.position.par_chunks(CHUNK);
+        chunks.map(of).reduce(|| (first, first), |a, b| (a.0.min(b.0), a.1.max(b.1)))
     }
 }
 
@@ -139,7 +146,7 @@ impl TreeMesh {
     /// Scales the tree about its root collar.
     pub fn scale(&mut self, factor: f32) {
         for surface in [&mut self.wood, &mut self.upper_wood, &mut self.foliage] {
-            surface.position.iter_mut().for_each(|p| *p *= factor);
+            surface.position.par_iter_mut().with_min_len(CHUNK).for_each(|p| *p *= factor);
         }
     }
 
@@ -147,7 +154,7 @@ impl TreeMesh {
     pub fn clear_ground(&mut self) {
         let foliage = &mut self.foliage;
         let is_above = |i: u32| foliage.position.get(i as usize).is_some_and(|p| p.z >= 0.0);
-        if foliage.position.iter().all(|p| p.z >= 0.0) {
+        if foliage.position.par_iter().with_min_len(CHUNK).all(|p| p.z >= 0.0) {
             return;
         }
         let kept: Vec<u32> = foliage

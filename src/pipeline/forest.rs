@@ -13,8 +13,8 @@ use super::levels::{self, LevelsJob};
 use super::light;
 use super::paint::{leaf_variants, paint};
 use super::survey;
-use super::tolerance::{self, Subject};
 use super::survey::{Survey, SurveyJob};
+use super::tolerance::{self, Subject};
 use super::view::{self, Chosen, Clip, Eye};
 use crate::cache::Cache;
 use crate::diagnostic::Result;
@@ -434,10 +434,8 @@ fn within(
             .map(|(m, skeleton, most, textures)| {
                 let species = &job.survey.species[m.species];
                 let leaf_share = job.state.leaf_share(species);
-                let options = |n: usize| MeshOptions {
-                    leaf_share,
-                    ..job.wood.options(n, job.foliage)
-                };
+                let options =
+                    |n: usize| MeshOptions { leaf_share, ..job.wood.options(n, job.foliage) };
                 let key = survey.trees[m.exemplar].crown.key;
                 let seed = job.survey.seed.derive("mesh", key);
                 let subject = Subject { skeleton, species, textures, options: &options, seed };

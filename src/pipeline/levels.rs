@@ -87,8 +87,7 @@ pub fn tell_unmeshed<'a>(
     outcome: Outcome,
     warnings: &mut Vec<String>,
 ) -> Outcome {
-    let (axes, unmeshed) =
-        meshes.fold((0, 0), |(a, u), m| (a + m.axes, u + m.unmeshed_axes));
+    let (axes, unmeshed) = meshes.fold((0, 0), |(a, u), m| (a + m.axes, u + m.unmeshed_axes));
     if unmeshed == 0 {
         return outcome;
     }

@@ -72,8 +72,7 @@ impl Subject<'_> {
         let Some(k) = found.iter().rposition(Reached::is_within) else { return Ok(found[0]) };
         let Some(coarser) = found.get(k + 1) else { return Ok(found[k]) };
         let (low, high) = (coarser.triangles, found[k].triangles);
-        let between: Vec<usize> =
-            (1..STEPS).map(|i| low + (high - low) * i / STEPS).collect();
+        let between: Vec<usize> = (1..STEPS).map(|i| low + (high - low) * i / STEPS).collect();
         let between = self.measured(most, &between, tolerance_m)?;
         Ok(between.into_iter().find(Reached::is_within).unwrap_or(found[k]))
     }

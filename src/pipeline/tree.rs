@@ -100,8 +100,8 @@ fn fitted(
     run.stage("skeleton", |_| {
         let points = &scan.cloud.position;
         let detail = job.wood.detail(job.triangles, job.foliage);
-        let fitted = cloud::fit(&job.species, points, detail, job.seed)
-            .map_err(|e| e.in_file(path))?;
+        let fitted =
+            cloud::fit(&job.species, points, detail, job.seed).map_err(|e| e.in_file(path))?;
         let r = &fitted.report;
         let outcome = Outcome::items(points.len(), "points", fitted.skeleton.len(), "nodes")
             .error(ErrorMeasure::new("mean distance", r.mean_m, "m"))
@@ -182,8 +182,7 @@ fn stand(
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let seed = job.seed.derive("mesh", 0);
-    let options =
-        |n: usize| MeshOptions { leaf_share, ..job.wood.options(n, job.foliage) };
+    let options = |n: usize| MeshOptions { leaf_share, ..job.wood.options(n, job.foliage) };
     let mut triangles = job.triangles;
     if let Some(tolerance_m) = job.wood.tolerance_m {
         triangles = run.stage("tolerance", |warnings| {

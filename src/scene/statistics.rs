@@ -130,9 +130,8 @@ fn outer(points: &[Vec3]) -> Vec<Vec2> {
         .map(|k| (corner(k), corner(k + 1) - corner(k)))
         .filter(|(_, along)| *along != DVec2::ZERO)
         .collect();
-    let is_within = |p: DVec2| {
-        !sides.is_empty() && sides.iter().all(|(a, along)| along.perp_dot(p - a) > 0.0)
-    };
+    let is_within =
+        |p: DVec2| !sides.is_empty() && sides.iter().all(|(a, along)| along.perp_dot(p - a) > 0.0);
     points.iter().map(|p| p.truncate()).filter(|p| !is_within(p.as_dvec2())).collect()
 }
 
