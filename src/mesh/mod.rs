@@ -7,6 +7,7 @@ mod check;
 mod foliage;
 mod junction;
 mod leaf;
+pub mod lightmap;
 pub mod p18;
 mod path;
 mod piece;
@@ -18,6 +19,7 @@ mod wind;
 mod wood;
 
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
@@ -28,6 +30,9 @@ use crate::texture::Atlas;
 pub use foliage::FoliageLevel;
 pub use path::BELOW_GROUND_M;
 pub use wind::{Wind, WindProfile};
+
+/// Vertices that a thread takes at once.
+const CHUNK: usize = 1 << 14;
 
 /// An indexed triangle surface; columns of equal length, three indices a triangle,
 /// counter-clockwise seen from outside. `uv` has v = 0 at the bottom of the picture.
@@ -40,6 +45,9 @@ pub struct Surface {
     pub index: Vec<u32>,
     /// How each vertex moves in the wind, as a profile's channels; empty where nobody asked.
     pub wind: Vec<[u8; 4]>,
+    /// Places on a light map, within 0…1, where no two triangles of a model overlap; empty where
+    /// nobody asked. v = 0 at the bottom.
+    pub lightmap_uv: Vec<Vec2>,
 }
 
 impl Surface {
@@ -53,9 +61,12 @@ impl Surface {
 
     /// Least and greatest corner; zero for an empty surface.
     pub fn bounds(&self) -> (Vec3, Vec3) {
-        let mut points = self.position.iter().copied();
-        let Some(first) = points.next() else { return (Vec3::ZERO, Vec3::ZERO) };
-        points.fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)))
+        let Some(&first) = self.position.first() else { return (Vec3::ZERO, Vec3::ZERO) };
+        let of = |points: &[Vec3]| {
+            points.iter().fold((first, first), |(lo, hi), p| (lo.min(*p), hi.max(*p)))
+        };
+        let chunks = self.position.par_chunks(CHUNK);
+        chunks.map(of).reduce(|| (first, first), |a, b| (a.0.min(b.0), a.1.max(b.1)))
     }
 }
 
@@ -72,9 +83,11 @@ pub struct TreeMesh {
     pub twig_wood: Surface,
     /// Empty for a bare tree.
     pub foliage: Surface,
-    /// Branches thick enough for the budget that have no mesh: they never clear their parent's
-    /// bark, or there was no room for their foot.
-    pub unmeshed_branches: usize,
+    /// Axes thick enough for the budget.
+    pub axes: usize,
+    /// Those of them that have no mesh: they never clear their parent's bark, or there was no room
+    /// for their foot.
+    pub unmeshed_axes: usize,
 }
 
 impl TreeMesh {
@@ -141,7 +154,7 @@ impl TreeMesh {
     pub fn scale(&mut self, factor: f32) {
         let TreeMesh { wood, upper_wood, twig_wood, foliage, .. } = self;
         for surface in [wood, upper_wood, twig_wood, foliage] {
-            surface.position.iter_mut().for_each(|p| *p *= factor);
+            surface.position.par_iter_mut().with_min_len(CHUNK).for_each(|p| *p *= factor);
         }
     }
 
@@ -149,7 +162,7 @@ impl TreeMesh {
     pub fn clear_ground(&mut self) {
         let foliage = &mut self.foliage;
         let is_above = |i: u32| foliage.position.get(i as usize).is_some_and(|p| p.z >= 0.0);
-        if foliage.position.iter().all(|p| p.z >= 0.0) {
+        if foliage.position.par_iter().with_min_len(CHUNK).all(|p| p.z >= 0.0) {
             return;
         }
         let kept: Vec<u32> = foliage
@@ -288,7 +301,8 @@ pub fn build(
     };
     let foliage = foliage::foliage(skeleton, &order)?;
     let [wood, upper_wood, twig_wood] = made.surface;
-    Ok(TreeMesh { wood, upper_wood, twig_wood, foliage, unmeshed_branches: made.unmeshed_branches })
+    let wood::Count { axes, without } = made.count;
+    Ok(TreeMesh { wood, upper_wood, twig_wood, foliage, axes, unmeshed_axes: without })
 }
 
 #[cfg(test)]

@@ -364,9 +364,12 @@ fn contact_sheet() {
             );
             let mut text = String::new();
             let mut base = 1;
-            for (part, surface) in
-                [("wood", &tree.wood), ("upper", &tree.upper_wood), ("foliage", &tree.foliage)]
-            {
+            for (part, surface) in [
+                ("wood", &tree.wood),
+                ("upper", &tree.upper_wood),
+                ("twig", &tree.twig_wood),
+                ("foliage", &tree.foliage),
+            ] {
                 writeln!(text, "o {part}").unwrap();
                 for ((p, n), uv) in surface.position.iter().zip(&surface.normal).zip(&surface.uv) {
                     writeln!(text, "v {} {} {}", p.x, p.y, p.z).unwrap();
@@ -498,4 +501,96 @@ fn every_vertex_knows_the_wind_where_it_is_asked_for() {
         assert!(moved.filter(|(p, _)| p.z < bare_m).all(|(_, c)| c[3] == 0));
     }
     assert!(tree.twig_wood.wind.iter().any(|c| c[3] > 200), "tips of branches swing most");
+}
+
+/// How evenly a wood's bark lies, by area: shares of it whose texels are within a factor of two of
+/// their nominal size, that is stretched by more than two, and that adjoins bark of more than twice
+/// or less than half its density within a tube, across a seam, at a junction.
+#[derive(Debug, Default)]
+struct Evenness {
+    nominal: f32,
+    stretched: f32,
+    jumps: [f32; 3],
+    /// Of all seams' edges: those whose tiles do not meet.
+    torn: usize,
+}
+
+fn evenness(surfaces: &[&Surface]) -> Evenness {
+    let mut out = Evenness::default();
+    let (mut whole, mut seams) = (0.0, 0);
+    // Of every edge, by its places: area and density beside it, coordinates at its ends, and which
+    // vertices these are.
+    type Side = (f32, f32, [Vec2; 2], (usize, u32, u32));
+    let mut edges: std::collections::HashMap<[[u32; 3]; 2], Vec<Side>> = Default::default();
+    let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
+    for (which, s) in surfaces.iter().enumerate() {
+        for t in s.index.chunks_exact(3) {
+            let [a, b, c] = [0, 1, 2].map(|k| s.position[t[k] as usize]);
+            let [p, q, r] = [0, 1, 2].map(|k| s.uv[t[k] as usize]);
+            let area = 0.5 * (b - a).cross(c - a).length();
+            let flat = 0.5 * (q - p).perp_dot(r - p);
+            // Below the ground, at the tips and in a twig's foot the bark may end as it likes.
+            let is_seen = a.z.min(b.z).min(c.z) >= 0.0 && flat.abs() > 1e-9;
+            if !is_seen {
+                continue;
+            }
+            whole += area;
+            let density = (flat.abs() / area).sqrt() * texture::BARK_REPEAT_M;
+            out.nominal += area * f32::from(u8::from((0.5..2.0).contains(&density)));
+            // Metres along the tiles' sides.
+            let (du, dv) = (
+                ((b - a) * (r - p).y - (c - a) * (q - p).y) / (2.0 * flat),
+                ((c - a) * (q - p).x - (b - a) * (r - p).x) / (2.0 * flat),
+            );
+            let stretch = du.length() / dv.length();
+            out.stretched += area * f32::from(u8::from(!(0.5..2.0).contains(&stretch)));
+            for k in 0..3 {
+                let (i, j) = (t[k], t[(k + 1) % 3]);
+                let ends = [i, j].map(|v| (key(s.position[v as usize]), s.uv[v as usize]));
+                let (i, j, ends) =
+                    if ends[0].0 < ends[1].0 { (i, j, ends) } else { (j, i, [ends[1], ends[0]]) };
+                let side = (area / 3.0, density, [ends[0].1, ends[1].1], (which, i, j));
+                edges.entry([ends[0].0, ends[1].0]).or_default().push(side);
+            }
+        }
+    }
+    for sides in edges.values() {
+        let [a, b] = sides[..] else { continue };
+        let gap = [0, 1].map(|k| b.2[k] - a.2[k]);
+        let meets = gap.iter().all(|g| g.y.abs() < 1e-3 && (g.x - g.x.round()).abs() < 1e-3);
+        let kind = if a.3 == b.3 || gap == [Vec2::ZERO; 2] {
+            0
+        } else if meets
+            || a.3.0 == b.3.0
+                && gap[0].x.round() == gap[1].x.round()
+                && gap[0].x.abs() > 0.5
+                && gap[0].y.abs() < 0.2
+        {
+            seams += 1;
+            out.torn += usize::from(!meets);
+            1
+        } else {
+            2
+        };
+        let ratio = (a.1 / b.1).max(b.1 / a.1);
+        out.jumps[kind] += (a.0 + b.0) * f32::from(u8::from(ratio > 2.0));
+    }
+    let _ = seams;
+    for share in [&mut out.nominal, &mut out.stretched].into_iter().chain(&mut out.jumps) {
+        *share /= whole;
+    }
+    out
+}
+
+#[test]
+fn bark_lies_evenly_across_seams_and_rings() {
+    for name in species::builtin_names() {
+        let s = species::load(name).unwrap();
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = grow(&s, target, Detail::HERO, Seed::new(1)).unwrap();
+        let options = MeshOptions { foliage: FoliageLevel::None, ..MeshOptions::HERO };
+        let tree = build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
+        let e = evenness(&[&tree.wood, &tree.upper_wood, &tree.twig_wood]);
+        println!("{name}: {e:.3?}");
+    }
 }

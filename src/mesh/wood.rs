@@ -34,7 +34,14 @@ const TWIG_RADIUS: [f32; 2] = [1.4, 0.75];
 /// The wood of a tree, bark by bark.
 pub struct Wood {
     pub surface: [Surface; BARKS],
-    pub unmeshed_branches: usize,
+    pub count: Count,
+}
+
+/// Axes thick enough for the budget, and those of them that have no tube.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Count {
+    pub axes: usize,
+    pub without: usize,
 }
 
 impl Wood {
@@ -74,11 +81,11 @@ pub fn wood(
     };
     let mut bark = Bark::new(young, wind, seed);
     let mut work = Work::default();
-    let unmeshed_branches = match budget {
+    let count = match budget {
         Some(budget) => planner.fit(budget, &mut work, &mut bark),
         None => planner.attempt(0.0, &mut work, &mut bark),
     };
-    Wood { surface: bark.finish(), unmeshed_branches }
+    Wood { surface: bark.finish(), count }
 }
 
 struct Planner<'a> {
@@ -112,15 +119,15 @@ const NONE: u32 = u32::MAX;
 impl Planner<'_> {
     /// A wood that uses most of a budget, or the coarsest of all. What woods would have is guessed
     /// from their straight pieces; each attempt tells how far off such guesses are.
-    fn fit(&self, budget: usize, work: &mut Work, bark: &mut Bark) -> usize {
+    fn fit(&self, budget: usize, work: &mut Work, bark: &mut Bark) -> Count {
         let mut guesses = [0.0, COARSEST.ln()].map(|x| (x, self.guess(x, work))).to_vec();
         let is_leafy = self.options.foliage != FoliageLevel::None;
         let mut ratio = USUAL[usize::from(is_leafy)];
         let aim = budget as f32 * AIM;
         if guesses[0].1 < LIKELY * aim {
-            let unmeshed = self.attempt(0.0, work, bark);
+            let count = self.attempt(0.0, work, bark);
             if bark.triangles() <= budget {
-                return unmeshed;
+                return count;
             }
             ratio = bark.triangles() as f32 / guesses[0].1;
         }
@@ -134,16 +141,16 @@ impl Planner<'_> {
                 x = 0.5 * (fine + rough);
                 guess = self.guess(x, work);
             }
-            let unmeshed = self.attempt(x, work, bark);
+            let count = self.attempt(x, work, bark);
             let triangles = bark.triangles();
             ratio = triangles.max(1) as f32 / guess;
             if triangles > budget {
                 fine = x;
                 if fine >= rough {
-                    return unmeshed;
+                    return count;
                 }
             } else if triangles as f32 > ENOUGH * budget as f32 || rough - fine < 4.0 * STEP {
-                return unmeshed;
+                return count;
             } else {
                 (rough, best) = (x, Some(x));
             }
@@ -199,9 +206,8 @@ impl Planner<'_> {
         (0..self.chains.chain.len() as u32).map(|c| rest(pieces.of(c))).sum::<u32>().max(1) as f32
     }
 
-    /// Makes the tubes of a wood anew, parents before their branches. Returns how many branches
-    /// thick enough have none.
-    fn attempt(&self, log_coarse: f32, work: &mut Work, bark: &mut Bark) -> usize {
+    /// Makes the tubes of a wood anew, parents before their branches.
+    fn attempt(&self, log_coarse: f32, work: &mut Work, bark: &mut Bark) -> Count {
         bark.clear();
         let coarse = log_coarse.exp();
         let (tolerance_m, cut_m) = self.limits(coarse);
@@ -212,7 +218,9 @@ impl Planner<'_> {
         let sides = Sides::new(tolerance_m);
         bark.reserve((self.triangles(pieces, &sides) * 1.1) as usize);
         let count_of = self.chains.chain.len() as u32;
-        let Some(root) = (0..count_of).find(|&c| !pieces.of(c).is_empty()) else { return 0 };
+        let Some(root) = (0..count_of).find(|&c| !pieces.of(c).is_empty()) else {
+            return Count::default();
+        };
         out_of.clear();
         out_of.resize(count_of as usize, NONE);
         start.clear();
@@ -282,7 +290,8 @@ impl Planner<'_> {
                 key: u64::from(self.chains.chain[c as usize].axis),
             });
         }
-        pieces.count() - tubes
+        let axes = pieces.count();
+        Count { axes, without: axes - tubes }
     }
 
     /// How a chain begins that comes out of no hole.

@@ -10,9 +10,11 @@ use rstar::primitives::GeomWithData;
 
 use super::drape::drape;
 use super::levels::{self, LevelsJob};
+use super::light;
 use super::paint::{leaf_variants, paint};
 use super::survey;
 use super::survey::{Survey, SurveyJob};
+use super::tolerance::{self, Subject};
 use super::view::{self, Chosen, Clip, Eye};
 use crate::cache::Cache;
 use crate::diagnostic::Result;
@@ -138,9 +140,13 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
     let mut survey = survey::inventory(&job.survey, run)?;
     let clipped = job.clip.map_or(Ok(0), |clip| view::clip(&mut survey, &clip))?;
     let models = models(job, &survey);
-    let budgets = budgets(job, &survey, &models);
+    let mut budgets = budgets(job, &survey, &models);
     let skeletons = grow(job, &survey, &models, &budgets, run)?;
     let textures = paint_all(job, &models, run)?;
+    if let Some(tolerance_m) = job.wood.tolerance_m {
+        let of = (&models[..], &skeletons[..], &textures[..]);
+        budgets = within(job, &survey, of, &budgets, tolerance_m, run)?;
+    }
     let meshes = build_meshes(job, &survey, &models, &budgets, &skeletons, &textures, run)?;
     let mut finest = Vec::with_capacity(meshes.len());
     let mut coarse = Vec::with_capacity(meshes.len());
@@ -168,12 +174,15 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
     let mut chosen = None;
     if let Some(eye) = &job.eye {
         chosen = Some(run.stage("camera", |_| {
-            let chosen = view::choose(&mut scene, eye);
+            let chosen = view::choose(&mut scene, eye, job.wood.tolerance_m.unwrap_or(0.0));
             let shown = scene.instances.len();
             let outcome = Outcome::items(survey.trees.len(), "trees", shown, "shown")
                 .note(format!("{} outside the picture, {} hidden", chosen.outside, chosen.hidden));
             Ok((chosen, outcome))
         })?);
+    }
+    if job.levels.has_lightmap_uv {
+        run.stage("light map", |_| Ok(((), light::add(&mut scene)?)))?;
     }
     let (scene, pruned) = run.stage("scene", |warnings| {
         let left_out = scene.prune();
@@ -254,7 +263,7 @@ fn grow(
             .zip(budgets)
             .map(|(m, &triangles)| {
                 let seed = job.survey.seed.derive("tree", survey.trees[m.exemplar].crown.key);
-                let detail = detail(triangles, job.foliage);
+                let detail = job.wood.detail(triangles, job.foliage);
                 let skeleton = grow_one(job, survey, &roots, widest_m, m, detail, seed)?;
                 Ok(decline::in_condition(&skeleton, job.state.condition, seed))
             })
@@ -338,15 +347,24 @@ pub fn mesh_options(triangles: usize) -> MeshOptions {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct WoodJob {
     pub junctions: Junctions,
-    /// That of the number of triangles where `None`.
+    /// Triangles of a tree are the fewest whose silhouette is off by no more than this, RMS; as
+    /// many as there may be where `None`.
     pub tolerance_m: Option<f32>,
 }
 
 impl WoodJob {
     pub(super) fn options(&self, triangles: usize, foliage: FoliageLevel) -> MeshOptions {
         let preset = mesh_options(triangles);
-        let tolerance_m = self.tolerance_m.unwrap_or(preset.tolerance_m);
+        let tolerance_m = self.tolerance_m.unwrap_or(f32::INFINITY).min(preset.tolerance_m);
         MeshOptions { foliage, tolerance_m, junctions: self.junctions, ..preset }
+    }
+
+    /// That of a skeleton for at most so many triangles.
+    pub(super) fn detail(&self, triangles: usize, foliage: FoliageLevel) -> Detail {
+        match self.tolerance_m {
+            None => detail(triangles, foliage),
+            Some(_) => detail(tolerance::reference(triangles, foliage), foliage),
+        }
     }
 }
 
@@ -389,6 +407,46 @@ fn fill_distance(skeleton: &Skeleton, crown: &crate::crown::Crown) -> (f64, usiz
     (sum, crown.attractors.len())
 }
 
+/// Triangles of each model by the tolerance: that which was asked for, or what the camera can tell
+/// of the nearest tree that shows the model, if that is more.
+fn within(
+    job: &ForestJob,
+    survey: &Survey,
+    (models, skeletons, textures): (&[Model], &[Skeleton], &[Option<TreeTextures>]),
+    most: &[usize],
+    tolerance_m: f32,
+    run: &mut Recorder,
+) -> Result<Vec<usize>> {
+    run.stage("tolerance", |warnings| {
+        let told = |m: &Model| {
+            let Some(eye) = &job.eye else { return tolerance_m };
+            let of = |&i: &usize| {
+                let crown = &survey.trees[i].crown;
+                view::told_m(&survey.frame, eye, crown.root, crown.height_m, crown.diameter_m)
+            };
+            m.members.iter().map(of).fold(f32::INFINITY, f32::min).max(tolerance_m)
+        };
+        let reached: Vec<tolerance::Reached> = models
+            .par_iter()
+            .zip(skeletons)
+            .zip(most)
+            .filter_map(|((m, s), most)| textures[m.species].as_ref().map(|t| (m, s, *most, t)))
+            .map(|(m, skeleton, most, textures)| {
+                let species = &job.survey.species[m.species];
+                let leaf_share = job.state.leaf_share(species);
+                let options =
+                    |n: usize| MeshOptions { leaf_share, ..job.wood.options(n, job.foliage) };
+                let key = survey.trees[m.exemplar].crown.key;
+                let seed = job.survey.seed.derive("mesh", key);
+                let subject = Subject { skeleton, species, textures, options: &options, seed };
+                subject.fewest(most, told(m))
+            })
+            .collect::<Result<_>>()?;
+        let outcome = tolerance::outcome(&reached, warnings);
+        Ok((reached.iter().map(|r| r.triangles).collect(), outcome))
+    })
+}
+
 fn build_meshes(
     job: &ForestJob,
     survey: &Survey,
@@ -398,7 +456,7 @@ fn build_meshes(
     textures: &[Option<TreeTextures>],
     run: &mut Recorder,
 ) -> Result<Vec<Vec<TreeMesh>>> {
-    run.stage("mesh", |_| {
+    run.stage("mesh", |warnings| {
         let meshed = job.forms().meshed;
         let meshes: Vec<Vec<TreeMesh>> = models
             .par_iter()
@@ -428,6 +486,8 @@ fn build_meshes(
                 job.wood.options(most, job.foliage).tolerance_m.into(),
                 "m",
             ));
+        let finest = meshes.iter().filter_map(|of_model| of_model.first());
+        let outcome = levels::tell_unmeshed(finest, outcome, warnings);
         Ok((meshes, outcome))
     })
 }

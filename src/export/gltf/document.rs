@@ -360,6 +360,7 @@ fn attributes(at: &PieceAccessors, wind: WindAs) -> Attributes {
         position: at.position,
         normal: at.normal,
         texcoord_0: at.uv,
+        texcoord_1: at.lightmap_uv,
         tangent: at.tangent,
         color_0: wind_as(WindAs::Color),
         wind: wind_as(WindAs::Attribute),

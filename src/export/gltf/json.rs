@@ -202,6 +202,8 @@ pub(super) struct Attributes {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub texcoord_0: Option<u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    pub texcoord_1: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub tangent: Option<u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub color_0: Option<u32>,
