@@ -127,6 +127,9 @@ pub struct Forest {
 const FLOOR_TILE_M: f32 = 4.0;
 /// Most triangles of the terrain.
 const TERRAIN_TRIANGLES: usize = 120_000;
+/// Share of the light that leaves let through: about half of what they do not absorb (Jacquemoud &
+/// Baret 1990, PROSPECT, over the visible).
+pub(super) const LEAF_TRANSLUCENCY: f32 = 0.3;
 /// Fewest triangles that a model is given.
 const LEAST_TRIANGLES: usize = 200;
 /// A shared model is widened or narrowed against its height by no more than this factor.
@@ -639,6 +642,7 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         orm_texture: None,
         variants,
         roughness: 0.65,
+        translucency: LEAF_TRANSLUCENCY,
         alpha: Alpha::Mask { cutoff: 0.5 },
         double_sided: true,
     });
@@ -673,6 +677,7 @@ fn add_bark(scene: &mut Scene, name: &str, bark: BarkTextures) -> u32 {
         orm_texture,
         variants: Vec::new(),
         roughness: if orm_texture.is_some() { 1.0 } else { 0.9 },
+        translucency: 0.0,
         alpha: Alpha::Opaque,
         double_sided: false,
     });
@@ -744,6 +749,7 @@ fn place_terrain(scene: &mut Scene, surface: Surface, picture: Picture) {
         orm_texture: None,
         variants: Vec::new(),
         roughness: 1.0,
+        translucency: 0.0,
         alpha: Alpha::Opaque,
         double_sided: false,
     });

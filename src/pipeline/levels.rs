@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use super::forest::{Look, coarser, parts_of};
+use super::forest::{LEAF_TRANSLUCENCY, Look, coarser, parts_of};
 use crate::diagnostic::Result;
 use crate::lod::{self, Silhouettes, Views, impostor};
 use crate::mesh::{self, MeshOptions, Surface, TreeMesh, WindProfile, p18};
@@ -178,6 +178,7 @@ pub fn add(
             normal_texture: Some(first_texture as u32 + 1),
             orm_texture: None,
             roughness: 0.75,
+            translucency: LEAF_TRANSLUCENCY,
             alpha: Alpha::Mask { cutoff: impostor::CUTOFF },
             double_sided: true,
             variants: Vec::new(),

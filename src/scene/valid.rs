@@ -239,6 +239,9 @@ impl Scene {
             if !unit.contains(&material.roughness) {
                 wrong(format!("roughness {} is not within 0…1", material.roughness));
             }
+            if !unit.contains(&material.translucency) {
+                wrong(format!("translucency {} is not within 0…1", material.translucency));
+            }
             if let Alpha::Mask { cutoff } = material.alpha {
                 if !unit.contains(&cutoff) {
                     wrong(format!("alpha cutoff {cutoff} is not within 0…1"));
