@@ -181,11 +181,7 @@ pub fn files<'a>(
 }
 
 /// What goes into which file.
-fn forms<'a>(
-    scene: &'a ValidScene,
-    stem: &str,
-    is_one_file: bool,
-) -> Vec<(String, Selection<'a>)> {
+fn forms<'a>(scene: &'a ValidScene, stem: &str, is_one_file: bool) -> Vec<(String, Selection<'a>)> {
     if is_one_file {
         return vec![(stem.to_owned(), Selection::of(scene, Forms::All))];
     }

@@ -51,7 +51,9 @@ pub(super) fn files<'a>(
             size.vertices
         ))
         .in_file(file)
-        .remedy("write --format glb or usda, where trees share models, or ask for fewer --triangles"));
+        .remedy(
+            "write --format glb or usda, where trees share models, or ask for fewer --triangles",
+        ));
     }
     let warning = (size.bytes() > LARGE_BYTES).then(|| {
         format!(
@@ -75,7 +77,8 @@ pub(super) fn files<'a>(
         };
         writer.document(&named)
     });
-    let files = vec![OutputFile { path: file.into(), content }, OutputFile::new(library, materials)];
+    let files =
+        vec![OutputFile { path: file.into(), content }, OutputFile::new(library, materials)];
     Ok(Warned::with(files, warning.into_iter().collect()))
 }
 
