@@ -238,7 +238,10 @@ fn unknown_species_and_unwritable_folders_are_refused_before_work() {
         &["larix_sibirika", "larix_sibirica", "help:"],
     );
     refused(&["tree", "larix_sibirica", "-o", &format!("{file}/t.glb")], &["file", "help:"]);
-    refused(&["tree", "larix_sibirica", "-o", "t.obj"], &["t.obj", ".glb, .gltf, .usda, .png"]);
+    refused(
+        &["tree", "larix_sibirica", "-o", "t.obj"],
+        &["t.obj", ".glb, .gltf, .usda, .usdc, .usdz, .png"],
+    );
     refused(&["forest", "x.laz", "--species", "oak_of_mine", "-o", &file], &["oak_of_mine"]);
     refused(&["demo", "-o", &format!("{file}/demo")], &["file", "help:"]);
 }

@@ -37,7 +37,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 22] = [
+const HOMES: [(&str, &[&str]); 24] = [
     ("ab_glyph", &["render"]),
     ("blake3", &["cache"]),
     ("directories", &["cache"]),
@@ -48,6 +48,8 @@ const HOMES: [(&str, &[&str]); 22] = [
     ("spade", &["terrain", "ground"]),
     ("delaunator", &["terrain"]),
     ("gltf_json", &["export"]),
+    ("lz4_flex", &["export"]),
+    ("crc32fast", &["export"]),
     ("clap", &["cli"]),
     ("indicatif", &["cli"]),
     ("csv", &["inventory"]),

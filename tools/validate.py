@@ -2,10 +2,12 @@
 """Checks scene files with others' readers and with checks that those leave out.
 
     tools/validate.py FILES… [--inventory inventory.geojson]
-    tools/validate.py --self-test SCENE.glb SCENE.usda
+    tools/validate.py FILES… --three FOLDER
+    tools/validate.py --self-test SCENE.glb SCENE.usda [ENGINE.glb WEB.glb]
 
 FILES are .glb, .gltf, .usda, .usdc or .usdz; several are taken to be one scene in several
-formats and must agree. Prints a line a check, `ok` or `FAIL`, and exits with 1 on any failure.
+formats and must agree. --three has three.js in headless Chromium read and draw the glTF files, and
+leaves its pictures in FOLDER. Prints a line a check, `ok` or `FAIL`, and exits with 1 on any failure.
 --self-test seeds defects in copies and proves that each is caught; take a small scene with
 terrain and textures.
 
@@ -47,7 +49,7 @@ const fs = require('fs'), path = require('path'), file = process.argv[1];
 const read = uri => fs.promises.readFile(path.join(path.dirname(file), decodeURIComponent(uri)))
   .then(bytes => new Uint8Array(bytes));
 require('gltf-validator')
-  .validateBytes(new Uint8Array(fs.readFileSync(file)), {maxIssues: 100, externalResourceFunction: read})
+  .validateBytes(new Uint8Array(fs.readFileSync(file)), {maxIssues: 0, externalResourceFunction: read})
   .then(report => console.log(JSON.stringify(report.issues)));
 """
 
@@ -105,7 +107,7 @@ class Scene:
     place: tuple = None
 
     def unique_triangles(self):
-        return sum(mesh.triangles() for mesh in self.meshes)
+        return sum(self.meshes[number].triangles() for number in {number for number, _ in self.drawn})
 
     def drawn_triangles(self):
         return sum(self.meshes[number].triangles() for number, _ in self.drawn)
@@ -258,11 +260,17 @@ def check_standing(report, label, scene):
 
 
 def read_gltf(path):
-    """The document, and its one buffer."""
+    """The document, and its one buffer; compressed views decoded by meshoptimizer's own decoder."""
     data = path.read_bytes()
     if path.suffix == ".glb":
         length = struct.unpack_from("<I", data, 12)[0]
-        return json.loads(data[20 : 20 + length]), data[28 + length :]
+        document = json.loads(data[20 : 20 + length])
+        if "EXT_meshopt_compression" not in document.get("extensionsUsed", []):
+            return document, data[28 + length :]
+        with tempfile.TemporaryDirectory() as folder:
+            decoded = Path(folder) / "decoded.glb"
+            readers("decode", path, decoded)
+            return read_gltf(decoded)
     document = json.loads(data)
     return document, (path.parent / unquote(document["buffers"][0]["uri"])).read_bytes()
 
@@ -280,7 +288,8 @@ def accessor_place(document, number):
     """Element type, offset, stride and shape of an accessor."""
     accessor = document["accessors"][number]
     view = document["bufferViews"][accessor["bufferView"]]
-    kind = np.dtype({5126: "<f4", 5125: "<u4", 5123: "<u2", 5121: "u1"}[accessor["componentType"]])
+    kinds = {5126: "<f4", 5125: "<u4", 5123: "<u2", 5122: "<i2", 5121: "u1", 5120: "i1"}
+    kind = np.dtype(kinds[accessor["componentType"]])
     width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[accessor["type"]]
     offset = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
     return kind, offset, view.get("byteStride", kind.itemsize * width), (accessor["count"], width)
@@ -291,9 +300,25 @@ def accessor_array(document, binary, number):
     return np.ndarray(shape, kind, binary, offset, (stride, kind.itemsize))
 
 
+def numbers(document, binary, number):
+    """The elements of an accessor as they are meant: whole numbers that stand for 0…1 or −1…1 divided."""
+    stored = accessor_array(document, binary, number)
+    if not document["accessors"][number].get("normalized"):
+        return stored
+    return stored.astype(np.float32) / np.iinfo(stored.dtype).max
+
+
 def z_up(vectors):
     """(x, y, z) of glTF to (x, −z, y)."""
     return np.stack([vectors[:, 0], -vectors[:, 2], vectors[:, 1]], axis=1)
+
+
+def unit(normals, document, number):
+    """8 bits do not hold unit vectors to a ten-thousandth: those that are nearly so are made so."""
+    if document["accessors"][number]["componentType"] == 5126:
+        return normals
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.where(np.abs(length - 1) < 0.02, normals / np.maximum(length, 1e-9), normals)
 
 
 def node_matrix(node):
@@ -314,22 +339,39 @@ def node_matrix(node):
     return matrix
 
 
+def instance_matrices(document, binary, node):
+    """One for a node without instances."""
+    placed = node.get("extensions", {}).get("EXT_mesh_gpu_instancing")
+    if not placed:
+        return [np.eye(4)]
+    get = lambda name: numbers(document, binary, placed["attributes"][name]).astype(float)
+    columns = zip(get("TRANSLATION"), get("ROTATION"), get("SCALE"), strict=True)
+    turned = lambda q: q / np.linalg.norm(q)
+    return [node_matrix({"translation": t, "rotation": turned(q), "scale": s}) for t, q, s in columns]
+
+
 def gltf_scene(document, binary):
     scene, of_mesh, bodies = Scene(), {}, {}
     for number, mesh in enumerate(document.get("meshes", [])):
         of_mesh[number] = []
         if mesh["name"].startswith(COLLIDERS):
-            get = lambda name: accessor_array(document, binary, mesh["primitives"][0]["attributes"][name])
+            get = lambda name: numbers(document, binary, mesh["primitives"][0]["attributes"][name])
             index = accessor_array(document, binary, mesh["primitives"][0]["indices"])[:, 0].astype(np.int64)
             bodies[number] = len(scene.bodies)
             scene.bodies.append(body(mesh["name"], z_up(get("POSITION")), index))
             continue
         for part, primitive in enumerate(mesh["primitives"]):
-            get = lambda name: accessor_array(document, binary, primitive["attributes"][name])
+            get = lambda name: numbers(document, binary, primitive["attributes"][name])
             of_mesh[number].append(len(scene.meshes))
             index = accessor_array(document, binary, primitive["indices"])[:, 0].astype(np.int64)
             scene.meshes.append(
-                Mesh(f"{mesh['name']}[{part}]", z_up(get("POSITION")), z_up(get("NORMAL")), get("TEXCOORD_0"), index)
+                Mesh(
+                    f"{mesh['name']}[{part}]",
+                    z_up(get("POSITION")),
+                    unit(z_up(get("NORMAL")), document, primitive["attributes"]["NORMAL"]),
+                    get("TEXCOORD_0"),
+                    index,
+                )
             )
     axes = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], float)
     waiting = [(root, np.eye(4)) for root in document["scenes"][document.get("scene", 0)]["nodes"]]
@@ -337,15 +379,21 @@ def gltf_scene(document, binary):
         number, parent = waiting.pop()
         node = document["nodes"][number]
         matrix = parent @ node_matrix(node)
-        ours = axes @ matrix @ axes.T
+        ours = [axes @ matrix @ place @ axes.T for place in instance_matrices(document, binary, node)]
         for mesh in of_mesh.get(node.get("mesh"), []):
-            scene.drawn.append((mesh, ours))
+            scene.drawn += [(mesh, place) for place in ours]
         if node.get("mesh") in bodies:
-            scene.bodies_placed.append((bodies[node["mesh"]], ours))
+            scene.bodies_placed += [(bodies[node["mesh"]], place) for place in ours]
         facts = node.get("extras", {})
         if "id" in facts:
             scene.tree_count += 1
-            scene.trees[facts["id"]] = (ours[:3, 3], facts)
+            scene.trees[facts["id"]] = (ours[0][:3, 3], facts)
+        elif "trees" in facts:
+            scene.tree_count += len(ours)
+            columns = facts["trees"]
+            for k, place in enumerate(ours):
+                one = {name: column[k] for name, column in columns.items()}
+                scene.trees[one["id"]] = (place[:3, 3], {**one, "species": facts["species"]})
         elif "mesh" in node and node["name"] == "terrain":
             scene.terrain += of_mesh[node["mesh"]]
         waiting += [(child, matrix) for child in node.get("children", [])]
@@ -368,24 +416,36 @@ def gltf_pictures(path, document, binary):
     return pictures
 
 
-def check_khronos(report, path):
+def node_modules():
     modules = os.environ.get("LARIX_NODE_MODULES") or str(Path(__file__).resolve().parent / "node_modules")
     if not shutil.which("node"):
         sys.exit("node is missing: install Node.js 18 or later")
     if not (Path(modules) / "gltf-validator").is_dir():
         sys.exit(f"gltf-validator is not in {modules}: npm install --prefix tools, or set LARIX_NODE_MODULES")
-    run = subprocess.run(
-        ["node", "-e", KHRONOS, str(path.resolve())],
-        env={**os.environ, "NODE_PATH": modules},
-        capture_output=True,
-        text=True,
-    )
+    return modules
+
+
+def node(*arguments):
+    modules = node_modules()
+    env = {**os.environ, "NODE_PATH": modules, "LARIX_NODE_MODULES": modules}
+    return subprocess.run(["node", *map(str, arguments)], env=env, capture_output=True, text=True)
+
+
+def readers(*arguments):
+    """What tools/readers.mjs found."""
+    run = node(Path(__file__).resolve().parent / "readers.mjs", *arguments)
+    if run.returncode:
+        raise OSError(run.stderr.strip()[-500:])
+    return json.loads(run.stdout)
+
+
+def check_khronos(report, path):
+    run = node("-e", KHRONOS, path.resolve())
     if run.returncode:
         report.check(f"{path.name} Khronos validator", [run.stderr.strip() or "no answer"])
         return
     issues = json.loads(run.stdout)
     faults = [f"{m['code']} at {m.get('pointer', '?')}" for m in issues["messages"] if m["severity"] <= 1]
-    faults += ["more than it lists"] if issues["truncated"] else []
     report.check(f"{path.name} Khronos validator", faults, "0 errors, 0 warnings")
 
 
@@ -405,13 +465,141 @@ def check_trimesh(report, path, scene):
     report.check(f"{path.name} trimesh reads the same", faults, f"{len(scene.drawn)} meshes drawn")
 
 
+def check_extensions(report, path, document, binary, scene):
+    """What the Khronos validator passes by: instances, levels, textures of its unknown kinds."""
+    used, required = (set(document.get(key, [])) for key in ("extensionsUsed", "extensionsRequired"))
+    found = set()
+
+    def gather(item):
+        if isinstance(item, dict):
+            found.update(item.get("extensions", {}))
+            for child in item.values():
+                gather(child)
+        elif isinstance(item, list):
+            for child in item:
+                gather(child)
+
+    gather(document)
+    stored = {"KHR_mesh_quantization", "EXT_meshopt_compression"}
+    faults = [f"{name} is used but not listed" for name in found - used]
+    faults += [f"{name} is listed but not used" for name in used - found - stored]
+    faults += [f"{name} is required but not listed" for name in required - used]
+    small = any(
+        document["accessors"][primitive["attributes"][name]]["componentType"] != 5126
+        for mesh in document.get("meshes", [])
+        for primitive in mesh["primitives"]
+        for name in ("POSITION", "NORMAL")
+        if name in primitive["attributes"]
+    )
+    if small and "KHR_mesh_quantization" not in required:
+        faults.append("numbers of fewer bits without KHR_mesh_quantization")
+    report.check(f"{path.name} extensions as listed", faults, ", ".join(sorted(used)) or "none")
+
+    nodes, faults, placed = document["nodes"], [], 0
+    for node in nodes:
+        instances = node.get("extensions", {}).get("EXT_mesh_gpu_instancing")
+        if not instances:
+            continue
+        placed += 1
+        counts = {name: document["accessors"][number]["count"] for name, number in instances["attributes"].items()}
+        if len(set(counts.values())) != 1:
+            faults.append(f"{node['name']}: {counts}")
+            continue
+        turns = numbers(document, binary, instances["attributes"]["ROTATION"]).astype(float)
+        if not (np.abs(np.linalg.norm(turns, axis=1) - 1) < 1e-3).all():
+            faults.append(f"{node['name']}: a rotation is no unit quaternion")
+        if not (numbers(document, binary, instances["attributes"]["SCALE"]) > 0).all():
+            faults.append(f"{node['name']}: a scale is not positive")
+        columns = node.get("extras", {}).get("trees", {})
+        if any(len(column) != next(iter(counts.values())) for column in columns.values()):
+            faults.append(f"{node['name']}: facts of another number of trees")
+    report.check(f"{path.name} instances", faults, f"{placed} nodes of instances")
+
+    faults, levels = [], 0
+    reached, waiting = set(), list(document["scenes"][document.get("scene", 0)]["nodes"])
+    while waiting:
+        number = waiting.pop()
+        reached.add(number)
+        waiting += nodes[number].get("children", [])
+    for node in nodes:
+        ids = node.get("extensions", {}).get("MSFT_lod", {}).get("ids")
+        if ids is None:
+            continue
+        covers = node.get("extras", {}).get("MSFT_screencoverage", [])
+        levels += len(ids)
+        if any(not 0 <= number < len(nodes) for number in ids):
+            faults.append(f"{node['name']}: a level that is not there")
+            continue
+        if reached & set(ids):
+            faults.append(f"{node['name']}: a level is drawn on top of it")
+        if len(covers) != len(ids) + 1 or covers != sorted(covers, reverse=True):
+            faults.append(f"{node['name']}: screen coverage {covers} for {len(ids) + 1} levels")
+        places = lambda one: (one.get("translation"), one["extensions"]["EXT_mesh_gpu_instancing"])
+        if any(places(nodes[number]) != places(node) for number in ids):
+            faults.append(f"{node['name']}: a level stands elsewhere")
+        drawn = lambda one: sum(
+            document["accessors"][p["indices"]]["count"] for p in document["meshes"][one["mesh"]]["primitives"]
+        )
+        counts = [drawn(one) for one in (node, *(nodes[number] for number in ids))]
+        if counts != sorted(counts, reverse=True):
+            faults.append(f"{node['name']}: levels of {counts} indices")
+    report.check(f"{path.name} levels", faults, f"{levels} levels")
+
+
+def check_transform(report, path, scene):
+    """glTF-Transform reads the same."""
+    try:
+        found = readers("transform", path)[str(path)]
+        drawn = len(scene.drawn) + len(scene.bodies_placed)
+        triangles = scene.drawn_triangles() + sum(scene.bodies[n].triangles() for n, _ in scene.bodies_placed)
+        faults = []
+        if (found["drawn"], found["triangles"]) != (drawn, triangles):
+            faults.append(f"{found['drawn']} drawn with {found['triangles']} triangles, not {drawn} with {triangles}")
+    except OSError as error:
+        faults = [str(error)]
+    report.check(f"{path.name} glTF-Transform reads the same", faults, f"{len(scene.drawn)} meshes drawn")
+
+
+def check_three(report, paths, folder):
+    """three.js in headless Chromium reads the same; what it drew is left in `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    pictures = {path: folder / f"{path.parent.name}_{path.stem}.png" for path in paths}
+    try:
+        found = readers("three", *(f"{path}={picture}" for path, picture in pictures.items()))
+    except OSError as error:
+        report.check("three.js in Chromium", [str(error)])
+        return
+    for path, picture in pictures.items():
+        one = found[str(path)]
+        scene = gltf_scene(*read_gltf(path))
+        drawn = len(scene.drawn) + len(scene.bodies_placed)
+        triangles = scene.drawn_triangles() + sum(scene.bodies[n].triangles() for n, _ in scene.bodies_placed)
+        faults = list(one["said"])
+        if (one["drawn"], one["triangles"]) != (drawn, triangles):
+            faults.append(f"{one['drawn']} drawn with {one['triangles']} triangles, not {drawn} with {triangles}")
+        off = np.abs(np.sort(z_up(np.array(one["bounds"])), axis=0) - scene.bounds).max()
+        if not off <= BOUNDS_TOLERANCE_M:
+            faults.append(f"bounds {off:.4f} m apart")
+        if not one["textures"]:
+            faults.append("no textures")
+        if len(np.unique(np.array(Image.open(picture).convert("RGB")).reshape(-1, 3), axis=0)) < 100:
+            faults.append(f"nothing to be seen in {picture}")
+        told = f"{one['objects']} objects, {one['calls']} draw calls, {one['seconds']:.2f} s to load"
+        report.check(f"{path.name} three.js reads the same", faults, told)
+
+
 def check_gltf(report, path):
     check_khronos(report, path)
     document, binary = read_gltf(path)
     scene = gltf_scene(document, binary)
-    first = len(scene.meshes)
-    placed = [(first + body, matrix) for body, matrix in scene.bodies_placed]
-    check_trimesh(report, path, Scene(meshes=scene.meshes + scene.bodies, drawn=scene.drawn + placed))
+    if document.get("extensionsRequired"):
+        # trimesh knows none of them.
+        check_transform(report, path, scene)
+    else:
+        first = len(scene.meshes)
+        placed = [(first + body, matrix) for body, matrix in scene.bodies_placed]
+        check_trimesh(report, path, Scene(meshes=scene.meshes + scene.bodies, drawn=scene.drawn + placed))
+    check_extensions(report, path, document, binary, scene)
     check_bodies(report, path.name, scene.bodies)
     check_meshes(report, path.name, scene.meshes)
     check_pictures(report, path.name, gltf_pictures(path, document, binary))
@@ -690,6 +878,37 @@ def glb_defects():
     }
 
 
+def engine_defects():
+    """The same of a .glb with instances and levels."""
+    cell = lambda d: next(node for node in d["nodes"] if "MSFT_lod" in node.get("extensions", {}))
+    level = lambda d: d["nodes"][cell(d)["extensions"]["MSFT_lod"]["ids"][0]]
+
+    def put(attribute, element, change):
+        def seed(d, b):
+            number = cell(d)["extensions"]["EXT_mesh_gpu_instancing"]["attributes"][attribute]
+            array = accessor_array(d, b, number)
+            array[element] = change(array[element])
+
+        return seed
+
+    def draw_level(d, b):
+        d["nodes"][0]["children"].append(cell(d)["extensions"]["MSFT_lod"]["ids"][0])
+
+    return {
+        "a tree below the ground": ("stand on the terrain", put("TRANSLATION", (0, 1), lambda y: y - 3)),
+        "a moved tree": ("each tree", put("TRANSLATION", (0, 0), lambda x: x + 0.3)),
+        "a turn that is none": ("instances", put("ROTATION", 0, lambda q: q // 2)),
+        "a size of nothing": ("instances", put("SCALE", 0, lambda s: s * 0)),
+        "facts of too few trees": ("can be read", lambda d, b: cell(d)["extras"]["trees"]["height_m"].pop()),
+        "a level drawn on top": ("levels", draw_level),
+        "a level that comes too early": ("levels", lambda d, b: cell(d)["extras"]["MSFT_screencoverage"].reverse()),
+        "a level elsewhere": ("levels", lambda d, b: level(d).update(translation=[1, 2, 3])),
+        "levels from coarse to fine": ("levels", lambda d, b: cell(d)["extensions"]["MSFT_lod"]["ids"].reverse()),
+        "an extension not listed": ("extensions as listed", lambda d, b: d["extensionsUsed"].remove("MSFT_lod")),
+        "an extension not required": ("extensions as listed", lambda d, b: d["extensionsRequired"].remove("KHR_mesh_quantization")),
+    }
+
+
 def usd_defects():
     """Name → (part of the name of the check that must fail, change of the stage)."""
 
@@ -746,17 +965,38 @@ def usd_defects():
     }
 
 
-def self_test(report, glb, usda):
+def check_broken_compression(report, path):
+    """A compressed view whose first byte is another is not taken for sound."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(shutil.copy(path, folder))
+        data = bytearray(copy.read_bytes())
+        start = 20 + struct.unpack_from("<I", data, 12)[0] + 8
+        document = json.loads(data[20 : start - 8])
+        views = (view.get("extensions", {}).get("EXT_meshopt_compression") for view in document["bufferViews"])
+        data[start + next(view for view in views if view).get("byteOffset", 0)] ^= 0xFF
+        copy.write_bytes(data)
+        seeded = Report(quiet=True)
+        check_file(seeded, copy)
+    faults = [] if any("can be read" in name for name in seeded.failed) else [f"only {seeded.failed} failed"]
+    report.check(f"self-test: a broken view in {path.name}", faults, "caught")
+
+
+def self_test(report, glb, usda, engine=None, web=None):
     sound = Report(quiet=True)
-    scenes = {path: check_file(sound, path) for path in (glb, usda)}
+    given = [path for path in (glb, usda, engine, web) if path]
+    scenes = {path: check_file(sound, path) for path in given}
     report.check("self-test: the files as they are", sound.failed, f"{sound.checks} checks pass")
     if sound.failed:
         return
-    for path, defects in ((glb, glb_defects()), (usda, usd_defects())):
+    suites = [(glb, glb_defects()), (usda, usd_defects())]
+    suites += [(engine, engine_defects())] if engine else []
+    if web:
+        check_broken_compression(report, web)
+    for path, defects in suites:
         for defect, (expected, change) in defects.items():
             with tempfile.TemporaryDirectory() as folder:
                 copy = Path(shutil.copy(path, folder))
-                if path == glb:
+                if path.suffix == ".glb":
                     document, binary = read_gltf(copy)
                     binary = bytearray(binary)
                     change(document, binary)
@@ -782,6 +1022,7 @@ def main():
     parser.add_argument("files", nargs="+", type=Path)
     parser.add_argument("--inventory", type=Path, help="GeoJSON with one feature a tree")
     parser.add_argument("--quiet", action="store_true", help="tell failures and the count alone")
+    parser.add_argument("--three", type=Path, metavar="FOLDER", help="pictures by three.js go here")
     parser.add_argument("--self-test", action="store_true", help="seed defects in copies of a .glb and a .usda")
     options = parser.parse_args()
     known = (".glb", ".gltf", ".usda", ".usdc", ".usdz")
@@ -793,11 +1034,13 @@ def main():
             parser.error(f"{path}: not one of {', '.join(known)}")
     report = Report(failures_alone=options.quiet)
     if options.self_test:
-        if [path.suffix for path in options.files] != [".glb", ".usda"]:
-            parser.error("--self-test takes a .glb and a .usda")
+        if [path.suffix for path in options.files] not in ([".glb", ".usda"], [".glb", ".usda", ".glb", ".glb"]):
+            parser.error("--self-test takes a .glb and a .usda, then one .glb of profile engine and one of web")
         self_test(report, *options.files)
     else:
         check_all(report, options.files, options.inventory)
+        if options.three:
+            check_three(report, [p for p in options.files if p.suffix in (".glb", ".gltf")], options.three)
     print(f"{report.checks - len(report.failed)} passed, {len(report.failed)} failed")
     sys.exit(1 if report.failed else 0)
 

@@ -91,7 +91,7 @@ def built(element, path, faults, defined):
     if kind is None or not hasattr(kind, "FIELD_DECLARATIONS"):
         faults.append(f"{path}: no node {element.tag}")
         return None
-    declared = {f[0].rstrip("_"): (f[0], f[2].name if hasattr(f[2], "name") else str(f[2])) for f in kind.FIELD_DECLARATIONS()}
+    declared = {f[0].rstrip("_"): (f[0], f[2].__name__) for f in kind.FIELD_DECLARATIONS()}
     values = {}
     for name, text in element.attrib.items():
         if name in ("containerField",) or name.startswith(XML_NAMESPACE):
@@ -101,7 +101,7 @@ def built(element, path, faults, defined):
             continue
         field, typed = declared[name]
         try:
-            values[field] = value_of(typed.split(".")[-1], text)
+            values[field] = value_of(typed, text)
         except ValueError as wrong:
             faults.append(f"{path}.{name}: {wrong}")
     use = element.attrib.get("USE")
@@ -123,12 +123,12 @@ def built(element, path, faults, defined):
             continue
         default = node.CONTAINERFIELD_DEFAULT() if hasattr(node, "CONTAINERFIELD_DEFAULT") else child.tag
         field = child.attrib.get("containerField", default if child.tag not in ("head", "Scene", "component", "meta") else child.tag)
-        if field not in declared or declared[field][1].split(".")[-1] not in ("SFNode", "MFNode"):
+        if field not in declared or declared[field][1] not in ("SFNode", "MFNode"):
             if element.tag != "head":
                 faults.append(f"{at}: {element.tag} has no field {field}")
                 continue
             field = "children"
-        if declared[field][1].split(".")[-1] == "MFNode" or element.tag == "head":
+        if declared[field][1] == "MFNode" or element.tag == "head":
             values.setdefault(field, []).append(node)
         elif field in values:
             faults.append(f"{at}: a second {field}")

@@ -130,8 +130,12 @@ pub enum Format {
     Glb,
     /// .gltf, .bin and textures.
     Gltf,
-    /// USD text and textures.
+    /// USD as text, a layer a model, and textures.
     Usda,
+    /// The same in binary layers.
+    Usdc,
+    /// USD with everything in one file.
+    Usdz,
     /// X3D (XML) and textures; compact with --profile web.
     X3d,
     /// OBJ with every tree written out, MTL and textures.
@@ -285,6 +289,12 @@ pub enum Wind {
     SpeedtreeLike,
 }
 
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum WindAs {
+    Attribute,
+    Color,
+}
+
 /// For whom glTF files are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Profile {
@@ -313,10 +323,13 @@ pub struct LevelArgs {
     /// Bodies about the stems for collisions, beside each tree in the scene.
     #[arg(long, value_enum, value_name = "KIND")]
     pub collision: Option<Collision>,
-    /// Vertex colours that move the trees in the wind (COLOR_0, primvars:wind); viewers that do not
-    /// know them tint the trees.
+    /// How each vertex moves in the wind, in the channels that shaders of this kind read.
     #[arg(long, value_enum, value_name = "PROFILE")]
     pub wind: Option<Wind>,
+    /// Where glTF says so: the attribute _WIND, or COLOR_0, which engines keep and with which viewers
+    /// tint the trees.
+    #[arg(long, value_enum, value_name = "PLACE", default_value = "attribute")]
+    pub wind_as: WindAs,
 }
 
 /// How the scene is built and written.
@@ -432,7 +445,7 @@ pub struct Terrain {
     /// the triangles that each error takes are told for a raster too.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     pub terrain_error: Option<f32>,
-    /// .tif (Cloud Optimized GeoTIFF) for heights; .glb, .gltf, .usda, .x3d or .obj for a mesh
+    /// .tif (Cloud Optimized GeoTIFF) for heights; .glb, .gltf, .usda, .usdc, .usdz, .x3d or .obj for a mesh
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }
@@ -479,7 +492,7 @@ pub struct Tree {
     pub wood: WoodArgs,
     #[command(flatten)]
     pub levels: LevelArgs,
-    /// .glb, .gltf, .usda, .x3d, .obj or .png (a picture)
+    /// .glb, .gltf, .usda, .usdc, .usdz, .x3d, .obj or .png (a picture)
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }

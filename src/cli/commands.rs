@@ -9,7 +9,7 @@ use super::args::{self, Cli, Command, ScanArgs, SceneArgs, TreeArgs};
 use super::progress::Terminal;
 use crate::cache::Cache;
 use crate::diagnostic::{Error, Result};
-use crate::export::{self, Format, OutputFile, Pictures, Profile, Staged};
+use crate::export::{self, Format, OutputFile, Pictures, Profile, Staged, WindAs};
 use crate::ground::Method;
 use crate::lod;
 use crate::mesh::{FoliageLevel, Junctions, WindProfile};
@@ -142,6 +142,23 @@ fn species_by(by: args::SpeciesBy) -> SpeciesBy {
     }
 }
 
+/// Of the files of scenes.
+const SCENE_EXTENSIONS: [&str; 7] = ["glb", "gltf", "usda", "usdc", "usdz", "x3d", "obj"];
+
+/// `None` for what is no scene.
+fn scene_format(extension: &str) -> Option<Format> {
+    Some(match extension {
+        "glb" => Format::Glb,
+        "gltf" => Format::Gltf,
+        "usda" => Format::Usda,
+        "usdc" => Format::Usdc,
+        "usdz" => Format::Usdz,
+        "x3d" => Format::X3d,
+        "obj" => Format::Obj,
+        _ => return None,
+    })
+}
+
 fn formats(typed: &[args::Format]) -> Vec<Format> {
     typed
         .iter()
@@ -149,6 +166,8 @@ fn formats(typed: &[args::Format]) -> Vec<Format> {
             args::Format::Glb => Format::Glb,
             args::Format::Gltf => Format::Gltf,
             args::Format::Usda => Format::Usda,
+            args::Format::Usdc => Format::Usdc,
+            args::Format::Usdz => Format::Usdz,
             args::Format::X3d => Format::X3d,
             args::Format::Obj => Format::Obj,
         })
@@ -214,6 +233,13 @@ fn profile(typed: args::Profile) -> Profile {
     }
 }
 
+fn wind_as(typed: args::WindAs) -> WindAs {
+    match typed {
+        args::WindAs::Attribute => WindAs::Attribute,
+        args::WindAs::Color => WindAs::Color,
+    }
+}
+
 /// As typed; what is not typed is as the profile's readers expect it.
 fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
     let is_engine = typed.profile == args::Profile::Engine;
@@ -271,6 +297,7 @@ fn stage_forest(
         stem: "forest",
         formats: &formats(&typed.format),
         profile: profile(typed.levels.profile),
+        wind: wind_as(typed.levels.wind_as),
     };
     stage_scene(&forest.scene, &job, staged, run)?;
     let inventory = crate::inventory::to_geojson(&survey.trees, &survey.frame);
@@ -345,15 +372,8 @@ fn inventory(a: &args::Inventory, run: &mut Recorder) -> Result<Told> {
 }
 
 fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
-    let extension = extension(&a.output, &["tif", "tiff", "glb", "gltf", "usda", "x3d", "obj"])?;
-    let format = match extension {
-        "glb" => Some(Format::Glb),
-        "gltf" => Some(Format::Gltf),
-        "usda" => Some(Format::Usda),
-        "x3d" => Some(Format::X3d),
-        "obj" => Some(Format::Obj),
-        _ => None,
-    };
+    let extension = extension(&a.output, &[&["tif", "tiff"], &SCENE_EXTENSIONS[..]].concat())?;
+    let format = scene_format(extension);
     let job = SurveyJob {
         scans: a.scan.scans.clone(),
         ground: method(a.scan.ground),
@@ -382,7 +402,8 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
         let (scene, facets) = pipeline::forest::terrain_scene(frame, &terrain, error_m, run)?;
         if let Some(format) = format {
             let stem = stem(&a.output);
-            let job = export::Job { stem: &stem, formats: &[format], profile: Profile::Dcc };
+            let (profile, wind) = Default::default();
+            let job = export::Job { stem: &stem, formats: &[format], profile, wind };
             stage_scene(&scene, &job, &mut staged, run)?;
         }
         lines.push(format!(
@@ -405,7 +426,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
 }
 
 fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
-    let extension = extension(&a.output, &["glb", "gltf", "usda", "x3d", "obj", "png"])?;
+    let extension = extension(&a.output, &[&SCENE_EXTENSIONS[..], &["png"]].concat())?;
     let species = species::load(&a.species)?;
     let foliage = if a.bare { FoliageLevel::None } else { level(a.foliage) };
     let job = TreeJob {
@@ -429,19 +450,12 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&dir)?;
     let Grown { scene, rows, pruned, fit } = pipeline::tree::tree(&job, run)?;
     let stem = stem(&a.output);
-    let format = match extension {
-        "glb" => Some(Format::Glb),
-        "gltf" => Some(Format::Gltf),
-        "usda" => Some(Format::Usda),
-        "x3d" => Some(Format::X3d),
-        "obj" => Some(Format::Obj),
-        _ => None,
-    };
+    let format = scene_format(extension);
     let mut staged = Staged::new(&dir)?;
     match format {
         Some(format) => {
-            let profile = profile(a.levels.profile);
-            let job = export::Job { stem: &stem, formats: &[format], profile };
+            let (profile, wind) = (profile(a.levels.profile), wind_as(a.levels.wind_as));
+            let job = export::Job { stem: &stem, formats: &[format], profile, wind };
             stage_scene(&scene, &job, &mut staged, run)?;
         }
         None => run.stage("preview", |_| {

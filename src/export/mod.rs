@@ -19,7 +19,7 @@ use std::path::PathBuf;
 use bytes::Bytes;
 
 pub use disk::{Staged, check_writable, write_all};
-pub use gltf::Profile;
+pub use gltf::{Profile, WindAs};
 pub use pictures::{PictureFormat, Pictures};
 
 use crate::diagnostic::{Result, Warned};
@@ -92,8 +92,12 @@ pub enum Format {
     Glb,
     /// glTF with its buffer and textures beside it.
     Gltf,
-    /// USD as text, with its textures beside it.
+    /// USD as text, with a layer a model and its textures beside it.
     Usda,
+    /// The same as crate files.
+    Usdc,
+    /// USD with everything in one package.
+    Usdz,
     /// X3D as XML, with its textures beside it.
     X3d,
     /// OBJ with its materials (MTL) and textures beside it.
@@ -107,17 +111,18 @@ pub struct Job<'a> {
     pub stem: &'a str,
     /// Those given twice count once.
     pub formats: &'a [Format],
-    /// Of the glTF files; [`Profile::Web`] makes X3D compact, too.
+    /// Of the glTF files, as `wind`; [`Profile::Web`] makes X3D compact, too.
     pub profile: Profile,
+    pub wind: WindAs,
 }
 
 impl Job<'_> {
     /// How textures are coded in files of their own.
     fn pictures_beside(&self) -> BTreeSet<PictureFormat> {
         let of = |format: &Format| match format {
-            Format::Glb => None,
+            Format::Glb | Format::Usdz => None,
             Format::Gltf => Some(self.profile.picture_format()),
-            Format::Usda | Format::X3d | Format::Obj => Some(PictureFormat::Png),
+            Format::Usda | Format::Usdc | Format::X3d | Format::Obj => Some(PictureFormat::Png),
         };
         self.formats.iter().filter_map(of).collect()
     }
@@ -128,14 +133,17 @@ impl Job<'_> {
         if self.formats.contains(&Format::Glb) {
             all.insert(self.profile.picture_format());
         }
+        if self.formats.contains(&Format::Usdz) {
+            all.insert(PictureFormat::Png);
+        }
         all.into_iter().collect()
     }
 }
 
-/// The files of a scene: `STEM.glb`, `STEM.gltf` + `STEM.bin`, `STEM.usda`, `STEM.x3d`, `STEM.obj` +
-/// `STEM.mtl`, and the textures that these refer to, each once. Where a glTF profile holds one form
-/// a file, as OBJ does, coarser forms are `STEM_LOD1.glb` and so on. `pictures` must be of
-/// [`Job::picture_formats`].
+/// The files of a scene: `STEM.glb`, `STEM.gltf` + `STEM.bin`, `STEM.usda` or `STEM.usdc` +
+/// `assets/STEM_MODEL`, `STEM.usdz`, `STEM.x3d`, `STEM.obj` + `STEM.mtl`, and the textures that
+/// these refer to, each once. Where a glTF profile holds one form a file, as OBJ does, coarser forms
+/// are `STEM_LOD1.glb` and so on. `pictures` must be of [`Job::picture_formats`].
 ///
 /// # Errors
 /// A tree too large for a GLB; more vertices than readers of OBJ count.
@@ -144,7 +152,7 @@ pub fn files<'a>(
     pictures: &'a Pictures,
     job: &Job<'a>,
 ) -> Result<Warned<Vec<OutputFile<'a>>>> {
-    let Job { stem, formats, profile } = *job;
+    let Job { stem, formats, profile, wind } = *job;
     let mut files = Vec::new();
     let mut warnings = Vec::new();
     for format in [Format::Glb, Format::Gltf].into_iter().filter(|f| formats.contains(f)) {
@@ -152,6 +160,7 @@ pub fn files<'a>(
             let recipe = gltf::Recipe {
                 is_binary: format == Format::Glb,
                 profile,
+                wind,
                 stem: &stem,
                 textures_of: job.stem,
                 most_bytes: gltf::MOST_GLB_BYTES,
@@ -162,7 +171,13 @@ pub fn files<'a>(
         }
     }
     if formats.contains(&Format::Usda) {
-        files.push(usd::usda(scene, stem));
+        files.extend(usd::layers(scene, stem, usd::Encoding::Text));
+    }
+    if formats.contains(&Format::Usdc) {
+        files.extend(usd::layers(scene, stem, usd::Encoding::Crate));
+    }
+    if formats.contains(&Format::Usdz) {
+        files.push(usd::package(scene, pictures, stem));
     }
     if formats.contains(&Format::X3d) {
         files.push(x3d::file(Selection::of(scene, Forms::All), stem, profile == Profile::Web));

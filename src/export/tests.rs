@@ -12,7 +12,8 @@ use crate::mesh::Surface;
 use crate::scene::sample::forest;
 use crate::scene::{Collider, ColliderShape, Scene, ValidScene};
 
-const ALL: [Format; 5] = [Format::Glb, Format::Gltf, Format::Usda, Format::X3d, Format::Obj];
+const ALL: [Format; 7] =
+    [Format::Glb, Format::Gltf, Format::Usda, Format::Usdc, Format::Usdz, Format::X3d, Format::Obj];
 
 /// A file as it would be on disk.
 #[derive(PartialEq)]
@@ -22,7 +23,7 @@ struct Made {
 }
 
 fn made(scene: &ValidScene, stem: &str, formats: &[Format], profile: Profile) -> Vec<Made> {
-    let job = Job { stem, formats, profile };
+    let job = Job { stem, formats, profile, wind: WindAs::Color };
     let pictures = Pictures::encode(scene, &job.picture_formats()).unwrap();
     let files = super::files(scene, &pictures, &job).unwrap();
     assert!(files.warnings.is_empty());
@@ -258,7 +259,8 @@ fn text_of(file: &Made) -> String {
 
 #[test]
 fn names_of_files_and_textures_shared_by_formats() {
-    let all = files(&two_trees(), "two trees", &[ALL[4], ALL[1], ALL[3], ALL[2], ALL[0], ALL[1]]);
+    let twice: Vec<Format> = ALL.into_iter().rev().chain(ALL).collect();
+    let all = files(&two_trees(), "two trees", &twice);
     let names: Vec<&str> = all.iter().map(|f| f.path.to_str().unwrap()).collect();
     assert_eq!(
         names,

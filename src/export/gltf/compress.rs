@@ -3,10 +3,7 @@
 
 use std::fmt::Display;
 
-use meshopt::{
-    encode_index_buffer, encode_vertex_buffer_level, optimize_vertex_cache,
-    optimize_vertex_fetch_remap,
-};
+use meshopt::{encode_index_buffer, encode_vertex_buffer_level, optimize_vertex_cache};
 
 use crate::diagnostic::{Error, Result};
 use crate::mesh::Surface;
@@ -22,15 +19,19 @@ pub(super) struct Encoded {
 /// The surface with triangles and vertices in the order in which a graphics card draws them
 /// fastest, which is also the order that compresses best.
 pub(super) fn ordered(surface: &Surface) -> Surface {
+    const UNSEEN: u32 = u32::MAX;
     let vertices = surface.position.len();
-    let index = optimize_vertex_cache(&surface.index, vertices);
-    let moved = optimize_vertex_fetch_remap(&index, vertices);
-    let kept = moved.iter().filter(|&&to| to != u32::MAX).count();
-    let mut from = vec![0; kept];
-    for (old, &new) in (0u32..).zip(&moved) {
-        if let Some(slot) = from.get_mut(new as usize) {
-            *slot = old;
+    let mut index = optimize_vertex_cache(&surface.index, vertices);
+    // Vertices in the order of their first use; those of no triangle go.
+    let mut moved = vec![UNSEEN; vertices];
+    let mut from = Vec::with_capacity(vertices);
+    for i in &mut index {
+        let to = &mut moved[*i as usize];
+        if *to == UNSEEN {
+            *to = from.len() as u32;
+            from.push(*i);
         }
+        *i = *to;
     }
     fn gather<T: Copy>(from: &[u32], column: &[T]) -> Vec<T> {
         if column.is_empty() {
@@ -43,7 +44,7 @@ pub(super) fn ordered(surface: &Surface) -> Surface {
         normal: gather(&from, &surface.normal),
         uv: gather(&from, &surface.uv),
         wind: gather(&from, &surface.wind),
-        index: index.iter().map(|&i| moved[i as usize]).collect(),
+        index,
     }
 }
 
@@ -111,6 +112,12 @@ mod tests {
         for part in scene.prototypes.iter().flat_map(|p| &p.parts).chain(&scene.terrain) {
             assert!(corners(&part.surface) == corners(&ordered(&part.surface)), "{}", part.name);
         }
+        // Vertices that no triangle uses.
+        let mut part = scene.prototypes[0].parts[0].surface.clone();
+        part.index.drain(..part.index.len() / 2);
+        let kept = ordered(&part);
+        assert!(corners(&part) == corners(&kept));
+        assert!(kept.position.len() < part.position.len());
     }
 
     #[test]

@@ -11,7 +11,7 @@ use super::buffer::{Body, Layout, Piece, PieceAccessors, Plan};
 use super::cells::{Cell, cells, screen_coverage};
 use super::json::*;
 use super::quantize::{Grid, UvRange};
-use super::{Profile, variants, y_up};
+use super::{Profile, Recipe, WindAs, variants, y_up};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::mesh::Surface;
@@ -41,10 +41,11 @@ pub(super) struct Built<'a> {
 pub(super) fn build<'a>(
     selection: &Selection<'a>,
     pictures: &Pictures,
-    profile: Profile,
+    recipe: &Recipe<'_>,
     beside: Beside<'_>,
 ) -> Result<Built<'a>> {
-    let mut builder = Builder::new(selection, profile);
+    let profile = recipe.profile;
+    let mut builder = Builder::new(selection, recipe);
     builder.terrain();
     builder.models();
     builder.groups();
@@ -130,6 +131,7 @@ fn place(frame: &Frame) -> Place<'_> {
 struct Builder<'a, 's> {
     selection: &'s Selection<'a>,
     profile: Profile,
+    wind: WindAs,
     plan: Plan<'a>,
     nodes: Vec<Node<'a>>,
     meshes: Vec<Mesh<'a>>,
@@ -149,7 +151,8 @@ struct Shared {
 }
 
 impl<'a, 's> Builder<'a, 's> {
-    fn new(selection: &'s Selection<'a>, profile: Profile) -> Self {
+    fn new(selection: &'s Selection<'a>, recipe: &Recipe<'_>) -> Self {
+        let Recipe { profile, wind, .. } = *recipe;
         let range = |material: u32| {
             UvRange::of(selection.parts().filter(move |p| selection.material(p) == material))
         };
@@ -162,6 +165,7 @@ impl<'a, 's> Builder<'a, 's> {
         Builder {
             selection,
             profile,
+            wind,
             plan: Plan::default(),
             nodes: vec![root],
             meshes: Vec::new(),
@@ -189,7 +193,8 @@ impl<'a, 's> Builder<'a, 's> {
     fn terrain(&mut self) {
         let Some(terrain) = self.selection.terrain else { return };
         let grid = Grid::around([&terrain.surface].into_iter());
-        let is_counted = self.profile.is_quantized() && grid.error_m() <= MOST_TERRAIN_ERROR_M;
+        let is_counted =
+            self.profile.has_counted_positions() && grid.error_m() <= MOST_TERRAIN_ERROR_M;
         let grid = is_counted.then_some(grid);
         let primitive = self.primitive(terrain, grid);
         let name = terrain.name.as_str();
@@ -215,7 +220,7 @@ impl<'a, 's> Builder<'a, 's> {
         });
         let extensions = variants::of_primitive(self.selection, material, &self.variant_names);
         Primitive {
-            attributes: attributes(&at),
+            attributes: attributes(&at, self.wind),
             indices: at.index,
             material: Some(material),
             extensions,
@@ -225,7 +230,7 @@ impl<'a, 's> Builder<'a, 's> {
     /// One mesh a form and one a collider of every model.
     fn models(&mut self) {
         for model in &self.selection.models {
-            let grid = self.profile.is_quantized().then(|| grid_of(model));
+            let grid = self.profile.has_counted_positions().then(|| grid_of(model));
             let mut forms = Vec::with_capacity(model.forms.len());
             for (k, form) in model.forms.iter().enumerate() {
                 let primitives = form.parts.iter().map(|p| self.primitive(p, grid)).collect();
@@ -243,7 +248,7 @@ impl<'a, 's> Builder<'a, 's> {
                     has_tangents: false,
                 });
                 let primitive = Primitive {
-                    attributes: attributes(&at),
+                    attributes: attributes(&at, self.wind),
                     indices: at.index,
                     material: None,
                     extensions: None,
@@ -303,16 +308,16 @@ impl<'a, 's> Builder<'a, 's> {
         let model = &selection.models[cell.model as usize];
         let Shared { forms, colliders, grid } = &self.models[cell.model as usize];
         let (forms, colliders) = (forms.clone(), colliders.clone());
-        let (middle, half_m) = grid.map_or((Vec3::ZERO, 1.0), |g| (g.centre, g.half_m));
+        let unit_m = grid.map_or(1.0, |g| g.half_m);
         let trees = || cell.trees.iter().map(|&t| selection.trees[t as usize].instance);
-        let places = trees().map(|t| y_up(t.place(middle) - cell.centre)).collect();
+        let places = trees().map(|t| y_up(t.position - cell.centre)).collect();
         let turns = trees().map(|t| {
             let (sin, cos) = (t.yaw_rad * 0.5).sin_cos();
             let steps = |c: f32| (c * f32::from(i16::MAX)).round() as i16;
             [0, steps(sin), 0, steps(cos)]
         });
         let scales =
-            trees().map(|t| (Vec3::new(t.scale.x, t.scale.z, t.scale.y) * half_m).to_array());
+            trees().map(|t| (Vec3::new(t.scale.x, t.scale.z, t.scale.y) * unit_m).to_array());
         let first = self.plan.instances(places, turns.collect(), scales.collect());
         let attributes =
             InstanceAttributes { translation: first, rotation: first + 1, scale: first + 2 };
@@ -349,13 +354,15 @@ impl<'a, 's> Builder<'a, 's> {
     }
 }
 
-fn attributes(at: &PieceAccessors) -> Attributes {
+fn attributes(at: &PieceAccessors, wind: WindAs) -> Attributes {
+    let wind_as = |wanted: WindAs| at.wind.filter(|_| wind == wanted);
     Attributes {
         position: at.position,
         normal: at.normal,
         texcoord_0: at.uv,
         tangent: at.tangent,
-        color_0: at.wind,
+        color_0: wind_as(WindAs::Color),
+        wind: wind_as(WindAs::Attribute),
     }
 }
 
@@ -371,7 +378,7 @@ fn form_name<'a>(model: &'a str, number: usize, form: &Form<'_>) -> Cow<'a, str>
 fn grid_of(model: &Model<'_>) -> Grid {
     let parts = model.forms.iter().flat_map(|f| f.parts).map(|p| &p.surface);
     let bodies: Vec<&Surface> = model.colliders.iter().map(|c| &c.body).collect();
-    Grid::around(parts.chain(bodies))
+    Grid::about_origin(parts.chain(bodies))
 }
 
 fn facts(facts: &TreeFacts) -> TreeExtras<'_> {

@@ -205,6 +205,8 @@ pub(super) struct Attributes {
     pub tangent: Option<u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub color_0: Option<u32>,
+    #[serde(rename = "_WIND", skip_serializing_if = "Option::is_none")]
+    pub wind: Option<u32>,
 }
 
 #[derive(Serialize)]

@@ -31,7 +31,7 @@ pub enum Profile {
     #[default]
     Dcc,
     /// Game engines: trees drawn together by cells, forms in one file with the share of the
-    /// picture at which they change, numbers of fewer bits.
+    /// picture at which they change, directions and texture coordinates in fewer bits.
     Engine,
     /// Browsers: trees drawn together, numbers of fewer bits, compressed; WebP textures; one form
     /// a file.
@@ -51,6 +51,11 @@ impl Profile {
         self != Profile::Dcc
     }
 
+    /// Engines keep models as assets, whose own size must be true: there, positions stay metres.
+    fn has_counted_positions(self) -> bool {
+        self == Profile::Web
+    }
+
     fn is_compressed(self) -> bool {
         self == Profile::Web
     }
@@ -64,12 +69,24 @@ impl Profile {
     }
 }
 
+/// Where it is said how vertices move in the wind.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum WindAs {
+    /// `_WIND`, which readers that do not know it pass by.
+    #[default]
+    Attribute,
+    /// `COLOR_0`, the one that engines' importers keep; viewers multiply the base colour and alpha
+    /// with it, as the standard says.
+    Color,
+}
+
 /// What to make of a selection.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Recipe<'a> {
     /// GLB, or .gltf and .bin.
     pub is_binary: bool,
     pub profile: Profile,
+    pub wind: WindAs,
     /// Name of the file, without extension.
     pub stem: &'a str,
     /// Stem of the textures beside it.
@@ -91,11 +108,11 @@ pub(super) fn files<'a>(
     pictures: &Pictures,
     recipe: &Recipe<'_>,
 ) -> Result<Warned<Vec<OutputFile<'a>>>> {
-    let Recipe { profile, stem, textures_of, .. } = *recipe;
+    let Recipe { stem, textures_of, .. } = *recipe;
     if !recipe.is_binary {
         let buffer = format!("{stem}.bin");
         let beside = Beside::Files { buffer: &buffer, stem: textures_of };
-        let Built { mut json, body, .. } = build(selection, pictures, profile, beside)?;
+        let Built { mut json, body, .. } = build(selection, pictures, recipe, beside)?;
         json.push(b'\n');
         let body = Content::stream(move |sink| body.write(sink));
         return Ok(Warned::new(vec![
@@ -107,7 +124,7 @@ pub(super) fn files<'a>(
     let mut waiting = vec![selection.clone()];
     let mut whole_bytes = None;
     while let Some(part) = waiting.pop() {
-        let mut built = build(&part, pictures, profile, Beside::Nothing)?;
+        let mut built = build(&part, pictures, recipe, Beside::Nothing)?;
         built.json.resize(built.json.len().next_multiple_of(4), b' ');
         let bytes = HEADERS + built.json.len() as u64 + built.bytes;
         whole_bytes.get_or_insert(bytes);
@@ -192,6 +209,7 @@ mod split_tests {
         let recipe = Recipe {
             is_binary: true,
             profile: Profile::Dcc,
+            wind: WindAs::Color,
             stem: "forest",
             textures_of: "forest",
             most_bytes,

@@ -1,7 +1,7 @@
 //! Numbers of fewer bits (KHR_mesh_quantization): positions in 16 bits within a cube about the
 //! model, normals and tangents in 8, texture coordinates in 16 within their range.
 //!
-//! Errors at most: positions half a step, which is the cube's side / 131,068 (0.25 mm for a tree
+//! Errors at most: positions half a step, which is half the cube's side / 65,534 (0.5 mm for a tree
 //! of 33 m), along each axis; directions 0.5°; texture coordinates the range / 131,070.
 
 use glam::{Vec2, Vec3};
@@ -22,12 +22,21 @@ pub(super) struct Grid {
 
 impl Grid {
     /// About everything that these surfaces hold.
-    pub fn around<'a>(surfaces: impl Iterator<Item = &'a Surface>) -> Grid {
-        let all = surfaces.filter(|s| !s.position.is_empty()).map(Surface::bounds);
-        let (lo, hi) = all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or_default();
+    pub fn around<'s>(surfaces: impl Iterator<Item = &'s Surface>) -> Grid {
+        let (lo, hi) = bounds(surfaces);
         let centre = 0.5 * lo + 0.5 * hi;
         // From the rounded centre, so that no corner lies outside.
-        let half_m = (hi - centre).max(centre - lo).max_element();
+        Grid::reaching(centre, (hi - centre).max(centre - lo))
+    }
+
+    /// About the origin, which stays where it is: a tree's root.
+    pub fn about_origin<'s>(surfaces: impl Iterator<Item = &'s Surface>) -> Grid {
+        let (lo, hi) = bounds(surfaces);
+        Grid::reaching(Vec3::ZERO, lo.abs().max(hi.abs()))
+    }
+
+    fn reaching(centre: Vec3, reach: Vec3) -> Grid {
+        let half_m = reach.max_element();
         Grid { centre, half_m: if half_m > 0.0 { half_m } else { 1.0 } }
     }
 
@@ -42,6 +51,11 @@ impl Grid {
             .clamp(Vec3::splat(-MOST), Vec3::splat(MOST));
         [steps.x as i16, steps.y as i16, steps.z as i16]
     }
+}
+
+fn bounds<'s>(surfaces: impl Iterator<Item = &'s Surface>) -> (Vec3, Vec3) {
+    let all = surfaces.filter(|s| !s.position.is_empty()).map(Surface::bounds);
+    all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or_default()
 }
 
 /// Of a unit vector.
@@ -102,12 +116,17 @@ mod tests {
             .map(|_| Vec3::new(between(-9.0, 4.0), between(-5.0, 6.0), between(-0.5, 31.0)))
             .collect();
         let surface = Surface { position, ..Surface::default() };
-        let grid = Grid::around([&surface].into_iter());
-        assert!(grid.error_m() < 0.000_25, "{}", grid.error_m());
-        for &p in &surface.position {
-            let back = Vec3::from(grid.count(p).map(f32::from)) / MOST * grid.half_m + grid.centre;
-            let off = (back - p).abs().max_element();
-            assert!(off <= grid.error_m() * 1.01 + 4e-6, "{off}");
+        let around = Grid::around([&surface].into_iter());
+        let about_origin = Grid::about_origin([&surface].into_iter());
+        assert!(around.error_m() < 0.000_25, "{}", around.error_m());
+        assert!(about_origin.error_m() < 0.000_5, "{}", about_origin.error_m());
+        assert_eq!(about_origin.count(Vec3::ZERO), [0; 3]);
+        for grid in [around, about_origin] {
+            for &p in &surface.position {
+                let back = Vec3::from(grid.count(p).map(f32::from)) / MOST;
+                let off = (back * grid.half_m + grid.centre - p).abs().max_element();
+                assert!(off <= grid.error_m() * 1.01 + 4e-6, "{off}");
+            }
         }
     }
 

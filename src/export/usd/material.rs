@@ -1,0 +1,145 @@
+//! Materials as UsdPreviewSurface networks.
+
+use super::layer::{Prim, Value};
+use super::{PictureFormat, texture_path};
+use crate::scene::{Alpha, Material, ValidScene, Wrap};
+
+const RGB: &[(&str, &str)] = &[("float3", "outputs:rgb")];
+const RGBA: &[(&str, &str)] = &[("float", "outputs:a"), ("float3", "outputs:rgb")];
+const ORM: &[(&str, &str)] = &[("float", "outputs:g"), ("float", "outputs:r")];
+
+/// `parent` is the path of the prim that it is put in. A tinted texture is read a second time,
+/// untinted, for its alpha: Blender (4.5) takes the tint for the alpha otherwise.
+pub(super) fn material<'a>(
+    scene: &'a ValidScene,
+    material: &'a Material,
+    parent: &str,
+    textures: &TexturePaths,
+) -> Prim<'a> {
+    let path = format!("{parent}/{}", material.name);
+    let output = |shader: &str, name: &str| format!("{path}/{shader}.outputs:{name}");
+    let [r, g, b] = material.base_color;
+    let is_tinted = material.base_color != [1.0; 3];
+    let opacity = if is_tinted { "opacity" } else { "base_color" };
+    let is_masked = matches!(material.alpha, Alpha::Mask { .. });
+
+    let mut surface = Prim::def("Shader", "surface").uniform(
+        "token",
+        "info:id",
+        Value::token("UsdPreviewSurface"),
+    );
+    surface = match material.base_color_texture {
+        Some(_) => surface.connected("color3f", "inputs:diffuseColor", output("base_color", "rgb")),
+        None => {
+            let colour = Value::Float3(material.base_color);
+            surface.attribute("color3f", "inputs:diffuseColor", colour)
+        }
+    };
+    surface = surface.attribute("float", "inputs:metallic", Value::Float(0.0));
+    if material.normal_texture.is_some() {
+        surface = surface.connected("normal3f", "inputs:normal", output("normal", "rgb"));
+    }
+    if let Alpha::Mask { cutoff } = material.alpha {
+        surface = surface.connected("float", "inputs:opacity", output(opacity, "a")).attribute(
+            "float",
+            "inputs:opacityThreshold",
+            Value::Float(cutoff),
+        );
+    }
+    surface = match material.orm_texture {
+        Some(_) => surface.connected("float", "inputs:occlusion", output("orm", "r")).connected(
+            "float",
+            "inputs:roughness",
+            output("orm", "g"),
+        ),
+        None => surface.attribute("float", "inputs:roughness", Value::Float(material.roughness)),
+    };
+    let surface = surface.declared("token", "outputs:surface");
+
+    let mut prim = Prim::def("Material", material.name.as_str())
+        .connected("token", "outputs:surface", output("surface", "surface"))
+        .child(surface);
+    let mut shaders = Vec::new();
+    if let Some(index) = material.base_color_texture {
+        let scale = is_tinted.then_some([r, g, b, 1.0]);
+        let outputs = if is_masked && !is_tinted { RGBA } else { RGB };
+        let texture =
+            Texture { name: "base_color", index, is_raw: false, bias: None, scale, outputs };
+        if is_masked && is_tinted {
+            let second = Texture { name: opacity, scale: None, outputs: RGBA, ..texture };
+            shaders.extend([texture, second]);
+        } else {
+            shaders.push(texture);
+        }
+    }
+    if let Some(index) = material.normal_texture {
+        let (bias, scale) = (Some([-1.0, -1.0, -1.0, 0.0]), Some([2.0, 2.0, 2.0, 1.0]));
+        shaders.push(Texture { name: "normal", index, is_raw: true, bias, scale, outputs: RGB });
+    }
+    if let Some(index) = material.orm_texture {
+        let scale = (material.roughness != 1.0).then_some([1.0, material.roughness, 1.0, 1.0]);
+        shaders.push(Texture { name: "orm", index, is_raw: true, bias: None, scale, outputs: ORM });
+    }
+    if shaders.is_empty() {
+        return prim;
+    }
+    for texture in &shaders {
+        prim = prim.child(texture.shader(scene, output("st", "result"), textures));
+    }
+    let reader = Prim::def("Shader", "st")
+        .uniform("token", "info:id", Value::token("UsdPrimvarReader_float2"))
+        .attribute("string", "inputs:varname", Value::string("st"))
+        .declared("float2", "outputs:result");
+    prim.child(reader)
+}
+
+/// Where a layer finds the textures of the scene.
+pub(super) struct TexturePaths<'a> {
+    /// From the layer's folder to that of the files.
+    pub folder: &'a str,
+    pub stem: &'a str,
+}
+
+impl TexturePaths<'_> {
+    fn of(&self, name: &str) -> String {
+        format!("{}{}", self.folder, texture_path(self.stem, name, PictureFormat::Png))
+    }
+}
+
+/// A UsdUVTexture.
+#[derive(Clone, Copy)]
+struct Texture {
+    name: &'static str,
+    /// Into the scene's textures.
+    index: u32,
+    is_raw: bool,
+    bias: Option<[f32; 4]>,
+    scale: Option<[f32; 4]>,
+    /// Type and name of what is read of it.
+    outputs: &'static [(&'static str, &'static str)],
+}
+
+impl Texture {
+    fn shader<'a>(self, scene: &'a ValidScene, st: String, textures: &TexturePaths) -> Prim<'a> {
+        let file = textures.of(&scene.textures()[self.index as usize].name);
+        let wrap = match scene.wrap(self.index) {
+            Wrap::Repeat => "repeat",
+            Wrap::Clamp => "clamp",
+        };
+        let mut shader = Prim::def("Shader", self.name)
+            .uniform("token", "info:id", Value::token("UsdUVTexture"))
+            .attribute("asset", "inputs:file", Value::Asset(file));
+        for (name, value) in [("inputs:bias", self.bias), ("inputs:scale", self.scale)] {
+            if let Some(value) = value {
+                shader = shader.attribute("float4", name, Value::Float4(value));
+            }
+        }
+        let colorspace = if self.is_raw { "raw" } else { "sRGB" };
+        shader = shader
+            .attribute("token", "inputs:sourceColorSpace", Value::token(colorspace))
+            .connected("float2", "inputs:st", st)
+            .attribute("token", "inputs:wrapS", Value::token(wrap))
+            .attribute("token", "inputs:wrapT", Value::token(wrap));
+        self.outputs.iter().fold(shader, |shader, (kind, name)| shader.declared(kind, name))
+    }
+}

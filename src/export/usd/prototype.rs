@@ -1,0 +1,184 @@
+//! A prototype: its surfaces, its coarser forms as variants, what physics sees, its materials.
+
+use std::collections::BTreeSet;
+
+use glam::Vec3;
+
+use super::layer::{Prim, Property, Value, VariantSet};
+use super::material::{TexturePaths, material};
+use super::stage::extent;
+use crate::scene::{Alpha, Collider, Level, Octahedral, Part, Prototype, SpeciesGroup, ValidScene};
+
+/// The name of the variant that shows the finest form.
+const FINEST: &str = "LOD0";
+
+/// Without coarser forms the surfaces stand in the prototype. With them they are chosen by the
+/// variant set `LOD`, seen by final renderers (purpose `render`), and the coarsest form is what
+/// viewports show (purpose `proxy`). `parent` is the path of the prim that it is put in.
+pub(super) fn prototype<'a>(
+    scene: &'a ValidScene,
+    one: &'a Prototype,
+    parent: &str,
+    textures: &TexturePaths,
+) -> Prim<'a> {
+    let path = format!("{parent}/{}", one.name);
+    let materials = format!("{path}/materials");
+    let mut prim = Prim::def("Xform", one.name.as_str())
+        .kind("component")
+        .meta("apiSchemas", Value::Prepended(vec!["GeomModelAPI"]));
+    if let Some(octahedral) = &one.octahedral {
+        prim = prim.meta("customData", Value::Dictionary(vec![views(octahedral)]));
+    }
+    let proxy = coarsest(one);
+    let chosen = |mut variant: Prim<'a>, parts: &'a [Part]| {
+        for part in parts {
+            let mut shown = mesh(scene, part, &materials);
+            if proxy.is_some() {
+                shown = shown
+                    .uniform("token", "purpose", Value::token("render"))
+                    .relationship("proxyPrim", vec![format!("{path}/proxy")]);
+            }
+            variant = variant.child(shown);
+        }
+        variant
+    };
+    let mut used = BTreeSet::new();
+    used.extend(one.all_parts().map(|part| part.material));
+    let mut library = Prim::def("Scope", "materials");
+    for index in used {
+        let shown = &scene.materials()[index as usize];
+        library = library.child(material(scene, shown, &materials, textures));
+    }
+    prim = prim.with(hints(one)).child(library);
+    if one.levels.is_empty() {
+        prim = chosen(prim, &one.parts);
+    } else {
+        let finest = chosen(Prim::variant(FINEST), &one.parts);
+        let coarser = one.levels.iter().map(|level| {
+            let variant = Prim::variant(level.name.as_str()).meta("customData", told(level));
+            chosen(variant, &level.parts)
+        });
+        let variants = [finest].into_iter().chain(coarser).collect();
+        prim = prim.meta("variants", Value::Selections(vec![("LOD", FINEST.to_owned())]));
+        prim.variant_sets.push(VariantSet { name: "LOD", variants });
+    }
+    if let Some(level) = proxy {
+        let mut shown =
+            Prim::def("Xform", "proxy").uniform("token", "purpose", Value::token("proxy"));
+        shown.children = level.parts.iter().map(|part| mesh(scene, part, &materials)).collect();
+        prim = prim.child(shown);
+    }
+    for (k, collider) in one.colliders.iter().enumerate() {
+        prim = prim.child(collider_mesh(collider, collider.name(&one.name, k)));
+    }
+    prim
+}
+
+/// The coarsest form that any shader shows rightly.
+fn coarsest(one: &Prototype) -> Option<&Level> {
+    one.levels.iter().rev().find(|level| level.octahedral.is_none())
+}
+
+/// How far a coarser form is from the finest, and how its views are found.
+fn told(level: &Level) -> Value<'_> {
+    let float = |name: &'static str, value| (name.into(), Value::Float(value));
+    let mut entries = vec![
+        float("silhouette_rms_m", level.silhouette.rms_m),
+        float("silhouette_worst_m", level.silhouette.worst_m),
+    ];
+    entries.extend(level.octahedral.as_ref().map(views));
+    Value::Dictionary(entries)
+}
+
+fn views<'a>(octahedral: &Octahedral) -> (std::borrow::Cow<'a, str>, Value<'a>) {
+    let frames = octahedral.frames.min(i32::MAX as u32) as i32;
+    let entries = vec![
+        ("centre".into(), Value::Float3(octahedral.centre.to_array())),
+        ("frames".into(), Value::Int(frames)),
+        ("radius_m".into(), Value::Float(octahedral.radius_m)),
+    ];
+    ("octahedral".into(), Value::Dictionary(entries))
+}
+
+/// The bounds of a prototype whose layer need not be loaded for them: of what has no purpose, then
+/// for `render`, `proxy` and `guide`, as far as there is something.
+pub(super) fn hints<'a>(one: &Prototype) -> Property<'a> {
+    let nothing = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
+    let around = |bounds: &mut dyn Iterator<Item = (Vec3, Vec3)>| {
+        bounds.fold(nothing, |(lo, hi), (low, high)| (lo.min(low), hi.max(high)))
+    };
+    let of_parts = |parts: &[Part]| around(&mut parts.iter().map(|p| p.surface.bounds()));
+    let [default, render, proxy] = match coarsest(one) {
+        Some(level) => [nothing, of_parts(&one.parts), of_parts(&level.parts)],
+        None => [of_parts(&one.parts), nothing, nothing],
+    };
+    let guide = around(&mut one.colliders.iter().map(|c| c.body.bounds()));
+    let mut hints: Vec<Vec3> =
+        [default, render, proxy, guide].into_iter().flat_map(|(lo, hi)| [lo, hi]).collect();
+    while hints.len() > 2 && hints.ends_with(&[nothing.0, nothing.1]) {
+        hints.truncate(hints.len() - 2);
+    }
+    Property::attribute("float3[]", "extentsHint", Some(Value::Float3s(hints.into())))
+}
+
+/// `materials`: the path of what its material is in.
+pub(super) fn mesh<'a>(scene: &'a ValidScene, part: &'a Part, materials: &str) -> Prim<'a> {
+    let surface = &part.surface;
+    let shown = &scene.materials()[part.material as usize];
+    let mut prim = Prim::def("Mesh", part.name.as_str())
+        .meta("apiSchemas", Value::Prepended(vec!["MaterialBindingAPI"]));
+    if shown.double_sided {
+        prim = prim.uniform("bool", "doubleSided", Value::Bool(true));
+    }
+    prim = prim
+        .with(extent("extent", surface.bounds()))
+        .attribute("int[]", "faceVertexCounts", Value::Repeated(3, surface.triangles()))
+        .attribute("int[]", "faceVertexIndices", Value::indices(&surface.index))
+        .relationship("material:binding", vec![format!("{materials}/{}", shown.name)])
+        .varying("normal3f[]", "normals", Value::Float3s(surface.normal.as_slice().into()))
+        .attribute("point3f[]", "points", Value::Float3s(surface.position.as_slice().into()))
+        .varying("texCoord2f[]", "primvars:st", Value::Float2s(surface.uv.as_slice().into()));
+    if !surface.wind.is_empty() {
+        prim = prim.varying("float4[]", "primvars:wind", Value::Unorm4s(&surface.wind));
+    }
+    prim.uniform("token", "subdivisionScheme", Value::token("none"))
+}
+
+/// A body that physics sees and renderers do not.
+fn collider_mesh(collider: &Collider, name: String) -> Prim<'_> {
+    let body = &collider.body;
+    let schemas = vec!["PhysicsCollisionAPI", "PhysicsMeshCollisionAPI"];
+    Prim::def("Mesh", name)
+        .meta("apiSchemas", Value::Prepended(schemas))
+        .with(extent("extent", body.bounds()))
+        .attribute("int[]", "faceVertexCounts", Value::Repeated(3, body.triangles()))
+        .attribute("int[]", "faceVertexIndices", Value::indices(&body.index))
+        .uniform("token", "physics:approximation", Value::token("convexHull"))
+        .attribute("point3f[]", "points", Value::Float3s(body.position.as_slice().into()))
+        .uniform("token", "purpose", Value::token("guide"))
+        .uniform("token", "subdivisionScheme", Value::token("none"))
+}
+
+/// Mean linear colour of a species' leaves, or of its wood where it is bare: what viewports show
+/// that draw no materials.
+pub(super) fn shown_colour(scene: &ValidScene, group: &SpeciesGroup) -> Vec3 {
+    let parts = group.prototypes.iter().flat_map(|&p| &scene.prototypes()[p as usize].parts);
+    let materials: BTreeSet<u32> = parts.map(|part| part.material).collect();
+    let mut of = materials.iter().map(|&m| &scene.materials()[m as usize]);
+    let is_leaf = |m: &&crate::scene::Material| matches!(m.alpha, Alpha::Mask { .. });
+    let Some(material) = of.clone().find(is_leaf).or_else(|| of.next()) else { return Vec3::ONE };
+    let base = Vec3::from(material.base_color);
+    let Some(texture) = material.base_color_texture else { return base };
+    let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
+    for [r, g, b, alpha] in &scene.textures()[texture as usize].image.picture().data {
+        let alpha = f32::from(*alpha) / 255.0;
+        sum += alpha * Vec3::new(linear(*r), linear(*g), linear(*b));
+        weight += alpha;
+    }
+    base * sum / f32::max(weight, 1e-6)
+}
+
+fn linear(srgb: u8) -> f32 {
+    let v = f32::from(srgb) / 255.0;
+    if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+}
