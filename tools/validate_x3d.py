@@ -33,7 +33,8 @@ except ImportError as missing:
     sys.exit(f"the Python module {missing.name} is missing: pip install -r tools/requirements.txt")
 
 BOUNDS_TOLERANCE_M = 1e-3
-UNIT_TOLERANCE = 8e-3
+# Two places after the point: half a place in each of three directions.
+UNIT_TOLERANCE = 8.7e-3
 XML_NAMESPACE = "{http://www.w3.org/2001/XMLSchema-instance}"
 # Of the tuples of a list.
 WIDTHS = {"Vec2f": 2, "Vec3f": 3, "Vec3d": 3, "Color": 3, "Rotation": 4}
