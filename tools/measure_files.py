@@ -27,37 +27,14 @@ ROWS = [
     ("usdz", "usdz", []),
 ]
 
-BLENDER = """
-import sys, time, bpy
-bpy.ops.wm.read_factory_settings(use_empty=True)
-start = time.time()
-if sys.argv[-1].endswith('.glb'):
-    bpy.ops.import_scene.gltf(filepath=sys.argv[-1])
-else:
-    bpy.ops.wm.usd_import(filepath=sys.argv[-1])
-seconds = time.time() - start
-graph = bpy.context.evaluated_depsgraph_get()
-triangles = drawn = 0
-for one in graph.object_instances:
-    if one.object.type == 'MESH' and one.show_self:
-        drawn += 1
-        triangles += len(one.object.data.polygons)
-print('FOUND', seconds, len(bpy.data.objects), drawn, triangles)
-"""
-
-
-def last_line(run, start):
-    lines = [line for line in run.stdout.splitlines() if line.startswith(start)]
-    return lines[-1] if lines else None
-
-
 def blender(python, file):
-    run = subprocess.run([python, "-c", BLENDER, str(file)], capture_output=True, text=True)
-    line = last_line(run, "FOUND")
-    if line is None:
+    script = Path(__file__).resolve().parent / "blender_reader.py"
+    run = subprocess.run([python, str(script), str(file)], capture_output=True, text=True)
+    lines = [line for line in run.stdout.splitlines() if line.startswith("FOUND ")]
+    found = json.loads(lines[-1][6:]) if lines else {"error": run.stderr}
+    if "error" in found:
         return "not read", ""
-    _, seconds, objects, _, triangles = line.split()
-    return f"{float(seconds):.1f}", f"{int(objects):,} / {int(triangles):,}"
+    return f"{found['seconds']:.1f}", f"{found['objects']:,} / {found['triangles']:,}"
 
 
 def three(file):

@@ -7,7 +7,7 @@
 
 FILES are .glb, .gltf, .usda, .usdc or .usdz; several are taken to be one scene in several
 formats and must agree. --three has three.js in headless Chromium read and draw the glTF files, and
-leaves its pictures in FOLDER. Prints a line a check, `ok` or `FAIL`, and exits with 1 on any failure.
+leaves its pictures in FOLDER. --blender PYTHON has Blender import the files, too. Prints a line a check, `ok` or `FAIL`, and exits with 1 on any failure.
 --self-test seeds defects in copies and proves that each is caught; take a small scene with
 terrain and textures.
 
@@ -588,6 +588,30 @@ def check_three(report, paths, folder):
         report.check(f"{path.name} three.js reads the same", faults, told)
 
 
+def check_blender(report, scenes, python):
+    """Blender's importers read the same. It knows no meshopt."""
+    script = Path(__file__).resolve().parent / "blender_reader.py"
+    run = subprocess.run([python, str(script), *map(str, scenes)], capture_output=True, text=True)
+    lines = [json.loads(line[6:]) for line in run.stdout.splitlines() if line.startswith("FOUND ")]
+    if len(lines) != len(scenes):
+        report.check("Blender", [run.stderr.strip()[-300:] or "no answer"])
+    for found in lines:
+        path = Path(found["file"])
+        scene = scenes[path]
+        label = f"{path.name} Blender {found['blender']} reads the same"
+        if "error" in found:
+            report.check(label, [found["error"]])
+            continue
+        faults = [f"{name} is not found" for name in found["missing"]]
+        if found["triangles"] != scene.drawn_triangles():
+            faults.append(f"{found['triangles']} triangles, not {scene.drawn_triangles()}")
+        off = np.abs(np.array(found["bounds"]) - np.array(scene.bounds)).max()
+        if not off <= BOUNDS_TOLERANCE_M:
+            faults.append(f"bounds {off:.4f} m apart")
+        told = f"{found['objects']} objects, {found['drawn']} drawn, {found['seconds']:.1f} s to load"
+        report.check(label, faults, told)
+
+
 def check_gltf(report, path):
     check_khronos(report, path)
     document, binary = read_gltf(path)
@@ -817,8 +841,11 @@ def check_file(report, path):
     return scene
 
 
-def check_all(report, paths, inventory=None):
-    scenes = [(path.name, scene) for path in paths if (scene := check_file(report, path))]
+def check_all(report, paths, inventory=None, blender=None):
+    read = {path: scene for path in paths if (scene := check_file(report, path))}
+    if blender:
+        check_blender(report, read, blender)
+    scenes = [(path.name, scene) for path, scene in read.items()]
     for other, against in scenes[1:]:
         check_agreement(report, *scenes[0], other, against)
     for label, scene in scenes if inventory else []:
@@ -1023,6 +1050,7 @@ def main():
     parser.add_argument("--inventory", type=Path, help="GeoJSON with one feature a tree")
     parser.add_argument("--quiet", action="store_true", help="tell failures and the count alone")
     parser.add_argument("--three", type=Path, metavar="FOLDER", help="pictures by three.js go here")
+    parser.add_argument("--blender", metavar="PYTHON", help="an interpreter with bpy, to import the files too")
     parser.add_argument("--self-test", action="store_true", help="seed defects in copies of a .glb and a .usda")
     options = parser.parse_args()
     known = (".glb", ".gltf", ".usda", ".usdc", ".usdz")
@@ -1038,7 +1066,7 @@ def main():
             parser.error("--self-test takes a .glb and a .usda, then one .glb of profile engine and one of web")
         self_test(report, *options.files)
     else:
-        check_all(report, options.files, options.inventory)
+        check_all(report, options.files, options.inventory, options.blender)
         if options.three:
             check_three(report, [p for p in options.files if p.suffix in (".glb", ".gltf")], options.three)
     print(f"{report.checks - len(report.failed)} passed, {len(report.failed)} failed")
