@@ -339,8 +339,8 @@ DEFECTS = {
     ".x3d": {
         "a node that is none": ("<NavigationInfo ", "<NavigationInfos "),
         "an attribute that is none": ("solid=", "solit="),
-        "a word for a number": ('metallic="0"', 'metallic="none"'),
-        "a share above 1": ('metallic="0"', 'metallic="2"'),
+        "a word for a number": ('specularColor="0 0 0"', 'specularColor="none"'),
+        "a share above 1": ('specularColor="0 0 0"', 'specularColor="2 0 0"'),
         "a node in a field that is not its own": ('containerField="texture"', 'containerField="geometry"'),
         "a USE of nothing": ('<Group USE="', '<Group USE="not_'),
         "a DEF twice": ('DEF="terrain-ground"', 'DEF="{material}"'),

@@ -8,9 +8,10 @@
 //! The plain form is that of P18: IndexedFaceSet, every number the shortest that reads back as the
 //! same f32. The compact form is IndexedTriangleSet, rounded ([`COMPACT`]).
 //!
-//! Materials are PhysicalMaterial; the base colour's texture is that of the Appearance, where
-//! readers of older versions look for it. Limits: octahedral impostors, which need a shader, wind
-//! colours, colliders and material variants are not written.
+//! Materials are Material without gloss, which bark and leaves have little of, with the colour's
+//! texture in the Appearance: PhysicalMaterial stops x3dom and assimp.
+//! Limits: roughness, octahedral impostors, which need a shader, wind colours, colliders and
+//! material variants are not written.
 
 mod xml;
 
@@ -92,7 +93,7 @@ impl<'a> Writer<'_, 'a, '_> {
             ],
         );
         self.xml.open("head", &[]);
-        // What the profile leaves out: LOD, and physical materials.
+        // What the profile leaves out: LOD, and normal maps.
         self.xml.empty("component", &[("name", "Navigation"), ("level", "2")]);
         self.xml.empty("component", &[("name", "Shape"), ("level", "4")]);
         self.xml.empty("meta", &[("name", "title"), ("content", scene.name())]);
@@ -150,6 +151,8 @@ impl<'a> Writer<'_, 'a, '_> {
     fn view(&mut self) {
         /// Of X3D's default field of view, 45°, with room to spare.
         const DISTANCE: f32 = 2.5;
+        /// So that dark crowns show.
+        const SKY: &str = "0.65 0.78 0.9";
         /// 20° down: the angle, its sine and cosine.
         const DOWN: (f32, f32, f32) = (0.349_066, 0.342_020, 0.939_693);
         let (lo, hi) = self.selection.scene().bounds();
@@ -163,6 +166,7 @@ impl<'a> Writer<'_, 'a, '_> {
                 ("speed", &numbers(&[(radius / 10.0).max(1.0)])),
             ],
         );
+        self.xml.empty("Background", &[("skyColor", SKY)]);
         self.xml.empty(
             "Viewpoint",
             &[
@@ -316,22 +320,13 @@ impl<'a> Writer<'_, 'a, '_> {
         }
         self.xml.open("Appearance", &attributes);
         let colour = numbers(&material.base_color);
-        let roughness = numbers(&[material.roughness]);
-        let physical =
-            [("baseColor", &*colour), ("metallic", "0"), ("roughness", roughness.as_str())];
-        let inner = [
-            ("normalTexture", material.normal_texture),
-            ("metallicRoughnessTexture", material.orm_texture),
-            ("occlusionTexture", material.orm_texture),
-        ];
-        if inner.iter().any(|(_, texture)| texture.is_some()) {
-            self.xml.open("PhysicalMaterial", &physical);
-            for (field, texture) in inner {
-                self.texture(field, texture);
-            }
-            self.xml.close("PhysicalMaterial");
+        let lambert = [("diffuseColor", &*colour), ("specularColor", "0 0 0")];
+        if material.normal_texture.is_some() {
+            self.xml.open("Material", &lambert);
+            self.texture("normalTexture", material.normal_texture);
+            self.xml.close("Material");
         } else {
-            self.xml.empty("PhysicalMaterial", &physical);
+            self.xml.empty("Material", &lambert);
         }
         self.texture("texture", material.base_color_texture);
         self.xml.close("Appearance");
