@@ -330,6 +330,10 @@ pub struct LevelArgs {
     /// tint the trees.
     #[arg(long, value_enum, value_name = "PLACE", default_value = "attribute")]
     pub wind_as: WindAs,
+    /// A second set of texture coordinates without overlaps, for light maps (TEXCOORD_1,
+    /// primvars:st1). Needs a program built with the feature `atlas`.
+    #[arg(long)]
+    pub lightmap_uv: bool,
 }
 
 /// How the scene is built and written.
@@ -393,8 +397,9 @@ pub struct WoodArgs {
     /// through each other.
     #[arg(long, value_enum, value_name = "HOW", default_value = "weld")]
     pub junctions: JoinedBy,
-    /// How near the wood's facets keep to its roundness, in metres; 0.0015, and 0.004 for less than
-    /// 10000 triangles. A budget of triangles may ask for more.
+    /// How far a tree's silhouette may be off, in metres RMS: it takes the fewest triangles that
+    /// keep to it, up to --triangles (then 100000 where absent, 1000000 with --foliage geometry). With
+    /// --camera, far trees may be off by a pixel.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = tolerance)]
     pub tolerance: Option<f32>,
 }

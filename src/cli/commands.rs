@@ -12,7 +12,7 @@ use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, OutputFile, Pictures, Profile, Staged, WindAs};
 use crate::ground::Method;
 use crate::lod;
-use crate::mesh::{FoliageLevel, Junctions, WindProfile};
+use crate::mesh::{FoliageLevel, Junctions, WindProfile, lightmap};
 use crate::pipeline::left_out::{self, Saved};
 use crate::pipeline::tree::Grown;
 use crate::pipeline::{
@@ -34,6 +34,8 @@ const DEFAULT_MIX: [&str; 5] =
 /// Most triangles of a tree model in a forest, and of a tree alone; with every leaf of it.
 const FOREST_TRIANGLES: [usize; 2] = [5_000, 200_000];
 const TREE_TRIANGLES: [usize; 2] = [20_000, 1_000_000];
+/// Where the tolerance says how many they are.
+const TOLERANCE_TRIANGLES: [usize; 2] = [100_000, 1_000_000];
 /// Of a terrain mesh where none is asked for, metres.
 const TERRAIN_ERROR_M: f32 = 0.05;
 const PREVIEW_PX: [u32; 2] = [1280, 720];
@@ -185,7 +187,13 @@ fn level(typed: args::Foliage) -> FoliageLevel {
 }
 
 /// `usual`: without and with every leaf.
-fn triangles(typed: Option<u32>, usual: [usize; 2], level: FoliageLevel) -> usize {
+fn triangles(
+    typed: Option<u32>,
+    wood: &args::WoodArgs,
+    usual: [usize; 2],
+    level: FoliageLevel,
+) -> usize {
+    let usual = if wood.tolerance.is_some() { TOLERANCE_TRIANGLES } else { usual };
     typed.map_or(usual[usize::from(level == FoliageLevel::Geometry)], |n| n as usize)
 }
 
@@ -205,7 +213,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
     ForestJob {
         survey,
         sharing,
-        triangles: triangles(scene.triangles, FOREST_TRIANGLES, level(scene.foliage)),
+        triangles: triangles(scene.triangles, &scene.wood, FOREST_TRIANGLES, level(scene.foliage)),
         foliage: level(scene.foliage),
         wood: wood(&scene.wood),
         texture_px: scene.texture,
@@ -223,6 +231,11 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
 
 fn state(typed: &args::StateArgs) -> State {
     State { condition: typed.condition, season: typed.season }
+}
+
+/// Before any work: whether this program can make what is asked for.
+fn check_levels(typed: &args::LevelArgs) -> Result<()> {
+    if typed.lightmap_uv { lightmap::needed() } else { Ok(()) }
 }
 
 fn profile(typed: args::Profile) -> Profile {
@@ -264,11 +277,13 @@ fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
             Some(args::Wind::Cryengine) => Some(WindProfile::CryEngine),
             Some(args::Wind::SpeedtreeLike) => Some(WindProfile::SpeedTreeLike),
         },
+        has_lightmap_uv: typed.lightmap_uv,
     }
 }
 
 fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let dir = a.output.clone().unwrap_or_else(|| Path::new("output").join(stem(&a.scan.scans[0])));
+    check_levels(&a.scene.levels)?;
     let job = forest_job(survey_job(&a.scan, &a.tree)?, &a.scene, cache);
     export::check_writable(&dir)?;
     let forest = pipeline::forest::forest(&job, run)?;
@@ -427,6 +442,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
 
 fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let extension = extension(&a.output, &[&SCENE_EXTENSIONS[..], &["png"]].concat())?;
+    check_levels(&a.levels)?;
     let species = species::load(&a.species)?;
     let foliage = if a.bare { FoliageLevel::None } else { level(a.foliage) };
     let job = TreeJob {
@@ -436,7 +452,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         walls: a.wall.clone(),
         neighbours: a.neighbour.clone(),
         seed: seed(a.seed),
-        triangles: triangles(a.triangles, TREE_TRIANGLES, foliage),
+        triangles: triangles(a.triangles, &a.wood, TREE_TRIANGLES, foliage),
         wood: wood(&a.wood),
         texture_px: a.texture,
         foliage,
@@ -547,6 +563,7 @@ fn fit_lines(fit: &crate::skeleton::cloud::Report) -> Vec<String> {
 
 fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&a.output)?;
+    check_levels(&a.scene.levels)?;
     let species = load_species(&[])?;
     let options = StandOptions { trees: a.trees as usize, ..StandOptions::default() };
     let survey = pipeline::demo::survey_of_stand(&options, &species, seed(a.seed), run)?;

@@ -7,6 +7,7 @@
 //! crown counts only where it is farther than that from any leaf.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use crate::diagnostic::Result;
 use crate::render::capture::{Sitter, Window};
@@ -33,8 +34,9 @@ pub struct Silhouettes {
 }
 
 struct Mask {
-    width: usize,
     covered: Vec<bool>,
+    /// Of each sample, to the nearest covered one, in samples, squared.
+    distance_sq: Vec<f32>,
 }
 
 impl Silhouettes {
@@ -55,7 +57,7 @@ impl Silhouettes {
         let samples = |m: f32| (m / sample_m).ceil() as usize + 2;
         let level = [samples(wide_m), samples(span.z)];
         let centre = 0.5 * (lo + hi);
-        let windows = (0..SIDES)
+        let windows: Vec<Window> = (0..SIDES)
             .map(|k| {
                 // Off the axes, along which cards and walls may lie.
                 let turn = (k as f32 + 0.37) / SIDES as f32 * std::f32::consts::TAU;
@@ -67,9 +69,11 @@ impl Silhouettes {
                 forward: -Vec3::Z,
                 sample_m,
                 size: [samples(wide_m); 2],
-            }));
+            }))
+            .collect();
         let masks = windows
-            .map(|w| Ok(Mask { width: w.size[0], covered: sitter.silhouette(model, &w)? }))
+            .par_iter()
+            .map(|w| Ok(Mask::new(w.size[0], sitter.silhouette(model, w)?)))
             .collect::<Result<_>>()?;
         Ok(Silhouettes { sample_m, masks })
     }
@@ -80,8 +84,7 @@ impl Silhouettes {
         let (mut worst_sq, mut sum, mut count) = (0.0f32, 0.0f64, 0u64);
         for (a, b) in self.masks.iter().zip(&other.masks) {
             for (from, to) in [(a, b), (b, a)] {
-                let distance_sq = to.distance_sq();
-                for (&covered, &d) in from.covered.iter().zip(&distance_sq) {
+                for (&covered, &d) in from.covered.iter().zip(&to.distance_sq) {
                     if covered {
                         worst_sq = worst_sq.max(d);
                         sum += f64::from(d);
@@ -98,11 +101,10 @@ impl Silhouettes {
 }
 
 impl Mask {
-    /// Squared distance of each sample to the nearest covered one, in samples.
-    fn distance_sq(&self) -> Vec<f32> {
-        let (width, height) = (self.width, self.covered.len() / self.width.max(1));
+    fn new(width: usize, covered: Vec<bool>) -> Mask {
+        let height = covered.len() / width.max(1);
         let mut out: Vec<f32> =
-            self.covered.iter().map(|&c| if c { 0.0 } else { f32::INFINITY }).collect();
+            covered.iter().map(|&c| if c { 0.0 } else { f32::INFINITY }).collect();
         let longest = width.max(height);
         let (mut line, mut scratch) = (vec![0.0; longest], Envelope::of_length(longest));
         for x in 0..width {
@@ -117,7 +119,7 @@ impl Mask {
         for row in out.chunks_exact_mut(width.max(1)) {
             scratch.transform(row);
         }
-        out
+        Mask { covered, distance_sq: out }
     }
 }
 
@@ -184,9 +186,8 @@ mod tests {
         ) {
             let height = covered.len() / width;
             prop_assume!(height > 0);
-            let mask = Mask { width, covered: covered[..width * height].to_vec() };
-            let got = mask.distance_sq();
-            for (i, got) in got.iter().enumerate() {
+            let mask = Mask::new(width, covered[..width * height].to_vec());
+            for (i, got) in mask.distance_sq.iter().enumerate() {
                 let (x, y) = ((i % width) as f32, (i / width) as f32);
                 let wanted = (0..width * height)
                     .filter(|&k| mask.covered[k])

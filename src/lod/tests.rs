@@ -40,6 +40,7 @@ fn red() -> Vec<Material> {
         normal_texture: None,
         orm_texture: None,
         roughness: 1.0,
+        translucency: 0.0,
         alpha: Alpha::Opaque,
         double_sided: false,
         variants: Vec::new(),

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::Surface;
+use super::{Surface, lightmap};
 use crate::diagnostic::{Error, Result};
 
 /// Heights of a triangle below this are no area, metres.
@@ -25,6 +25,15 @@ impl Surface {
                 "a surface has {n} positions and {} wind colours",
                 self.wind.len()
             )));
+        }
+        if !(self.lightmap_uv.is_empty() || self.lightmap_uv.len() == n) {
+            return Err(Error::new(format!(
+                "a surface has {n} positions and {} places on its light map",
+                self.lightmap_uv.len()
+            )));
+        }
+        if let Some(i) = self.lightmap_uv.iter().position(|c| !lightmap::is_on(*c)) {
+            return Err(Error::new(format!("vertex {i} is off its light map")));
         }
         if !self.index.len().is_multiple_of(3) {
             return Err(Error::new(format!("a surface has {} indices", self.index.len())));

@@ -312,10 +312,13 @@ fn petiole(shape: LeafShape) -> f32 {
     }
 }
 
-/// A folded blade, widest below its middle.
+/// A needle's silhouette over that of a rhombus as wide: a needle keeps its width to near its tip.
+const RHOMBUS: f32 = 1.7;
+
+/// A folded blade, widest below its middle, that hides as much as a needle.
 fn needle(pose: &Pose, width_m: f32, cell: &Cell, out: &mut Piece) {
     let across = pose.heading.cross(pose.facing);
-    let half = 0.5 * width_m.max(1e-5);
+    let half = 0.5 * RHOMBUS * width_m.max(1e-5);
     let middle = pose.base + pose.heading * (0.4 * pose.size_m) - pose.facing * (0.6 * half);
     let mut put = |p: Vec3, lean: Vec3, s: f32, t: f32| {
         out.vertex(p, pose.bent(pose.facing + lean, p, BENT), cell.uv(s, t))

@@ -7,6 +7,7 @@ mod check;
 mod foliage;
 mod junction;
 mod leaf;
+pub mod lightmap;
 pub mod p18;
 mod path;
 mod piece;
@@ -18,6 +19,7 @@ mod wind;
 mod wood;
 
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
@@ -28,6 +30,9 @@ use crate::texture::Atlas;
 pub use foliage::FoliageLevel;
 pub use path::BELOW_GROUND_M;
 pub use wind::{Wind, WindProfile};
+
+/// Vertices that a thread takes at once.
+const CHUNK: usize = 1 << 14;
 
 /// An indexed triangle surface; columns of equal length, three indices a triangle,
 /// counter-clockwise seen from outside. `uv` has v = 0 at the bottom of the picture.
@@ -40,6 +45,9 @@ pub struct Surface {
     pub index: Vec<u32>,
     /// How each vertex moves in the wind, as a profile's channels; empty where nobody asked.
     pub wind: Vec<[u8; 4]>,
+    /// Places on a light map, within 0…1, where no two triangles of a model overlap; empty where
+    /// nobody asked. v = 0 at the bottom.
+    pub lightmap_uv: Vec<Vec2>,
 }
 
 impl Surface {
@@ -53,9 +61,12 @@ impl Surface {
 
     /// Least and greatest corner; zero for an empty surface.
     pub fn bounds(&self) -> (Vec3, Vec3) {
-        let mut points = self.position.iter().copied();
-        let Some(first) = points.next() else { return (Vec3::ZERO, Vec3::ZERO) };
-        points.fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)))
+        let Some(&first) = self.position.first() else { return (Vec3::ZERO, Vec3::ZERO) };
+        let of = |points: &[Vec3]| {
+            points.iter().fold((first, first), |(lo, hi), p| (lo.min(*p), hi.max(*p)))
+        };
+        let chunks = self.position.par_chunks(CHUNK);
+        chunks.map(of).reduce(|| (first, first), |a, b| (a.0.min(b.0), a.1.max(b.1)))
     }
 }
 
@@ -66,13 +77,17 @@ pub struct TreeMesh {
     /// counts whole tiles of bark around; v goes up along each axis, as fast as the tiles are wide.
     pub wood: Surface,
     /// The part of the wood with the bark of the upper stem and the branches; empty where the
-    /// species has none. Closed only together with `wood`.
+    /// species has none. Closed only together with the other woods.
     pub upper_wood: Surface,
+    /// The part with the bark of twigs, likewise.
+    pub twig_wood: Surface,
     /// Empty for a bare tree.
     pub foliage: Surface,
-    /// Branches thick enough for the budget that have no mesh: they never clear their parent's
-    /// bark, or there was no room for their foot.
-    pub unmeshed_branches: usize,
+    /// Axes thick enough for the budget.
+    pub axes: usize,
+    /// Those of them that have no mesh: they never clear their parent's bark, or there was no room
+    /// for their foot.
+    pub unmeshed_axes: usize,
 }
 
 impl TreeMesh {
@@ -80,13 +95,18 @@ impl TreeMesh {
         self.wood_triangles() + self.foliage.triangles()
     }
 
+    /// The wood, bark by bark.
+    pub fn woods(&self) -> [&Surface; 3] {
+        [&self.wood, &self.upper_wood, &self.twig_wood]
+    }
+
     pub fn wood_triangles(&self) -> usize {
-        self.wood.triangles() + self.upper_wood.triangles()
+        self.woods().iter().map(|s| s.triangles()).sum()
     }
 
     /// Least and greatest corner of all that is there.
     pub fn bounds(&self) -> (Vec3, Vec3) {
-        [&self.wood, &self.upper_wood, &self.foliage]
+        [&self.wood, &self.upper_wood, &self.twig_wood, &self.foliage]
             .iter()
             .filter(|s| !s.is_empty())
             .map(|s| s.bounds())
@@ -132,8 +152,9 @@ impl TreeMesh {
 
     /// Scales the tree about its root collar.
     pub fn scale(&mut self, factor: f32) {
-        for surface in [&mut self.wood, &mut self.upper_wood, &mut self.foliage] {
-            surface.position.iter_mut().for_each(|p| *p *= factor);
+        let TreeMesh { wood, upper_wood, twig_wood, foliage, .. } = self;
+        for surface in [wood, upper_wood, twig_wood, foliage] {
+            surface.position.par_iter_mut().with_min_len(CHUNK).for_each(|p| *p *= factor);
         }
     }
 
@@ -141,7 +162,7 @@ impl TreeMesh {
     pub fn clear_ground(&mut self) {
         let foliage = &mut self.foliage;
         let is_above = |i: u32| foliage.position.get(i as usize).is_some_and(|p| p.z >= 0.0);
-        if foliage.position.iter().all(|p| p.z >= 0.0) {
+        if foliage.position.par_iter().with_min_len(CHUNK).all(|p| p.z >= 0.0) {
             return;
         }
         let kept: Vec<u32> = foliage
@@ -169,10 +190,9 @@ impl TreeMesh {
 
     /// All surfaces sound, and the wood closed.
     pub fn check(&self) -> Result<()> {
-        self.wood.check()?;
-        self.upper_wood.check()?;
+        self.woods().into_iter().try_for_each(Surface::check)?;
         self.foliage.check()?;
-        match check::open_edges(&[&self.wood, &self.upper_wood]) {
+        match check::open_edges(&self.woods()) {
             0 => Ok(()),
             n => Err(Error::new(format!("the wood has {n} open edges"))),
         }
@@ -256,14 +276,13 @@ pub fn build(
             .remedy("give lengths in metres"));
     }
     let seed = seed.derive("mesh", 0);
-    let has_young = species.bark.upper.is_some();
     let level = options.foliage;
     let wood_budget = options.triangle_budget.map(|b| match level {
         FoliageLevel::None => b,
         _ => (b as f32 * WOOD_SHARE) as usize,
     });
     let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
-    let made = wood::wood(skeleton, options, wood_budget, has_young, wind.as_ref(), seed);
+    let made = wood::wood(skeleton, options, wood_budget, &species.bark, wind.as_ref(), seed);
     let triangles = made.triangles();
     if triangles == 0 {
         return Err(Error::new(format!("a skeleton of {} nodes has no wood", skeleton.len()))
@@ -281,8 +300,9 @@ pub fn build(
         seed,
     };
     let foliage = foliage::foliage(skeleton, &order)?;
-    let [wood, upper_wood] = made.surface;
-    Ok(TreeMesh { wood, upper_wood, foliage, unmeshed_branches: made.unmeshed_branches })
+    let [wood, upper_wood, twig_wood] = made.surface;
+    let wood::Count { axes, without } = made.count;
+    Ok(TreeMesh { wood, upper_wood, twig_wood, foliage, axes, unmeshed_axes: without })
 }
 
 #[cfg(test)]

@@ -434,8 +434,13 @@ fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, around: Option<Vec3>, out
                     if across.length_squared() > 0.01 { across.normalize() } else { normal }
                 };
             }
-            let carried = if next.dot(tangent) > 0.9999 {
+            // The turn from one tangent to the next, without a quaternion: both are at right angles
+            // to its axis, and the normal to the first.
+            let cosine = next.dot(tangent);
+            let carried = if cosine > 0.9999 {
                 normal
+            } else if cosine > -0.99 {
+                normal - (tangent + next) * (next.dot(normal) / (1.0 + cosine))
             } else {
                 Quat::from_rotation_arc(tangent, next) * normal
             };

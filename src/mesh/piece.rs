@@ -84,12 +84,13 @@ pub fn fill(count: usize, room: Room, emit: impl Fn(usize, &mut Piece) + Sync) -
     if count == 0 || room.vertices == 0 || room.triangles == 0 {
         return Surface::default();
     }
+    // Zeroed by the system, page by page as the threads come to it.
     let mut out = Surface {
-        position: vec![Vec3::ZERO; count * room.vertices],
-        normal: vec![Vec3::ZERO; count * room.vertices],
-        uv: vec![Vec2::ZERO; count * room.vertices],
+        position: bytemuck::zeroed_vec(count * room.vertices),
+        normal: bytemuck::zeroed_vec(count * room.vertices),
+        uv: bytemuck::zeroed_vec(count * room.vertices),
         index: vec![0; count * room.triangles * 3],
-        wind: Vec::new(),
+        ..Surface::default()
     };
     let columns = (
         out.position.par_chunks_exact_mut(room.vertices),

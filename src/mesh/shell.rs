@@ -97,5 +97,5 @@ pub fn shell(spots: &[Spot], hull: &Hull, margin_m: f32, uv: Vec2, budget: usize
     }
     straighten(&position, &mut normal, &index, 0, 8);
     let uv = vec![uv; position.len()];
-    Surface { position, normal, uv, index, wind: Vec::new() }
+    Surface { position, normal, uv, index, ..Surface::default() }
 }

@@ -64,7 +64,7 @@ impl Hull {
     /// young. `enlarge` makes up for twigs left out.
     pub fn scale(&self, p: Vec3, enlarge: f32) -> f32 {
         let height = ((p.z - self.centre.z) / (1.5 * self.half.z)).clamp(0.0, 1.0);
-        (1.0 - 0.4 * height * height) * (1.0 + (enlarge - 1.0) * (1.0 - 0.45 * height))
+        (1.0 - 0.3 * height * height) * (1.0 + (enlarge - 1.0) * (1.0 - 0.35 * height))
     }
 
     /// Square metres, near enough (Thomsen).

@@ -82,19 +82,20 @@ proptest! {
         radius in prop::sample::select(vec![1e-6f32, 1e-3, 0.05, 0.3, 2.0]),
         tolerance in prop::sample::select(vec![1e-4f32, 2e-3, 0.05]),
         has_young in any::<bool>(),
+        has_twigs in any::<bool>(),
         junctions in prop::sample::select(vec![Junctions::Welded, Junctions::Intersecting]),
     ) {
         let s = skeleton(&steps, radius);
         let mut species = oak();
         species.bark.upper = has_young.then_some([200, 120, 70]);
+        species.bark.twig = has_twigs.then_some([90, 60, 50]);
         prop_assume!(s.len() > 1);
         s.check().unwrap();
         let options = MeshOptions { foliage: FoliageLevel::Cards, junctions, ..bare(tolerance) };
         let tree = build(&s, &species, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
-        tree.wood.check().unwrap();
-        tree.upper_wood.check().unwrap();
+        tree.woods().iter().for_each(|s| s.check().unwrap());
         tree.foliage.check().unwrap();
-        let wood = [&tree.wood, &tree.upper_wood];
+        let wood = tree.woods();
         match junctions {
             Junctions::Welded => {
                 prop_assert_eq!(check::open_edges_welded(&wood), 0);
@@ -117,7 +118,7 @@ fn cone(radius: f32, height: f32, tolerance: f32) -> Surface {
     let scratch = &mut path::Scratch::default();
     path::rings(&knots, foot, least, &path::Sides::new(tolerance), false, scratch, &mut rings);
     tube::lay_bark(&mut rings, 1.0);
-    let mut bark = tube::Bark::new(None, None, Seed::new(1));
+    let mut bark = tube::Bark::new(tube::Young::default(), None, Seed::new(1));
     bark.tube(&tube::Shape {
         rings: &rings,
         holes: &[],
@@ -127,7 +128,7 @@ fn cone(radius: f32, height: f32, tolerance: f32) -> Surface {
         shift_m: 0.0,
         key: 0,
     });
-    let [out, _] = bark.finish();
+    let [out, ..] = bark.finish();
     out
 }
 
@@ -209,6 +210,7 @@ fn grown_trees_are_sound_closed_and_within_budget() {
             assert!(tree.triangles() <= budget, "{name}: {}", tree.triangles());
             assert!(tree.triangles() > budget / 3, "{name}: {}", tree.triangles());
             assert_eq!(tree.upper_wood.is_empty(), s.bark.upper.is_none(), "{name}");
+            assert_eq!(tree.twig_wood.is_empty(), s.bark.twig.is_none(), "{name}");
             let low = tree.wood.bounds().0.z;
             assert!((-0.5..0.0).contains(&low), "{name}: goes on below ground, {low}");
             assert_eq!(tree, build(&skeleton, &s, &atlas, &options, Seed::new(3)).unwrap());
@@ -218,12 +220,11 @@ fn grown_trees_are_sound_closed_and_within_budget() {
 
 /// Every edge of the wood in two triangles, wound one way; one part, of positive volume.
 fn assert_one_solid(tree: &TreeMesh, what: &str) {
-    let wood = [&tree.wood, &tree.upper_wood];
-    tree.wood.check().unwrap_or_else(|e| panic!("{what}: {e}"));
-    tree.upper_wood.check().unwrap_or_else(|e| panic!("{what}: {e}"));
+    let wood = tree.woods();
+    wood.iter().for_each(|s| s.check().unwrap_or_else(|e| panic!("{what}: {e}")));
     assert_eq!(check::open_edges_welded(&wood), 0, "{what}");
     assert_eq!(check::parts(&wood), 1, "{what}");
-    let volume = tree.wood.volume_m3() + tree.upper_wood.volume_m3();
+    let volume = wood.iter().map(|s| s.volume_m3()).sum::<f64>();
     assert!(volume > 0.0, "{what}: {volume} m³");
 }
 
@@ -363,9 +364,12 @@ fn contact_sheet() {
             );
             let mut text = String::new();
             let mut base = 1;
-            for (part, surface) in
-                [("wood", &tree.wood), ("upper", &tree.upper_wood), ("foliage", &tree.foliage)]
-            {
+            for (part, surface) in [
+                ("wood", &tree.wood),
+                ("upper", &tree.upper_wood),
+                ("twig", &tree.twig_wood),
+                ("foliage", &tree.foliage),
+            ] {
                 writeln!(text, "o {part}").unwrap();
                 for ((p, n), uv) in surface.position.iter().zip(&surface.normal).zip(&surface.uv) {
                     writeln!(text, "v {} {} {}", p.x, p.y, p.z).unwrap();
@@ -392,7 +396,7 @@ fn speed() {
     let skeleton = grow(&s, Target::FromSpecies { height_m: None }, detail, Seed::new(1)).unwrap();
     let options = MeshOptions { tolerance_m: 1e-4, ..bare(1e-4) };
     let start = std::time::Instant::now();
-    let wood = wood::wood(&skeleton, &options, None, false, None, Seed::new(1));
+    let wood = wood::wood(&skeleton, &options, None, &s.bark, None, Seed::new(1));
     let rate = |n: usize, t: std::time::Duration| n as f64 / t.as_secs_f64() / 1e6;
     println!(
         "wood: {} triangles in {:?}: {:.1} M/s",
@@ -476,6 +480,7 @@ fn every_vertex_knows_the_wind_where_it_is_asked_for() {
     for (a, b) in [
         (&tree.wood, &still.wood),
         (&tree.upper_wood, &still.upper_wood),
+        (&tree.twig_wood, &still.twig_wood),
         (&tree.foliage, &still.foliage),
     ] {
         assert_eq!((&a.position, &a.index), (&b.position, &b.index), "wind moves no vertex");
@@ -491,9 +496,9 @@ fn every_vertex_knows_the_wind_where_it_is_asked_for() {
     assert_eq!(most, Some(255), "the tip of a twig flutters most");
     // Below the crown there is the stem alone, which is no branch.
     let bare_m = 0.9 * skeleton.crown_base_m();
-    for surface in [&tree.wood, &tree.upper_wood] {
+    for surface in tree.woods() {
         let moved = surface.position.iter().zip(&surface.wind);
         assert!(moved.filter(|(p, _)| p.z < bare_m).all(|(_, c)| c[3] == 0));
     }
-    assert!(tree.upper_wood.wind.iter().any(|c| c[3] > 200), "tips of branches swing most");
+    assert!(tree.twig_wood.wind.iter().any(|c| c[3] > 200), "tips of branches swing most");
 }

@@ -4,8 +4,8 @@
 //! N + 1 vertices: the first and the last lie in one place and part the texture. The foot of a
 //! branch is a hole in the facets of one band (see `junction`); its corners are the first ring of
 //! the branch.
-//! Where old bark gives way to young bark, facets of both mix and their rings are in both
-//! surfaces; together the two are closed.
+//! Where one bark gives way to a younger one, facets of both mix and their rings are in both
+//! surfaces; together all are closed.
 
 use std::f32::consts::TAU;
 
@@ -15,7 +15,7 @@ use super::Surface;
 use super::junction::{Hole, mask};
 use super::path::{MAX_SIDES, Ring};
 use super::wind::{Sway, Wind};
-use crate::seed::{Draws, Seed};
+use crate::seed::Seed;
 
 /// Cosines and sines of the corners of every ring.
 pub struct Circles(Vec<Vec<Vec2>>);
@@ -71,22 +71,60 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32) {
     }
 }
 
-/// Where bark is young: by radius over that of the stem's foot and height over the tree's, from all
-/// old to all young.
+/// Barks of a tree: old, that of the upper stem and branches, that of twigs.
+pub const BARKS: usize = 3;
+
+/// Where bark is young, from all old to all young; `None` where the species has no such bark.
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Young {
-    pub foot_m: f32,
-    pub height_m: f32,
-    pub radius: [f32; 2],
-    pub height: [f32; 2],
+    /// That of the upper stem: radii and heights, metres.
+    pub upper: Option<Upper>,
+    /// That of twigs: radii, metres.
+    pub twig_m: Option<[f32; 2]>,
+}
+
+#[derive(Debug, Clone, Copy)]
+pub struct Upper {
+    pub radius_m: [f32; 2],
+    pub height_m: [f32; 2],
+}
+
+/// Two barks, and the share of the second; between 0 and 1 the facets mix.
+#[derive(Clone, Copy)]
+struct Mix {
+    bark: [usize; 2],
+    share: f32,
+}
+
+impl Mix {
+    fn mixes(self) -> bool {
+        self.share > 0.0 && self.share < 1.0
+    }
+
+    fn most(self) -> usize {
+        self.bark[usize::from(self.share >= 0.5)]
+    }
 }
 
 impl Young {
-    /// Share of young bark at a ring; between 0 and 1 the facets mix.
-    fn share(&self, ring: &Ring) -> f32 {
-        let part = |x: f32, range: [f32; 2]| (x - range[0]) / (range[1] - range[0]);
-        let thin = part(ring.radius_m / self.foot_m, self.radius);
-        let high = part(ring.centre.z / self.height_m, self.height);
-        thin.max(high).clamp(0.0, 1.0)
+    fn is_there(&self, bark: usize) -> bool {
+        [true, self.upper.is_some(), self.twig_m.is_some()].get(bark).copied().unwrap_or(false)
+    }
+
+    fn at(&self, ring: &Ring) -> Mix {
+        let part = |x: f32, range: [f32; 2]| {
+            let span = range[1] - range[0];
+            let span = if span.abs() < 1e-9 { 1e-9 } else { span };
+            ((x - range[0]) / span).clamp(0.0, 1.0)
+        };
+        let upper = self
+            .upper
+            .map_or(0.0, |u| part(ring.radius_m, u.radius_m).max(part(ring.centre.z, u.height_m)));
+        let twig = self.twig_m.map_or(0.0, |r| part(ring.radius_m, r));
+        if twig > 0.0 {
+            return Mix { bark: [usize::from(upper >= 0.5), 2], share: twig };
+        }
+        Mix { bark: [0, 1], share: upper }
     }
 }
 
@@ -123,10 +161,10 @@ struct Rim {
     first: u32,
 }
 
-/// The wood while tubes are added, parents before their branches: old bark and young bark.
+/// The wood while tubes are added, parents before their branches, bark by bark.
 pub struct Bark<'a> {
-    surface: [Surface; 2],
-    young: Option<Young>,
+    surface: [Surface; BARKS],
+    young: Young,
     wind: Option<&'a Wind>,
     seed: Seed,
     circles: Circles,
@@ -137,9 +175,9 @@ pub struct Bark<'a> {
 }
 
 impl<'a> Bark<'a> {
-    pub fn new(young: Option<Young>, wind: Option<&'a Wind>, seed: Seed) -> Bark<'a> {
+    pub fn new(young: Young, wind: Option<&'a Wind>, seed: Seed) -> Bark<'a> {
         Bark {
-            surface: [Surface::default(), Surface::default()],
+            surface: Default::default(),
             young,
             wind,
             seed,
@@ -166,8 +204,8 @@ impl<'a> Bark<'a> {
     pub fn reserve(&mut self, triangles: usize) {
         // Large trees have six vertices to seven triangles.
         let vertices = triangles / 7 * 6;
-        let barks = if self.young.is_some() { 2 } else { 1 };
-        for s in &mut self.surface[..barks] {
+        let Bark { surface, young, .. } = self;
+        for (_, s) in surface.iter_mut().enumerate().filter(|(k, _)| young.is_there(*k)) {
             s.position.reserve(vertices);
             s.normal.reserve(vertices);
             s.uv.reserve(vertices);
@@ -182,7 +220,7 @@ impl<'a> Bark<'a> {
         self.surface.iter().map(Surface::triangles).sum()
     }
 
-    pub fn finish(self) -> [Surface; 2] {
+    pub fn finish(self) -> [Surface; BARKS] {
         self.surface.map(|mut s| {
             s.position.shrink_to_fit();
             s.normal.shrink_to_fit();
@@ -203,13 +241,13 @@ impl<'a> Bark<'a> {
         self.begin(shape);
         let Bark { surface, young, wind, seed, circles, rims, sway, base } = self;
         let has_collar = out_of.is_some_and(|o| o.has_collar);
-        let mut luck = Luck { seed: *seed, key: shape.key, drawn: None };
+        let mut luck = Luck { seed: *seed, key: shape.key, phase: None };
         let swing = wind.map(|w| (w, &sway[..]));
         // Where the corners of the last ring start in each surface, once they are there.
-        let mut below = [None; 2];
+        let mut below = [None; BARKS];
         for i in 0..n - 1 {
-            let share = young.as_ref().map_or(0.0, |y| y.share(&rings[i]));
-            let mut here = [None; 2];
+            let mix = young.at(&rings[i]);
+            let mut here = [None; BARKS];
             let corners_in =
                 |i: usize, slot: &mut Option<u32>, out: &mut Surface, luck: &mut Luck| {
                     *slot.get_or_insert_with(|| {
@@ -223,7 +261,7 @@ impl<'a> Bark<'a> {
                                 out.wind.extend(again);
                             }
                         } else {
-                            let phase = if ring.lobe == 0.0 { 0.0 } else { luck.draws().0 };
+                            let phase = if ring.lobe == 0.0 { 0.0 } else { luck.phase() };
                             corners(ring, circles.of(ring.sides), phase, out);
                             if let Some((wind, sway)) = swing {
                                 wind.ring(sway[i], out);
@@ -234,7 +272,7 @@ impl<'a> Bark<'a> {
                 };
             if i == 0 {
                 // The base is closed by a fan: it lies inside the parent or below ground.
-                let b = usize::from(share >= 0.5);
+                let b = mix.most();
                 let out = &mut surface[b];
                 let first = corners_in(0, &mut here[b], out, &mut luck);
                 if base.is_empty() {
@@ -244,8 +282,7 @@ impl<'a> Bark<'a> {
                 }
             } else {
                 let (sides, next) = (rings[i - 1].sides, rings[i].sides);
-                let mixes = share > 0.0 && share < 1.0;
-                let side = usize::from(share >= 0.5);
+                let (mixes, side) = (mix.mixes(), mix.most());
                 let count = holes.iter().take_while(|h| h.band as usize == i - 1).count();
                 let (opened, rest) = holes.split_at(count);
                 holes = rest;
@@ -257,8 +294,11 @@ impl<'a> Bark<'a> {
                 } else {
                     let taken = opened.iter().fold(0, |m, h| m | mask(h.facet, h.facets, sides));
                     for k in (0..sides).filter(|k| taken >> k & 1 == 0) {
-                        let b =
-                            if mixes { usize::from(luck.draws().1.unit() < share) } else { side };
+                        let b = if mixes {
+                            mix.bark[usize::from(luck.limit(k, sides) < mix.share)]
+                        } else {
+                            side
+                        };
                         let out = &mut surface[b];
                         let p = corners_in(i - 1, &mut below[b], out, &mut luck) + k;
                         let q = corners_in(i, &mut here[b], out, &mut luck) + k;
@@ -279,7 +319,7 @@ impl<'a> Bark<'a> {
                 }
             }
             if i == n - 2 {
-                let b = usize::from(share >= 0.5);
+                let b = mix.most();
                 let out = &mut surface[b];
                 let last = corners_in(i, &mut here[b], out, &mut luck);
                 let apex = &rings[n - 1];
@@ -319,20 +359,28 @@ impl<'a> Bark<'a> {
     }
 }
 
-/// A tube's random draws, which few ask for: the phase of its buttresses, and those for the mixing
-/// of barks.
+/// A tube's random phase, which few ask for: of its buttresses, and of where barks meet.
 struct Luck {
     seed: Seed,
     key: u64,
-    drawn: Option<(f32, Draws)>,
+    phase: Option<f32>,
 }
 
 impl Luck {
-    fn draws(&mut self) -> &mut (f32, Draws) {
-        self.drawn.get_or_insert_with(|| {
-            let mut draws = self.seed.derive("bark", self.key).draws();
-            (draws.between(0.0, TAU), draws)
-        })
+    fn phase(&mut self) -> f32 {
+        *self
+            .phase
+            .get_or_insert_with(|| self.seed.derive("bark", self.key).draws().between(0.0, TAU))
+    }
+
+    /// Share of a bark from which on a facet has it, 0…1: by the way it faces alone, so that one
+    /// bark reaches into the other in tongues.
+    fn limit(&mut self, facet: u32, sides: u32) -> f32 {
+        let phase = self.phase();
+        let turn = (facet as f32 + 0.5) / sides.max(1) as f32 * TAU;
+        let [a, b, c] =
+            [(2.0, 1.0), (5.0, 2.3), (11.0, 4.1)].map(|(n, p)| (n * turn + p * phase).sin());
+        (0.5 + 0.16 * a + 0.2 * b + 0.14 * c).clamp(0.001, 0.999)
     }
 }
 

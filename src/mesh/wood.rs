@@ -3,11 +3,12 @@
 use super::chain::{Chains, Pieces};
 use super::junction::{self, Branch, Hole};
 use super::path::{Foot, Knot, Least, Ring, Scratch, Sides, Start, rings};
-use super::tube::{Bark, Outlet, Shape, Young, lay_bark};
+use super::tube::{BARKS, Bark, Outlet, Shape, Upper, Young, lay_bark};
 use super::wind::Wind;
 use super::{FoliageLevel, Junctions, MeshOptions, Surface};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
+use crate::species;
 use crate::texture::BARK_REPEAT_M;
 
 /// How much coarser a wood may become for a budget, how often that is tried, and by what steps of
@@ -24,15 +25,23 @@ const LIKELY: f32 = 1.8;
 /// What woods come to over their guesses, bare and leafy: where the search starts.
 const USUAL: [f32; 2] = [0.93, 1.1];
 
-/// Bark is young where the wood is thin, or high up: radius over that of the stem's foot and height
-/// over the tree's, from all old to all young.
+/// Bark is young where the wood is thin, or high up: radius over that of the stem's foot, from all
+/// old to all young; the species says how high.
 const YOUNG_RADIUS: [f32; 2] = [0.5, 0.3];
-const YOUNG_HEIGHT: [f32; 2] = [0.3, 0.6];
+/// The same for the bark of twigs, over the radius that the species gives.
+const TWIG_RADIUS: [f32; 2] = [1.4, 0.75];
 
-/// The wood of a tree: old bark and young bark.
+/// The wood of a tree, bark by bark.
 pub struct Wood {
-    pub surface: [Surface; 2],
-    pub unmeshed_branches: usize,
+    pub surface: [Surface; BARKS],
+    pub count: Count,
+}
+
+/// Axes thick enough for the budget, and those of them that have no tube.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Count {
+    pub axes: usize,
+    pub without: usize,
 }
 
 impl Wood {
@@ -47,34 +56,36 @@ pub fn wood(
     skeleton: &Skeleton,
     options: &MeshOptions,
     budget: Option<usize>,
-    has_young: bool,
+    bark: &species::model::Bark,
     wind: Option<&Wind>,
     seed: Seed,
 ) -> Wood {
     let chains = Chains::new(skeleton);
     let height_m = skeleton.height_m();
+    let foot_m = skeleton.radius_m.first().copied().unwrap_or(0.0).max(1e-6);
+    let young = Young {
+        upper: bark.upper.map(|_| Upper {
+            radius_m: YOUNG_RADIUS.map(|r| r * foot_m),
+            height_m: bark.upper_from.map(|h| h * height_m.max(1e-6)),
+        }),
+        twig_m: bark.twig.map(|_| TWIG_RADIUS.map(|r| r * bark.twig_radius_m)),
+    };
     let reach = skeleton.position.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
     let planner = Planner {
         skeleton,
         chains: &chains,
-        mixed_m: has_young.then(|| YOUNG_HEIGHT.map(|h| h * height_m)),
+        mixed_m: young.upper.map(|u| u.height_m),
         least: Least::within(reach),
         is_welded: options.junctions == Junctions::Welded,
         options: *options,
     };
-    let young = has_young.then(|| Young {
-        foot_m: skeleton.radius_m.first().copied().unwrap_or(0.0).max(1e-6),
-        height_m: height_m.max(1e-6),
-        radius: YOUNG_RADIUS,
-        height: YOUNG_HEIGHT,
-    });
     let mut bark = Bark::new(young, wind, seed);
     let mut work = Work::default();
-    let unmeshed_branches = match budget {
+    let count = match budget {
         Some(budget) => planner.fit(budget, &mut work, &mut bark),
         None => planner.attempt(0.0, &mut work, &mut bark),
     };
-    Wood { surface: bark.finish(), unmeshed_branches }
+    Wood { surface: bark.finish(), count }
 }
 
 struct Planner<'a> {
@@ -108,15 +119,15 @@ const NONE: u32 = u32::MAX;
 impl Planner<'_> {
     /// A wood that uses most of a budget, or the coarsest of all. What woods would have is guessed
     /// from their straight pieces; each attempt tells how far off such guesses are.
-    fn fit(&self, budget: usize, work: &mut Work, bark: &mut Bark) -> usize {
+    fn fit(&self, budget: usize, work: &mut Work, bark: &mut Bark) -> Count {
         let mut guesses = [0.0, COARSEST.ln()].map(|x| (x, self.guess(x, work))).to_vec();
         let is_leafy = self.options.foliage != FoliageLevel::None;
         let mut ratio = USUAL[usize::from(is_leafy)];
         let aim = budget as f32 * AIM;
         if guesses[0].1 < LIKELY * aim {
-            let unmeshed = self.attempt(0.0, work, bark);
+            let count = self.attempt(0.0, work, bark);
             if bark.triangles() <= budget {
-                return unmeshed;
+                return count;
             }
             ratio = bark.triangles() as f32 / guesses[0].1;
         }
@@ -130,16 +141,16 @@ impl Planner<'_> {
                 x = 0.5 * (fine + rough);
                 guess = self.guess(x, work);
             }
-            let unmeshed = self.attempt(x, work, bark);
+            let count = self.attempt(x, work, bark);
             let triangles = bark.triangles();
             ratio = triangles.max(1) as f32 / guess;
             if triangles > budget {
                 fine = x;
                 if fine >= rough {
-                    return unmeshed;
+                    return count;
                 }
             } else if triangles as f32 > ENOUGH * budget as f32 || rough - fine < 4.0 * STEP {
-                return unmeshed;
+                return count;
             } else {
                 (rough, best) = (x, Some(x));
             }
@@ -195,9 +206,8 @@ impl Planner<'_> {
         (0..self.chains.chain.len() as u32).map(|c| rest(pieces.of(c))).sum::<u32>().max(1) as f32
     }
 
-    /// Makes the tubes of a wood anew, parents before their branches. Returns how many branches
-    /// thick enough have none.
-    fn attempt(&self, log_coarse: f32, work: &mut Work, bark: &mut Bark) -> usize {
+    /// Makes the tubes of a wood anew, parents before their branches.
+    fn attempt(&self, log_coarse: f32, work: &mut Work, bark: &mut Bark) -> Count {
         bark.clear();
         let coarse = log_coarse.exp();
         let (tolerance_m, cut_m) = self.limits(coarse);
@@ -208,7 +218,9 @@ impl Planner<'_> {
         let sides = Sides::new(tolerance_m);
         bark.reserve((self.triangles(pieces, &sides) * 1.1) as usize);
         let count_of = self.chains.chain.len() as u32;
-        let Some(root) = (0..count_of).find(|&c| !pieces.of(c).is_empty()) else { return 0 };
+        let Some(root) = (0..count_of).find(|&c| !pieces.of(c).is_empty()) else {
+            return Count::default();
+        };
         out_of.clear();
         out_of.resize(count_of as usize, NONE);
         start.clear();
@@ -278,7 +290,8 @@ impl Planner<'_> {
                 key: u64::from(self.chains.chain[c as usize].axis),
             });
         }
-        pieces.count() - tubes
+        let axes = pieces.count();
+        Count { axes, without: axes - tubes }
     }
 
     /// How a chain begins that comes out of no hole.

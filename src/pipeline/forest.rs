@@ -10,9 +10,11 @@ use rstar::primitives::GeomWithData;
 
 use super::drape::drape;
 use super::levels::{self, LevelsJob};
+use super::light;
 use super::paint::{leaf_variants, paint};
 use super::survey;
 use super::survey::{Survey, SurveyJob};
+use super::tolerance::{self, Subject};
 use super::view::{self, Chosen, Clip, Eye};
 use crate::cache::Cache;
 use crate::diagnostic::Result;
@@ -125,6 +127,9 @@ pub struct Forest {
 const FLOOR_TILE_M: f32 = 4.0;
 /// Most triangles of the terrain.
 const TERRAIN_TRIANGLES: usize = 120_000;
+/// Share of the light that leaves let through: about half of what they do not absorb (Jacquemoud &
+/// Baret 1990, PROSPECT, over the visible).
+pub(super) const LEAF_TRANSLUCENCY: f32 = 0.3;
 /// Fewest triangles that a model is given.
 const LEAST_TRIANGLES: usize = 200;
 /// A shared model is widened or narrowed against its height by no more than this factor.
@@ -138,9 +143,13 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
     let mut survey = survey::inventory(&job.survey, run)?;
     let clipped = job.clip.map_or(Ok(0), |clip| view::clip(&mut survey, &clip))?;
     let models = models(job, &survey);
-    let budgets = budgets(job, &survey, &models);
+    let mut budgets = budgets(job, &survey, &models);
     let skeletons = grow(job, &survey, &models, &budgets, run)?;
     let textures = paint_all(job, &models, run)?;
+    if let Some(tolerance_m) = job.wood.tolerance_m {
+        let of = (&models[..], &skeletons[..], &textures[..]);
+        budgets = within(job, &survey, of, &budgets, tolerance_m, run)?;
+    }
     let meshes = build_meshes(job, &survey, &models, &budgets, &skeletons, &textures, run)?;
     let mut finest = Vec::with_capacity(meshes.len());
     let mut coarse = Vec::with_capacity(meshes.len());
@@ -168,12 +177,15 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
     let mut chosen = None;
     if let Some(eye) = &job.eye {
         chosen = Some(run.stage("camera", |_| {
-            let chosen = view::choose(&mut scene, eye);
+            let chosen = view::choose(&mut scene, eye, job.wood.tolerance_m.unwrap_or(0.0));
             let shown = scene.instances.len();
             let outcome = Outcome::items(survey.trees.len(), "trees", shown, "shown")
                 .note(format!("{} outside the picture, {} hidden", chosen.outside, chosen.hidden));
             Ok((chosen, outcome))
         })?);
+    }
+    if job.levels.has_lightmap_uv {
+        run.stage("light map", |_| Ok(((), light::add(&mut scene)?)))?;
     }
     let (scene, pruned) = run.stage("scene", |warnings| {
         let left_out = scene.prune();
@@ -254,7 +266,7 @@ fn grow(
             .zip(budgets)
             .map(|(m, &triangles)| {
                 let seed = job.survey.seed.derive("tree", survey.trees[m.exemplar].crown.key);
-                let detail = detail(triangles, job.foliage);
+                let detail = job.wood.detail(triangles, job.foliage);
                 let skeleton = grow_one(job, survey, &roots, widest_m, m, detail, seed)?;
                 Ok(decline::in_condition(&skeleton, job.state.condition, seed))
             })
@@ -338,15 +350,24 @@ pub fn mesh_options(triangles: usize) -> MeshOptions {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct WoodJob {
     pub junctions: Junctions,
-    /// That of the number of triangles where `None`.
+    /// Triangles of a tree are the fewest whose silhouette is off by no more than this, RMS; as
+    /// many as there may be where `None`.
     pub tolerance_m: Option<f32>,
 }
 
 impl WoodJob {
     pub(super) fn options(&self, triangles: usize, foliage: FoliageLevel) -> MeshOptions {
         let preset = mesh_options(triangles);
-        let tolerance_m = self.tolerance_m.unwrap_or(preset.tolerance_m);
+        let tolerance_m = self.tolerance_m.unwrap_or(f32::INFINITY).min(preset.tolerance_m);
         MeshOptions { foliage, tolerance_m, junctions: self.junctions, ..preset }
+    }
+
+    /// That of a skeleton for at most so many triangles.
+    pub(super) fn detail(&self, triangles: usize, foliage: FoliageLevel) -> Detail {
+        match self.tolerance_m {
+            None => detail(triangles, foliage),
+            Some(_) => detail(tolerance::reference(triangles, foliage), foliage),
+        }
     }
 }
 
@@ -389,6 +410,46 @@ fn fill_distance(skeleton: &Skeleton, crown: &crate::crown::Crown) -> (f64, usiz
     (sum, crown.attractors.len())
 }
 
+/// Triangles of each model by the tolerance: that which was asked for, or what the camera can tell
+/// of the nearest tree that shows the model, if that is more.
+fn within(
+    job: &ForestJob,
+    survey: &Survey,
+    (models, skeletons, textures): (&[Model], &[Skeleton], &[Option<TreeTextures>]),
+    most: &[usize],
+    tolerance_m: f32,
+    run: &mut Recorder,
+) -> Result<Vec<usize>> {
+    run.stage("tolerance", |warnings| {
+        let told = |m: &Model| {
+            let Some(eye) = &job.eye else { return tolerance_m };
+            let of = |&i: &usize| {
+                let crown = &survey.trees[i].crown;
+                view::told_m(&survey.frame, eye, crown.root, crown.height_m, crown.diameter_m)
+            };
+            m.members.iter().map(of).fold(f32::INFINITY, f32::min).max(tolerance_m)
+        };
+        let reached: Vec<tolerance::Reached> = models
+            .par_iter()
+            .zip(skeletons)
+            .zip(most)
+            .filter_map(|((m, s), most)| textures[m.species].as_ref().map(|t| (m, s, *most, t)))
+            .map(|(m, skeleton, most, textures)| {
+                let species = &job.survey.species[m.species];
+                let leaf_share = job.state.leaf_share(species);
+                let options =
+                    |n: usize| MeshOptions { leaf_share, ..job.wood.options(n, job.foliage) };
+                let key = survey.trees[m.exemplar].crown.key;
+                let seed = job.survey.seed.derive("mesh", key);
+                let subject = Subject { skeleton, species, textures, options: &options, seed };
+                subject.fewest(most, told(m))
+            })
+            .collect::<Result<_>>()?;
+        let outcome = tolerance::outcome(&reached, warnings);
+        Ok((reached.iter().map(|r| r.triangles).collect(), outcome))
+    })
+}
+
 fn build_meshes(
     job: &ForestJob,
     survey: &Survey,
@@ -398,7 +459,7 @@ fn build_meshes(
     textures: &[Option<TreeTextures>],
     run: &mut Recorder,
 ) -> Result<Vec<Vec<TreeMesh>>> {
-    run.stage("mesh", |_| {
+    run.stage("mesh", |warnings| {
         let meshed = job.forms().meshed;
         let meshes: Vec<Vec<TreeMesh>> = models
             .par_iter()
@@ -428,6 +489,8 @@ fn build_meshes(
                 job.wood.options(most, job.foliage).tolerance_m.into(),
                 "m",
             ));
+        let finest = meshes.iter().filter_map(|of_model| of_model.first());
+        let outcome = levels::tell_unmeshed(finest, outcome, warnings);
         Ok((meshes, outcome))
     })
 }
@@ -447,7 +510,7 @@ fn paint_all(
             .zip(&is_used)
             .map(|(s, &used)| {
                 let draw = || {
-                    let look = job.state.look(s, seed);
+                    let look = job.state.look_of_many(s);
                     let mut textures = paint(&look, size_px, seed, &job.cache)?;
                     if job.has_variants {
                         textures.leaf_variants =
@@ -496,9 +559,12 @@ fn assemble(
     let mut numbers = vec![0; species.len()];
     for (m, (model, mesh)) in models.iter().zip(meshes).enumerate() {
         let Some(Some(look)) = by_species.get(model.species) else { continue };
-        looks.push(*look);
         numbers[model.species] += 1;
         let s = &species[model.species];
+        let of_model = job.survey.seed.derive("tint", survey.trees[model.exemplar].crown.key);
+        let tint = job.state.tint(s, &job.state.look_of_many(s), of_model);
+        let look = &tinted(&mut scene, *look, tint, numbers[model.species]);
+        looks.push(*look);
         let width_m = mesh.crown_diameter_m();
         let name = format!("{}_{:02}", identifier(&s.name), numbers[model.species]);
         scene.prototypes.push(prototype(name, s, mesh, *look));
@@ -546,6 +612,7 @@ fn assemble(
 pub struct Look {
     bark: u32,
     upper_bark: u32,
+    twig_bark: u32,
     leaf: u32,
 }
 
@@ -554,6 +621,8 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
     let bark = add_bark(scene, &format!("{stem}_bark"), textures.bark);
     let upper_bark =
         textures.bark_upper.map_or(bark, |t| add_bark(scene, &format!("{stem}_bark_upper"), t));
+    let twig_bark =
+        textures.bark_twig.map_or(upper_bark, |t| add_bark(scene, &format!("{stem}_bark_twig"), t));
     let name = format!("{stem}_leaf");
     let leaf = add_texture(scene, &name, textures.leaf, Colorspace::Srgb);
     let variants = textures.leaf_variants.into_iter().map(|(variant, image)| {
@@ -573,10 +642,20 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         orm_texture: None,
         variants,
         roughness: 0.65,
+        translucency: LEAF_TRANSLUCENCY,
         alpha: Alpha::Mask { cutoff: 0.5 },
         double_sided: true,
     });
-    Look { bark, upper_bark, leaf: scene.materials.len() as u32 - 1 }
+    Look { bark, upper_bark, twig_bark, leaf: scene.materials.len() as u32 - 1 }
+}
+
+/// The same look, with leaves in a colour of their own; `number`: of the model.
+fn tinted(scene: &mut Scene, look: Look, tint: [f32; 3], number: u32) -> Look {
+    let leaf = scene.materials.get(look.leaf as usize).filter(|_| tint != [1.0; 3]);
+    let Some(leaf) = leaf.cloned() else { return look };
+    let name = format!("{}_{number:02}", leaf.name);
+    scene.materials.push(Material { name, base_color: tint, ..leaf });
+    Look { leaf: scene.materials.len() as u32 - 1, ..look }
 }
 
 fn add_texture(scene: &mut Scene, name: &str, image: Image, colorspace: Colorspace) -> u32 {
@@ -598,6 +677,7 @@ fn add_bark(scene: &mut Scene, name: &str, bark: BarkTextures) -> u32 {
         orm_texture,
         variants: Vec::new(),
         roughness: if orm_texture.is_some() { 1.0 } else { 0.9 },
+        translucency: 0.0,
         alpha: Alpha::Opaque,
         double_sided: false,
     });
@@ -632,6 +712,7 @@ pub(super) fn parts_of(mesh: TreeMesh, look: Look) -> Vec<Part> {
     vec![
         part("wood", mesh.wood, look.bark),
         part("upper_wood", mesh.upper_wood, look.upper_bark),
+        part("twig_wood", mesh.twig_wood, look.twig_bark),
         part("foliage", mesh.foliage, look.leaf),
     ]
 }
@@ -668,6 +749,7 @@ fn place_terrain(scene: &mut Scene, surface: Surface, picture: Picture) {
         orm_texture: None,
         variants: Vec::new(),
         roughness: 1.0,
+        translucency: 0.0,
         alpha: Alpha::Opaque,
         double_sided: false,
     });

@@ -34,6 +34,7 @@ pub struct Told<'a> {
 /// Bytes of an attribute of a vertex.
 const TANGENT: u64 = 16;
 const WIND: u64 = 4;
+const UV: u64 = 8;
 /// Of a vertex without tangents and wind, and of an index.
 const VERTEX: u64 = 32;
 const INDEX: u64 = 4;
@@ -68,6 +69,9 @@ pub fn table(told: &Told<'_>) -> Vec<Saved> {
     let still = |p: &crate::scene::Part| p.surface.wind.is_empty() && p.name != "terrain";
     let count = vertices(&still);
     line("vertex colours of wind", count, "vertices", count * WIND, 0.0);
+    let unlit = |p: &crate::scene::Part| p.surface.lightmap_uv.is_empty();
+    let count = vertices(&unlit);
+    line("places on a light map", count, "vertices", count * UV, 0.0);
     let made = if told.has_forms { SHARES.len() } else { told.levels.meshed.min(SHARES.len()) };
     let share: f64 = SHARES[made..].iter().map(|&s| f64::from(s)).sum();
     let models = told.scene.prototypes().len() as u64;

@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use super::forest::{Look, coarser, parts_of};
+use super::forest::{LEAF_TRANSLUCENCY, Look, coarser, parts_of};
 use crate::diagnostic::Result;
 use crate::lod::{self, Silhouettes, Views, impostor};
 use crate::mesh::{self, MeshOptions, Surface, TreeMesh, WindProfile, p18};
@@ -26,6 +26,8 @@ pub struct LevelsJob {
     pub impostor: Option<lod::Kind>,
     pub collision: Option<ColliderShape>,
     pub wind: Option<WindProfile>,
+    /// Places on light maps, for every form and the terrain.
+    pub has_lightmap_uv: bool,
 }
 
 /// Triangles of LOD1, LOD2, LOD3 over those of the finest form: 20,000 give 8,000, 3,000 and 500.
@@ -73,6 +75,30 @@ pub fn meshes(
         out.push(scheme(&out[0], skeleton.crown_base_m() * factor, species, atlas)?);
     }
     Ok(out)
+}
+
+/// Share of the axes thick enough for a mesh above which it is worth a warning that they have none.
+const MANY: f32 = 0.05;
+
+/// Adds to a report how many branches of these (finest) meshes have none; to the warnings where
+/// that is many.
+pub fn tell_unmeshed<'a>(
+    meshes: impl Iterator<Item = &'a TreeMesh>,
+    outcome: Outcome,
+    warnings: &mut Vec<String>,
+) -> Outcome {
+    let (axes, unmeshed) = meshes.fold((0, 0), |(a, u), m| (a + m.axes, u + m.unmeshed_axes));
+    if unmeshed == 0 {
+        return outcome;
+    }
+    let told = format!(
+        "{unmeshed} of {axes} branches have no mesh: they end within their parent's bark or collar, \
+         or find no room on it"
+    );
+    if unmeshed as f32 > MANY * axes as f32 {
+        warnings.push(format!("{told}; --junctions intersect meshes them"));
+    }
+    outcome.note(told)
 }
 
 /// A tree as two cones and a cylinder (P18), in the mean colour of its leaves; the cylinder alone
@@ -152,6 +178,7 @@ pub fn add(
             normal_texture: Some(first_texture as u32 + 1),
             orm_texture: None,
             roughness: 0.75,
+            translucency: LEAF_TRANSLUCENCY,
             alpha: Alpha::Mask { cutoff: impostor::CUTOFF },
             double_sided: true,
             variants: Vec::new(),
@@ -239,7 +266,7 @@ fn union(a: Box3, b: Box3) -> Box3 {
     (a.0.min(b.0), a.1.max(b.1))
 }
 
-fn bounds(parts: &[Part]) -> Box3 {
+pub(super) fn bounds(parts: &[Part]) -> Box3 {
     let filled = parts.iter().filter(|p| !p.surface.is_empty());
     filled.map(|p| p.surface.bounds()).reduce(union).unwrap_or_default()
 }

@@ -8,11 +8,13 @@ mod figure;
 pub mod forest;
 pub mod left_out;
 pub mod levels;
+mod light;
 mod paint;
 pub mod rules;
 pub mod sheet;
 pub mod survey;
 mod tiled;
+mod tolerance;
 pub mod tree;
 pub mod view;
 

@@ -4,9 +4,11 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::forest::{WoodJob, add_materials, detail, prototype};
+use super::forest::{WoodJob, add_materials, prototype};
 use super::levels::{self, LevelsJob};
+use super::light;
 use super::paint::{leaf_variants, paint};
+use super::tolerance::{self, Subject};
 use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
@@ -97,8 +99,9 @@ fn fitted(
     })?;
     run.stage("skeleton", |_| {
         let points = &scan.cloud.position;
-        let fitted = cloud::fit(&job.species, points, detail(job.triangles, job.foliage), job.seed)
-            .map_err(|e| e.in_file(path))?;
+        let detail = job.wood.detail(job.triangles, job.foliage);
+        let fitted =
+            cloud::fit(&job.species, points, detail, job.seed).map_err(|e| e.in_file(path))?;
         let r = &fitted.report;
         let outcome = Outcome::items(points.len(), "points", fitted.skeleton.len(), "nodes")
             .error(ErrorMeasure::new("mean distance", r.mean_m, "m"))
@@ -117,7 +120,7 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
     run.stage("skeleton", |_| {
         let target = Target::FromSpecies { height_m: job.height_m };
         let around = surroundings(job);
-        let detail = detail(job.triangles, job.foliage);
+        let detail = job.wood.detail(job.triangles, job.foliage);
         let skeleton = skeleton::grow_among(species, target, detail, &around, job.seed)?;
         let wanted = job.height_m.unwrap_or(species.size.height_m);
         let off = f64::from((skeleton.height_m() - wanted).abs());
@@ -178,13 +181,19 @@ fn stand(
         }
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
-    let mut meshes = run.stage("mesh", |_| {
-        let options = MeshOptions {
-            wind: job.levels.wind,
-            leaf_share,
-            ..job.wood.options(job.triangles, job.foliage)
-        };
-        let seed = job.seed.derive("mesh", 0);
+    let seed = job.seed.derive("mesh", 0);
+    let options = |n: usize| MeshOptions { leaf_share, ..job.wood.options(n, job.foliage) };
+    let mut triangles = job.triangles;
+    if let Some(tolerance_m) = job.wood.tolerance_m {
+        triangles = run.stage("tolerance", |warnings| {
+            let textures = &textures;
+            let subject = Subject { skeleton, species, textures, options: &options, seed };
+            let reached = subject.fewest(job.triangles, tolerance_m)?;
+            Ok((reached.triangles, tolerance::outcome(&[reached], warnings)))
+        })?;
+    }
+    let mut meshes = run.stage("mesh", |warnings| {
+        let options = MeshOptions { wind: job.levels.wind, ..options(triangles) };
         // Wood fitted to a cloud stays where it is.
         let height_m = job.cloud.is_none().then(|| skeleton.height_m());
         let (atlas, meshed) = (&textures.atlas, job.levels.meshed);
@@ -192,6 +201,7 @@ fn stand(
         let triangles = meshes.iter().map(|m| m.triangles()).sum();
         let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles")
             .error(ErrorMeasure::new("sagitta bound", options.tolerance_m.into(), "m"));
+        let outcome = levels::tell_unmeshed(meshes.first().into_iter(), outcome, warnings);
         Ok((meshes, outcome))
     })?;
     let name = identifier(&species.name);
@@ -219,6 +229,9 @@ fn stand(
             rows = levels::rows(&scene);
             Ok(((), levels::outcome(&rows, 1)))
         })?;
+    }
+    if job.levels.has_lightmap_uv {
+        run.stage("light map", |_| Ok(((), light::add(&mut scene)?)))?;
     }
     run.stage("scene", |_| {
         let left_out = scene.prune();

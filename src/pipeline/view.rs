@@ -49,9 +49,9 @@ pub struct Chosen {
 }
 
 /// Drops the trees that the camera does not see and shows the others in the form of fewest
-/// triangles whose silhouette is off by no more than a pixel of 1,080 lines, RMS. Forms become
-/// prototypes of their own. Known limit: shadows and reflections of what is dropped are missing.
-pub fn choose(scene: &mut Scene, eye: &Eye) -> Chosen {
+/// triangles whose silhouette is off by no more than a pixel of 1,080 lines, or `tolerance_m`,
+/// RMS. Forms become prototypes of their own. Known limit: shadows and reflections of what is dropped are missing.
+pub fn choose(scene: &mut Scene, eye: &Eye, tolerance_m: f32) -> Chosen {
     let camera = camera(&scene.frame, eye);
     let options = RenderOptions {
         width: (LINES as f32 * ASPECT) as u32,
@@ -60,7 +60,6 @@ pub fn choose(scene: &mut Scene, eye: &Eye) -> Chosen {
         ..RenderOptions::default()
     };
     let seen = render::seen(&render::View::from(&*scene), &camera, &options);
-    let pixel_rad = 2.0 * (0.5 * camera.fov_y_rad).tan() / LINES as f32;
     let forms: Vec<Vec<Form>> = scene.prototypes.iter().map(forms).collect();
     let mut chosen = Chosen::default();
     // New prototypes, by the old one and its form.
@@ -80,10 +79,9 @@ pub fn choose(scene: &mut Scene, eye: &Eye) -> Chosen {
             }
             Some(true) => {}
         }
-        let nearest = tree.position + Vec3::Z * (0.5 * tree.facts.height_m);
-        let reach = 0.5 * tree.facts.height_m.max(tree.facts.crown_diameter_m);
-        let distance_m = (camera.eye.distance(nearest) - reach).max(0.1);
-        let most_m = distance_m * pixel_rad / tree.scale.max_element();
+        let size_m = [tree.facts.height_m, tree.facts.crown_diameter_m];
+        let told_m = pixel_m(&camera, tree.position, size_m).max(tolerance_m);
+        let most_m = told_m / tree.scale.max_element();
         let fit = (0..of.len()).filter(|&k| of[k].error_m <= most_m);
         let form = fit.min_by_key(|&k| of[k].triangles).unwrap_or(0);
         *chosen.shown.entry(of[form].name.clone()).or_default() += 1;
@@ -112,6 +110,19 @@ pub fn choose(scene: &mut Scene, eye: &Eye) -> Chosen {
         })
         .collect();
     chosen
+}
+
+/// What a pixel spans at the near side of a tree.
+fn pixel_m(camera: &Camera, root: Vec3, [height_m, crown_diameter_m]: [f32; 2]) -> f32 {
+    let middle = root + Vec3::Z * (0.5 * height_m);
+    let reach = 0.5 * height_m.max(crown_diameter_m);
+    let distance_m = (camera.eye.distance(middle) - reach).max(0.1);
+    distance_m * 2.0 * (0.5 * camera.fov_y_rad).tan() / LINES as f32
+}
+
+/// The least error that the camera can tell of a tree at a place of the frame, metres.
+pub fn told_m(frame: &Frame, eye: &Eye, root: Vec3, height_m: f32, crown_diameter_m: f32) -> f32 {
+    pixel_m(&camera(frame, eye), root, [height_m, crown_diameter_m])
 }
 
 fn camera(frame: &Frame, eye: &Eye) -> Camera {
@@ -205,7 +216,7 @@ mod tests {
         let middle = scene.frame.origin;
         let eye = |at: DVec3, look: DVec3| Eye { at, look, fov_deg: 40.0 };
         let far = eye(middle + DVec3::new(0.0, -300.0, 200.0), middle);
-        let all = choose(&mut seen, &far);
+        let all = choose(&mut seen, &far, 0.0);
         assert_eq!(all.outside, 0);
         assert_eq!(all.hidden + all.shown.values().sum::<usize>(), scene.instances.len());
         assert!(all.hidden < 4, "{all:?}");
@@ -213,7 +224,7 @@ mod tests {
         seen.validate().unwrap();
         let mut none = scene.clone();
         let away = eye(far.at, far.at * 2.0 - middle);
-        assert_eq!(choose(&mut none, &away).outside, scene.instances.len());
+        assert_eq!(choose(&mut none, &away, 0.0).outside, scene.instances.len());
         assert!(none.instances.is_empty() && none.prototypes.is_empty());
     }
 }

@@ -65,6 +65,19 @@ impl Canvas for Portrait<'_> {
     }
 }
 
+/// What is covered is not looked at again.
+struct Cover<'a>(&'a mut [bool]);
+
+impl Canvas for Cover<'_> {
+    const IS_SHADED: bool = false;
+    fn nearness(&self, i: usize) -> f32 {
+        if self.0[i] { f32::INFINITY } else { f32::MIN }
+    }
+    fn put(&mut self, i: usize, _: Sample) {
+        self.0[i] = true;
+    }
+}
+
 impl<'a> Sitter<'a> {
     /// Each model by itself, in its own coordinates.
     pub fn new(models: &[&'a [Part]], materials: &'a [Material], textures: &'a [Texture]) -> Self {
@@ -100,9 +113,9 @@ impl<'a> Sitter<'a> {
     /// As [`Sitter::portrait`].
     pub fn silhouette(&self, model: u32, window: &Window) -> Result<Vec<bool>> {
         let eye = window.eye()?;
-        let mut nearness = vec![f32::MIN; eye.width * eye.height];
-        self.draw(model, &eye, nearness.as_mut_slice());
-        Ok(nearness.into_iter().map(|n| n > f32::MIN).collect())
+        let mut covered = vec![false; eye.width * eye.height];
+        self.draw(model, &eye, &mut Cover(&mut covered));
+        Ok(covered)
     }
 
     fn draw<C: Canvas + ?Sized>(&self, model: u32, eye: &camera::View, canvas: &mut C) {

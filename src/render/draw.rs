@@ -14,6 +14,8 @@ pub(super) struct Paint {
     pub base_color: [f32; 3],
     pub colour: Option<u32>,
     pub normal: Option<u32>,
+    /// Occlusion in red.
+    pub orm: Option<u32>,
     pub cutoff: Option<f32>,
     pub is_double_sided: bool,
     /// The ground that stands in for a terrain.
@@ -63,6 +65,8 @@ pub(super) struct Sample {
     pub normal: Vec3,
     /// 1 for leaves, which let light through; 0 for what is solid.
     pub leaf: f32,
+    /// Share of the sky that its relief leaves open.
+    pub open: f32,
     pub is_floor: bool,
 }
 
@@ -72,6 +76,7 @@ impl Sample {
         albedo: [0.0; 3],
         normal: Vec3::Z,
         leaf: 0.0,
+        open: 1.0,
         is_floor: false,
     };
 }
@@ -226,6 +231,7 @@ impl Stage<'_> {
             rect,
             colour: texture(paint.colour),
             bumps: texture(paint.normal),
+            orm: texture(paint.orm),
             paint,
             edge: mesh.edge,
             is_leaf: matches!(mesh.order, Order::Cards { .. }),
@@ -279,6 +285,7 @@ struct Brush<'a> {
     rect: Rect,
     colour: Option<&'a Pyramid<'a>>,
     bumps: Option<&'a Pyramid<'a>>,
+    orm: Option<&'a Pyramid<'a>>,
     paint: &'a Paint,
     edge: Edge,
     is_leaf: bool,
@@ -370,8 +377,9 @@ impl Brush<'_> {
                     .normalize_or(normal);
                 leaf = 1.0;
             }
+            let open = self.orm.map_or(1.0, |orm| orm.colour(uv, lod, self.edge)[0]);
             let is_floor = self.paint.is_floor;
-            canvas.put(i, Sample { nearness, albedo, normal, leaf, is_floor });
+            canvas.put(i, Sample { nearness, albedo, normal, leaf, open, is_floor });
         });
     }
 }

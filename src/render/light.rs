@@ -197,7 +197,7 @@ impl Light {
         let fill = Vec3::splat(self.fill * (0.4 + 0.6 * open));
         // Light through a leaf loses blue and red: it comes out yellow-green.
         let through = Vec3::new(1.03, 1.04, 0.88) * s.leaf + Vec3::ONE * (1.0 - s.leaf);
-        let out = albedo * (direct * through + ambient + fill);
+        let out = albedo * (direct * through + (ambient + fill) * s.open);
         let clear = (-self.haze_per_m * distance.max(0.0)).exp();
         out * clear + self.haze(direction) * (1.0 - clear)
     }

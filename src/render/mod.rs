@@ -4,7 +4,7 @@
 //! Samples on a regular grid inside each pixel are filled from perspective-correct triangles with
 //! masked textures, then each is lit once: sun with a shadow map, sky dimmed inside the canopy,
 //! haze, film curve. Known limits: leaves are lit as part of a rounded crown rather than by their
-//! own normal alone; mip levels are isotropic; nothing is reflected.
+//! own normal alone; mip levels are isotropic; nothing is reflected, so that roughness goes unseen.
 
 mod camera;
 pub mod capture;
@@ -275,7 +275,8 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
     let mut is_used = vec![false; view.textures.len()];
     for part in view.models.iter().flat_map(|parts| parts.iter()).chain(view.terrain) {
         let Some(material) = view.materials.get(part.material as usize) else { continue };
-        for t in [material.base_color_texture, material.normal_texture].into_iter().flatten() {
+        let shown = [material.base_color_texture, material.normal_texture, material.orm_texture];
+        for t in shown.into_iter().flatten() {
             if let Some(used) = is_used.get_mut(t as usize) {
                 *used = true;
             }
@@ -293,6 +294,7 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
             base_color: m.base_color,
             colour: known(m.base_color_texture),
             normal: known(m.normal_texture),
+            orm: known(m.orm_texture),
             cutoff: match m.alpha {
                 Alpha::Opaque => None,
                 Alpha::Mask { cutoff } => Some(cutoff),
@@ -308,6 +310,7 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
             base_color: [0.105, 0.083, 0.056],
             colour: None,
             normal: None,
+            orm: None,
             cutoff: None,
             is_double_sided: true,
             is_floor,

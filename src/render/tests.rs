@@ -12,6 +12,7 @@ fn material(name: &str, base_color: [f32; 3], texture: Option<u32>, alpha: Alpha
         orm_texture: None,
         variants: Vec::new(),
         roughness: 1.0,
+        translucency: 0.0,
         alpha,
         double_sided: alpha != Alpha::Opaque,
     }

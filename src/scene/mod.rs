@@ -69,6 +69,8 @@ pub struct Material {
     pub orm_texture: Option<u32>,
     /// Multiplies the texture.
     pub roughness: f32,
+    /// Share of the light that comes through, diffusely, 0…1.
+    pub translucency: f32,
     pub alpha: Alpha,
     pub double_sided: bool,
     /// Its other colours; no two of one name.

@@ -67,6 +67,7 @@ fn add_species(scene: &mut Scene, species: &str, number: usize, trees: usize, si
     let foliage = Material {
         alpha: Alpha::Mask { cutoff: 0.5 },
         double_sided: true,
+        translucency: 0.25,
         base_color: [1.0, 0.9, 0.8],
         ..plain(&format!("{name}_leaf"), leaves)
     };
@@ -143,6 +144,7 @@ fn plain(name: &str, texture: u32) -> Material {
         orm_texture: None,
         variants: Vec::new(),
         roughness: 0.9,
+        translucency: 0.0,
         alpha: Alpha::Opaque,
         double_sided: false,
     }

@@ -1,6 +1,6 @@
 //! What a scene weighs and where it ends.
 
-use glam::{Vec2, Vec3};
+use glam::{DVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::{Instance, Prototype, ValidScene};
@@ -81,7 +81,7 @@ impl Outline {
         let chunks = prototype.parts.par_iter().flat_map(|p| p.surface.position.par_chunks(CHUNK));
         // The hull of all is the hull of the chunks' hulls.
         let of_chunk = |points: &[Vec3]| {
-            let hull = convex_hull(points.iter().map(|p| p.truncate()).collect());
+            let hull = convex_hull(outer(points));
             let levels = points.iter().map(|p| (p.z, p.z));
             let (low, high) = levels
                 .fold((f32::INFINITY, f32::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
@@ -98,6 +98,41 @@ impl Outline {
     fn corners(&self) -> impl Iterator<Item = Vec3> + '_ {
         self.hull.iter().flat_map(|p| [p.extend(self.low), p.extend(self.high)])
     }
+}
+
+/// The points in plan that do not lie within the octagon of the farthest eight ways (Akl &
+/// Toussaint 1978): few, and every corner of the hull.
+fn outer(points: &[Vec3]) -> Vec<Vec2> {
+    const WAYS: [Vec2; 8] = [
+        Vec2::new(1.0, 0.0),
+        Vec2::new(1.0, 1.0),
+        Vec2::new(0.0, 1.0),
+        Vec2::new(-1.0, 1.0),
+        Vec2::new(-1.0, 0.0),
+        Vec2::new(-1.0, -1.0),
+        Vec2::new(0.0, -1.0),
+        Vec2::new(1.0, -1.0),
+    ];
+    let Some(first) = points.first() else { return Vec::new() };
+    let mut far = [(f32::NEG_INFINITY, first.truncate()); 8];
+    for p in points {
+        let p = p.truncate();
+        for (way, far) in WAYS.iter().zip(&mut far) {
+            let out = p.dot(*way);
+            if out > far.0 {
+                *far = (out, p);
+            }
+        }
+    }
+    // Counter-clockwise; one point may be the farthest several ways.
+    let corner = |k: usize| far[k % 8].1.as_dvec2();
+    let sides: Vec<(DVec2, DVec2)> = (0..8)
+        .map(|k| (corner(k), corner(k + 1) - corner(k)))
+        .filter(|(_, along)| *along != DVec2::ZERO)
+        .collect();
+    let is_within =
+        |p: DVec2| !sides.is_empty() && sides.iter().all(|(a, along)| along.perp_dot(p - a) > 0.0);
+    points.iter().map(|p| p.truncate()).filter(|p| !is_within(p.as_dvec2())).collect()
 }
 
 /// Andrew's monotone chain (1979).
@@ -142,6 +177,20 @@ mod tests {
     }
 
     proptest! {
+        /// On a coarse grid, for points in one place, on one line, on the octagon.
+        #[test]
+        fn the_hull_is_that_of_the_outer_points(
+            grid in prop::collection::vec((-4i8..5, -4i8..5), 1..60),
+            is_line in any::<bool>(),
+        ) {
+            let place = |&(x, y): &(i8, i8)| {
+                Vec3::new(f32::from(x), f32::from(if is_line { x } else { y }), 0.5)
+            };
+            let points: Vec<Vec3> = grid.iter().map(place).collect();
+            let all = points.iter().map(|p| p.truncate()).collect();
+            prop_assert_eq!(convex_hull(outer(&points)), convex_hull(all));
+        }
+
         #[test]
         fn bounds_are_those_of_every_vertex_in_its_place(
             yaw_rad in -7.0f32..7.0, x in 0.2f32..3.0, y in 0.2f32..3.0, z in 0.2f32..3.0,

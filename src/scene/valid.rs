@@ -13,7 +13,7 @@ use super::{
 };
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
-use crate::mesh::Surface;
+use crate::mesh::{Surface, lightmap};
 
 /// How far a normal's length may be from 1.
 const UNIT_TOLERANCE: f32 = 1e-4;
@@ -238,6 +238,9 @@ impl Scene {
             }
             if !unit.contains(&material.roughness) {
                 wrong(format!("roughness {} is not within 0…1", material.roughness));
+            }
+            if !unit.contains(&material.translucency) {
+                wrong(format!("translucency {} is not within 0…1", material.translucency));
             }
             if let Alpha::Mask { cutoff } = material.alpha {
                 if !unit.contains(&cutoff) {
@@ -465,11 +468,17 @@ fn check_body(body: &Surface) -> Option<String> {
 
 /// What is wrong with a surface: the first case of each kind of fault.
 fn check_surface(surface: &Surface) -> Vec<String> {
-    let Surface { position, normal, uv, index, wind } = surface;
+    let Surface { position, normal, uv, index, wind, lightmap_uv } = surface;
     let mut wrong = Vec::new();
     let vertices = position.len();
     if !(wind.is_empty() || wind.len() == vertices) {
         wrong.push(format!("{vertices} positions and {} wind colours", wind.len()));
+    }
+    if !(lightmap_uv.is_empty() || lightmap_uv.len() == vertices) {
+        wrong.push(format!("{vertices} positions, {} places on the light map", lightmap_uv.len()));
+    }
+    if let Some(at) = lightmap_uv.par_iter().position_first(|c| !lightmap::is_on(*c)) {
+        wrong.push(format!("vertex {at}: {} is off the light map", lightmap_uv[at]));
     }
     if normal.len() != vertices || uv.len() != vertices {
         wrong.push(format!(

@@ -85,6 +85,8 @@ pub const RANGES: &[(&str, Range)] = &[
     ("foliage.bearing_radius_m", Within(0.0, 10.0)),
     ("season.winter_leaves", Within(0.0, 1.0)),
     ("season.autumn_leaves", Within(0.0, 1.0)),
+    ("bark.upper_from", Within(0.0, 1.0)),
+    ("bark.twig_radius_m", Within(0.0, 1.0)),
     ("bark.relief_m", Within(0.0, 0.5)),
     ("bark.lost", Within(0.0, 1.0)),
 ];
@@ -165,6 +167,14 @@ pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut 
             "size.profile",
             format!("`profile` does not rise: height {} follows {}", w[1][0], w[0][0]),
             "order the pairs [height, radius] from the crown's base to its top",
+        );
+    }
+    let [low, high] = species.bark.upper_from;
+    if low > high {
+        fail(
+            "bark.upper_from",
+            format!("`upper_from` [{low}, {high}] is not a range"),
+            "give where the upper bark begins and where it is alone, 0 to 1",
         );
     }
     if species.growth.decay.is_empty() {

@@ -322,6 +322,15 @@ pub struct Bark {
     #[serde(default)]
     #[schemars(extend("examples" = ["flakes"]))]
     pub upper_style: Option<BarkStyle>,
+    /// Heights on the stem, over that of the tree, from which on that pattern begins to show and
+    /// is alone.
+    pub upper_from: [f32; 2],
+    /// Colour of twigs; that of the wood they spring from where absent.
+    #[serde(default)]
+    #[schemars(extend("examples" = [[84, 56, 48]]))]
+    pub twig: Option<[u8; 3]>,
+    /// Wood of a radius below this has the colour of twigs, metres.
+    pub twig_radius_m: f32,
     /// Depth of the relief, metres.
     pub relief_m: f32,
     /// Share of the bark that has fallen off, so that grey wood shows.

@@ -129,6 +129,31 @@ impl State {
     /// The species as it looks in this state: colour of its leaves, loss of its bark. `seed` tells
     /// the autumn colours of one tree from those of another.
     pub fn look(self, species: &Species, seed: Seed) -> Species {
+        self.look_by(species, |colours| between(colours, seed))
+    }
+
+    /// The same for many trees that share their pictures, each with a [`State::tint`] of its own.
+    pub fn look_of_many(self, species: &Species) -> Species {
+        let most = |a: [u8; 3], b: &[u8; 3]| std::array::from_fn(|c| a[c].max(b[c]));
+        self.look_by(species, |colours| colours.iter().fold([0; 3], most))
+    }
+
+    /// What the leaves of one of many trees are multiplied by, linear, at most 1: no two trees turn
+    /// alike in autumn. `look`: of [`State::look_of_many`].
+    pub fn tint(self, species: &Species, look: &Species, seed: Seed) -> [f32; 3] {
+        let winter = species.season.winter_leaves.unwrap_or(evergreen_share(species.kind));
+        if self.season != Season::Autumn || winter > 0.5 || self.condition >= Condition::FreshDead {
+            return [1.0; 3];
+        }
+        let colours = species.season.autumn.as_deref().filter(|c| !c.is_empty());
+        let goal = between(colours.unwrap_or(&[AUTUMN]), seed);
+        let left = seed.derive("turned", 0).draws().unit();
+        let colour = mixed(goal, species.foliage.colour, 0.55 * left * left);
+        let linear = |c: u8| (f32::from(c.max(1)) / 255.0).powf(2.2);
+        std::array::from_fn(|c| (linear(colour[c]) / linear(look.foliage.colour[c])).min(1.0))
+    }
+
+    fn look_by(self, species: &Species, pick: impl Fn(&[[u8; 3]]) -> [u8; 3]) -> Species {
         let mut out = species.clone();
         let summer = species.foliage.colour;
         let winter = species.season.winter_leaves.unwrap_or(evergreen_share(species.kind));
@@ -140,8 +165,7 @@ impl State {
                 own.unwrap_or_else(|| mixed(summer, YOUNG, 0.15 + 0.5 * sheds))
             }
             Season::Autumn => match species.season.autumn.as_deref() {
-                Some([one]) => *one,
-                Some(several) if !several.is_empty() => between(several, seed),
+                Some(colours) if !colours.is_empty() => pick(colours),
                 _ => mixed(summer, AUTUMN, sheds),
             },
             // What hangs on through the winter on a tree that sheds is dry.
@@ -184,9 +208,10 @@ fn mixed(a: [u8; 3], b: [u8; 3], share: f32) -> [u8; 3] {
 
 /// A place on the way through several colours.
 fn between(colours: &[[u8; 3]], seed: Seed) -> [u8; 3] {
-    let at = seed.derive("autumn", 0).draws().unit() * (colours.len() - 1) as f32;
-    let i = (at as usize).min(colours.len() - 2);
-    mixed(colours[i], colours[i + 1], at - i as f32)
+    let Some(last) = colours.len().checked_sub(1) else { return AUTUMN };
+    let at = seed.derive("autumn", 0).draws().unit() * last as f32;
+    let i = at as usize;
+    mixed(colours[i.min(last)], colours[(i + 1).min(last)], at.fract())
 }
 
 #[cfg(test)]
@@ -265,6 +290,28 @@ mod tests {
         }
         let aspens: Vec<f32> = (1..30).map(|seed| autumn("populus_tremula", seed)).collect();
         assert!(aspens.iter().any(|h| *h > 42.0) && aspens.iter().any(|h| *h < 25.0), "{aspens:?}");
+    }
+
+    #[test]
+    fn no_two_trees_turn_alike() {
+        for name in ["betula_pendula", "populus_tremula", "larix_sibirica"] {
+            let species = load(name).unwrap();
+            let autumn = state("I", "autumn");
+            let look = autumn.look_of_many(&species);
+            let tints: Vec<_> =
+                (0..5).map(|k| autumn.tint(&species, &look, Seed::new(k))).collect();
+            for (k, a) in tints.iter().enumerate() {
+                assert!(a.iter().all(|c| *c > 0.0 && *c <= 1.0), "{name}: {a:?}");
+                assert!(tints[..k].iter().all(|b| a != b), "{name}: {tints:?}");
+            }
+            let summer = state("I", "summer");
+            let look = summer.look_of_many(&species);
+            assert_eq!(look.foliage, species.foliage);
+            assert_eq!(summer.tint(&species, &look, Seed::new(1)), [1.0; 3]);
+        }
+        let spruce = load("picea_abies").unwrap();
+        let autumn = state("I", "autumn");
+        assert_eq!(autumn.tint(&spruce, &autumn.look_of_many(&spruce), Seed::new(1)), [1.0; 3]);
     }
 
     #[test]

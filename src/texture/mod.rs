@@ -24,6 +24,8 @@ pub struct TreeTextures {
     pub bark: BarkTextures,
     /// The bark of the upper stem and the branches, where the species has one of its own.
     pub bark_upper: Option<BarkTextures>,
+    /// That of twigs: colour alone.
+    pub bark_twig: Option<BarkTextures>,
     /// Twigs with alpha, sRGB; colour goes on under the transparent pixels.
     pub leaf: Image,
     /// Where the twigs of `leaf` lie.
@@ -81,6 +83,7 @@ pub fn for_species(species: &Species, size_px: u32, seed: Seed) -> TreeTextures 
     TreeTextures {
         bark: lower,
         bark_upper: upper,
+        bark_twig: bark::draw_twig(bark, size_px, seed),
         leaf: leaf.into(),
         atlas,
         leaf_variants: Vec::new(),

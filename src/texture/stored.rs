@@ -54,6 +54,7 @@ struct Head {
     atlas: Atlas,
     bark: BarkHead,
     upper: Option<BarkHead>,
+    twig: Option<BarkHead>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -99,11 +100,12 @@ impl TreeTextures {
             atlas: self.atlas.clone(),
             bark: BarkHead::of(&self.bark),
             upper: self.bark_upper.as_ref().map(BarkHead::of),
+            twig: self.bark_twig.as_ref().map(BarkHead::of),
         };
         let of_bark = |b: &BarkTextures| {
             [Some(b.colour.clone()), b.normal.clone(), b.orm.clone(), b.height.clone()]
         };
-        let barks = [Some(&self.bark), self.bark_upper.as_ref()];
+        let barks = [Some(&self.bark), self.bark_upper.as_ref(), self.bark_twig.as_ref()];
         let images: Vec<Image> = [self.leaf.clone()]
             .into_iter()
             .chain(barks.into_iter().flatten().flat_map(of_bark).flatten())
@@ -123,6 +125,7 @@ impl TreeTextures {
         Ok(TreeTextures {
             bark: head.bark.read(&mut parts)?,
             bark_upper: head.upper.as_ref().map(|b| b.read(&mut parts)).transpose()?,
+            bark_twig: head.twig.as_ref().map(|b| b.read(&mut parts)).transpose()?,
             leaf,
             atlas: head.atlas,
             leaf_variants: Vec::new(),

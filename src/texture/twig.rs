@@ -14,7 +14,7 @@ use super::atlas::{Atlas, BANDS, Cell};
 use super::canvas::{Canvas, Leaf, Outline, Stroke, keep_cover};
 use crate::raster::{Picture, pad_transparent};
 use crate::seed::{Draws, Seed};
-use crate::species::model::{Foliage, LeafShape};
+use crate::species::model::{Bark, Foliage, LeafShape};
 use crate::species::{Species, own};
 
 /// A bough cell shows this many times the length of a twig cell.
@@ -104,8 +104,7 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
 /// The last eighth of the picture, half bark, half the leaves' mean colour; their middles.
 fn plain(picture: &mut Picture, species: &Species, quarter: u32) -> [Vec2; 2] {
     let bark = &species.bark;
-    let tone = bark.upper.unwrap_or(bark.dark);
-    let wood = [0, 1, 2].map(|c| ((u16::from(tone[c]) + u16::from(bark.dark[c])) / 2) as u8);
+    let wood = twig_colour(bark).map(|c| c as u8);
     let side = quarter / 2;
     for y in 0..side {
         for x in 0..side {
@@ -114,6 +113,12 @@ fn plain(picture: &mut Picture, species: &Species, quarter: u32) -> [Vec2; 2] {
         }
     }
     [PLAIN, 3.0 * PLAIN].map(|s| Vec2::new(0.75 + s, 0.875))
+}
+
+/// Colour of twigs, darker than that of branches where the species names none.
+fn twig_colour(bark: &Bark) -> [f32; 3] {
+    let [tone, dark] = [bark.upper.unwrap_or(bark.dark), bark.dark];
+    bark.twig.unwrap_or([0, 1, 2].map(|c| u8::midpoint(tone[c], dark[c]))).map(f32::from)
 }
 
 /// Length of what a leaf's cell shows: of a compound leaf one leaflet.
@@ -279,7 +284,7 @@ impl Painter<'_> {
     fn tint(&mut self, depth: f32) -> ([f32; 3], f32) {
         let f = &self.species.foliage;
         let v = f.variation.clamp(0.0, 1.0);
-        let light = (0.7 + 0.36 * depth) * (1.0 + v * self.draws.between(-0.5, 0.5));
+        let light = (0.58 + 0.5 * depth) * (1.0 + v * self.draws.between(-0.5, 0.5));
         let warm = v * self.draws.between(-0.4, 0.6);
         let colour = f.colour.map(f32::from);
         ([colour[0] * (1.0 + 0.5 * warm), colour[1] * (1.0 + 0.12 * warm), colour[2]], light)
@@ -291,11 +296,9 @@ impl Painter<'_> {
     }
 
     fn wood(&mut self, shoot: &Shoot, base_half: f32, tip_half: f32) {
-        let bark = &self.species.bark;
-        let leafy = self.species.foliage.colour;
-        let tone = bark.upper.unwrap_or(bark.dark).map(f32::from);
-        let colour = [0, 1, 2]
-            .map(|c| 0.4 * tone[c] + 0.3 * f32::from(bark.dark[c]) + 0.12 * f32::from(leafy[c]));
+        let leafy = self.species.foliage.colour.map(f32::from);
+        let tone = twig_colour(&self.species.bark);
+        let colour = [0, 1, 2].map(|c| 0.78 * tone[c] + 0.1 * leafy[c]);
         let least = 0.45 * self.canvas.pixel();
         let steps = 10;
         for k in 0..steps {
@@ -392,14 +395,14 @@ impl Painter<'_> {
         let spacing = 0.75 * leaf.max(0.03);
         let mut shoots = Vec::new();
         if bough {
-            for lateral in self.laterals(&main, (spacing * 1.3).max(0.055), reach, angle) {
-                let twigs = self.laterals(
-                    &lateral,
-                    (leaf * 1.2).max(0.034),
-                    if strands { 0.13 } else { 0.19 },
-                    angle,
-                );
-                shoots.extend(twigs.into_iter().map(|t| (t, 0.0015)));
+            // Few uneven side shoots, each a clump of its own light: no leaf of leaves.
+            for mut lateral in self.laterals(&main, (spacing * 1.8).max(0.085), reach, angle) {
+                lateral.length *= self.draws.between(0.55, 1.05);
+                let reach = if strands { 0.13 } else { 0.2 };
+                let twigs = self.laterals(&lateral, (leaf * 1.2).max(0.036), reach, angle);
+                let of_clump =
+                    |t: Shoot| Shoot { depth: 0.65 * lateral.depth + 0.35 * t.depth, ..t };
+                shoots.extend(twigs.into_iter().map(|t| (of_clump(t), 0.0015)));
                 shoots.push((lateral, 0.003));
             }
         } else {

@@ -30,6 +30,7 @@ pub(super) enum Kind {
     Position,
     Normal,
     Uv,
+    LightmapUv,
     Tangent,
     Wind,
     LongIndex,
@@ -48,6 +49,8 @@ enum Source<'a> {
     NormalBytes(&'a Surface),
     Uvs(&'a Surface),
     UvShorts(&'a Surface, UvRange),
+    LightmapUvs(&'a Surface),
+    LightmapUvShorts(&'a Surface),
     Tangents(&'a Surface),
     TangentBytes(&'a Surface),
     Winds(&'a Surface),
@@ -83,6 +86,7 @@ pub(super) struct PieceAccessors {
     pub position: u32,
     pub normal: Option<u32>,
     pub uv: Option<u32>,
+    pub lightmap_uv: Option<u32>,
     pub tangent: Option<u32>,
     pub wind: Option<u32>,
     pub index: u32,
@@ -97,6 +101,7 @@ impl<'a> Piece<'a> {
             (Kind::Position, true),
             (Kind::Normal, !surface.normal.is_empty()),
             (Kind::Uv, !surface.uv.is_empty()),
+            (Kind::LightmapUv, !surface.lightmap_uv.is_empty()),
             (Kind::Tangent, self.has_tangents),
             (Kind::Wind, !surface.wind.is_empty()),
             (Kind::LongIndex, !is_short),
@@ -153,6 +158,11 @@ impl<'a> Piece<'a> {
                     (Source::UvShorts(surface, range), accessor(UNSIGNED_SHORT, "VEC2", true))
                 }
             },
+            Kind::LightmapUv if is_small => {
+                let short = accessor(UNSIGNED_SHORT, "VEC2", true);
+                (Source::LightmapUvShorts(surface), short)
+            }
+            Kind::LightmapUv => (Source::LightmapUvs(surface), accessor(FLOAT, "VEC2", false)),
             Kind::Tangent if is_small => {
                 (Source::TangentBytes(surface), accessor(BYTE, "VEC4", true))
             }
@@ -180,6 +190,7 @@ impl<'a> Plan<'a> {
             position: 0,
             normal: None,
             uv: None,
+            lightmap_uv: None,
             tangent: None,
             wind: None,
             index: 0,
@@ -189,6 +200,7 @@ impl<'a> Plan<'a> {
                 Kind::Position => numbers.position = number,
                 Kind::Normal => numbers.normal = Some(number),
                 Kind::Uv => numbers.uv = Some(number),
+                Kind::LightmapUv => numbers.lightmap_uv = Some(number),
                 Kind::Tangent => numbers.tangent = Some(number),
                 Kind::Wind => numbers.wind = Some(number),
                 _ => numbers.index = number,
@@ -412,10 +424,10 @@ impl Source<'_> {
     fn stride(&self) -> u64 {
         match self {
             Source::Positions(_) | Source::Normals(_) | Source::Vectors(_) => 12,
-            Source::Counted(..) | Source::Uvs(_) | Source::Turns(_) => 8,
+            Source::Counted(..) | Source::Uvs(_) | Source::LightmapUvs(_) | Source::Turns(_) => 8,
             Source::Tangents(_) => 16,
             Source::NormalBytes(_) | Source::TangentBytes(_) | Source::UvShorts(..) => 4,
-            Source::Winds(_) | Source::LongIndices(_) => 4,
+            Source::LightmapUvShorts(_) | Source::Winds(_) | Source::LongIndices(_) => 4,
             Source::ShortIndices(_) => 2,
             Source::Encoded(_) | Source::Picture(_) => 1,
         }
@@ -430,6 +442,8 @@ impl Source<'_> {
             | Source::NormalBytes(s)
             | Source::Uvs(s)
             | Source::UvShorts(s, _)
+            | Source::LightmapUvs(s)
+            | Source::LightmapUvShorts(s)
             | Source::Tangents(s)
             | Source::TangentBytes(s)
             | Source::Winds(s) => s.position.len(),
@@ -459,6 +473,10 @@ impl Source<'_> {
             // v = 0 is the bottom of the picture in the scene, the top in glTF.
             Source::Uvs(s) => pour(out, &s.uv, |uv| [uv.x, 1.0 - uv.y]),
             Source::UvShorts(s, range) => pour(out, &s.uv, |&uv| range.count(uv)),
+            Source::LightmapUvs(s) => pour(out, &s.lightmap_uv, |uv| [uv.x, 1.0 - uv.y]),
+            Source::LightmapUvShorts(s) => {
+                pour(out, &s.lightmap_uv, |&uv| UvRange::PICTURE.count(uv))
+            }
             Source::Tangents(s) => pour(out, &tangents(s), |t| {
                 let [x, y, z] = y_up(t.truncate());
                 [x, y, z, t.w]

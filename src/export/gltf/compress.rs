@@ -44,6 +44,7 @@ pub(super) fn ordered(surface: &Surface) -> Surface {
         normal: gather(&from, &surface.normal),
         uv: gather(&from, &surface.uv),
         wind: gather(&from, &surface.wind),
+        lightmap_uv: gather(&from, &surface.lightmap_uv),
         index,
     }
 }

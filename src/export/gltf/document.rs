@@ -82,6 +82,8 @@ pub(super) fn build<'a>(
     uses("EXT_mesh_gpu_instancing", has_instances, true);
     uses("EXT_meshopt_compression", decoded_bytes > 0, true);
     uses("EXT_texture_webp", textures.iter().any(|t| t.extensions.is_some()), true);
+    let is_translucent = selection.materials.iter().any(|m| m.translucency > 0.0);
+    uses("KHR_materials_diffuse_transmission", is_translucent, false);
     uses(variants::EXTENSION, extensions.is_some(), false);
     uses("KHR_mesh_quantization", profile.is_quantized(), true);
     uses("KHR_texture_transform", uv_ranges.iter().any(|&r| r != UvRange::PICTURE), true);
@@ -360,6 +362,7 @@ fn attributes(at: &PieceAccessors, wind: WindAs) -> Attributes {
         position: at.position,
         normal: at.normal,
         texcoord_0: at.uv,
+        texcoord_1: at.lightmap_uv,
         tangent: at.tangent,
         color_0: wind_as(WindAs::Color),
         wind: wind_as(WindAs::Attribute),
@@ -432,6 +435,11 @@ fn materials<'a>(selection: &Selection<'a>, ranges: &[UvRange]) -> Vec<Material<
             other.pbr_metallic_roughness.base_color_factor = [r, g, b, 1.0];
             other.pbr_metallic_roughness.base_color_texture =
                 texture_ref(selection, v.base_color_texture, range);
+            if let Some(MaterialExtensions { transmission }) = &mut other.extensions {
+                transmission.diffuse_transmission_color_factor = v.base_color;
+                transmission.diffuse_transmission_color_texture =
+                    texture_ref(selection, v.base_color_texture, range);
+            }
             other
         })
     });
@@ -470,6 +478,13 @@ fn material<'a>(
         alpha_mode,
         alpha_cutoff,
         double_sided: material.double_sided,
+        extensions: (material.translucency > 0.0).then(|| MaterialExtensions {
+            transmission: DiffuseTransmission {
+                diffuse_transmission_factor: material.translucency,
+                diffuse_transmission_color_factor: material.base_color,
+                diffuse_transmission_color_texture: texture(material.base_color_texture),
+            },
+        }),
     }
 }
 

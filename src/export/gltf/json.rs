@@ -202,6 +202,8 @@ pub(super) struct Attributes {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub texcoord_0: Option<u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    pub texcoord_1: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub tangent: Option<u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub color_0: Option<u32>,
@@ -225,6 +227,24 @@ pub(super) struct Material<'a> {
     pub alpha_cutoff: Option<f32>,
     #[serde(skip_serializing_if = "is_false")]
     pub double_sided: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub extensions: Option<MaterialExtensions>,
+}
+
+#[derive(Serialize)]
+pub(super) struct MaterialExtensions {
+    #[serde(rename = "KHR_materials_diffuse_transmission")]
+    pub transmission: DiffuseTransmission,
+}
+
+/// Light that comes through, in the colour of the surface.
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct DiffuseTransmission {
+    pub diffuse_transmission_factor: f32,
+    pub diffuse_transmission_color_factor: [f32; 3],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub diffuse_transmission_color_texture: Option<TextureRef>,
 }
 
 #[derive(Serialize)]

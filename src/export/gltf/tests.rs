@@ -131,7 +131,7 @@ impl Read {
                 assert!(kind == 5126 || told.is_i64(), "{told}");
                 let found = elements.iter().map(|e| e[k]).reduce(pick).unwrap();
                 let stored = if is_normalized { (found * 32767.0).round() } else { found };
-                assert_eq!(told.as_f64().unwrap(), stored);
+                assert_eq!(told.as_f64().unwrap() as f32, stored as f32);
             }
         }
         elements
@@ -389,5 +389,40 @@ fn profiles_give_the_same_bytes_on_any_number_of_threads() {
             })
         };
         assert!(on(1) == on(3));
+    }
+}
+
+#[test]
+fn places_on_a_light_map_are_the_second_coordinates() {
+    let mut scene = sample().into_scene();
+    for part in scene.prototypes.iter_mut().flat_map(|p| &mut p.parts) {
+        let count = part.surface.position.len();
+        let at = |i: usize| glam::Vec2::new(i as f32 / count as f32, 0.25);
+        part.surface.lightmap_uv = (0..count).map(at).collect();
+    }
+    let scene = scene.validate().unwrap();
+    for (profile, off) in
+        [(Profile::Dcc, 0.0), (Profile::Engine, 1.0 / 65_535.0), (Profile::Web, 1.0 / 65_535.0)]
+    {
+        let (_, read) = written(&scene, profile).remove(0);
+        let meshes = read.json["meshes"].as_array().unwrap();
+        for prototype in scene.prototypes() {
+            let mesh = meshes.iter().find(|m| m["name"] == prototype.name.as_str()).unwrap();
+            let primitives = mesh["primitives"].as_array().unwrap();
+            for (primitive, part) in primitives.iter().zip(&prototype.parts) {
+                let mut got = read.accessor(&primitive["attributes"]["TEXCOORD_1"]);
+                // The web's vertices are in another order.
+                got.sort_by(|a, b| a[0].total_cmp(&b[0]));
+                assert_eq!(got.len(), part.surface.lightmap_uv.len());
+                for (got, uv) in got.iter().zip(&part.surface.lightmap_uv) {
+                    assert!((got[0] - f64::from(uv.x)).abs() <= off, "{got:?} {uv}");
+                    assert!((got[1] - 0.75).abs() <= off, "{got:?} {uv}");
+                }
+            }
+        }
+        let all = meshes.iter().flat_map(|m| m["primitives"].as_array().unwrap());
+        let with = all.filter(|p| p["attributes"].get("TEXCOORD_1").is_some()).count();
+        let parts: usize = scene.prototypes().iter().map(|p| p.parts.len()).sum();
+        assert_eq!(with, parts, "none on terrain and coarser forms, which have no places");
     }
 }

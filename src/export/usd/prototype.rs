@@ -138,6 +138,10 @@ pub(super) fn mesh<'a>(scene: &'a ValidScene, part: &'a Part, materials: &str) -
         .varying("normal3f[]", "normals", Value::Float3s(surface.normal.as_slice().into()))
         .attribute("point3f[]", "points", Value::Float3s(surface.position.as_slice().into()))
         .varying("texCoord2f[]", "primvars:st", Value::Float2s(surface.uv.as_slice().into()));
+    if !surface.lightmap_uv.is_empty() {
+        let places = Value::Float2s(surface.lightmap_uv.as_slice().into());
+        prim = prim.varying("texCoord2f[]", "primvars:st1", places);
+    }
     if !surface.wind.is_empty() {
         prim = prim.varying("float4[]", "primvars:wind", Value::Unorm4s(&surface.wind));
     }

@@ -260,7 +260,8 @@ impl<'a> Writer<'_, 'a, '_> {
         self.columns(
             surface,
             |out, p| number::shortest_of(out, &y_up(*p)),
-            |out, n| number::shortest_of(out, &y_up(*n)),
+            // X3D takes no part above 1, which rounding may bring.
+            |out, n| number::shortest_of(out, &y_up(n.clamp(Vec3::NEG_ONE, Vec3::ONE))),
             |out, c| number::shortest_of(out, &c.to_array()),
         )?;
         self.xml.close("IndexedFaceSet");
@@ -279,7 +280,7 @@ impl<'a> Writer<'_, 'a, '_> {
         self.columns(
             surface,
             move |out, p| round(out, &y_up(*p), places.of_trees),
-            move |out, n| round(out, &y_up(*n), places.normal),
+            move |out, n| round(out, &y_up(n.clamp(Vec3::NEG_ONE, Vec3::ONE)), places.normal),
             move |out, c| round(out, &c.to_array(), places.uv),
         )?;
         self.xml.close("IndexedTriangleSet");

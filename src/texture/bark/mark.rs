@@ -15,7 +15,8 @@ pub fn marks(texels: &mut [Texel], n: usize, style: BarkStyle, seed: Seed) {
         BarkStyle::Birch | BarkStyle::Paper => {
             tile.lenticels(150, [0.004, 0.02], [0.0011, 0.0024], 0.75, &mut draws);
             tile.lenticels(60, [0.02, 0.06], [0.0016, 0.0036], 0.9, &mut draws);
-            let (rifts, scars) = if style == BarkStyle::Birch { (13, 2) } else { (0, 7) };
+            // The foot has its own rifts.
+            let (rifts, scars) = if style == BarkStyle::Birch { (0, 0) } else { (2, 6) };
             for _ in 0..scars {
                 tile.scar(&mut draws);
             }
@@ -24,7 +25,7 @@ pub fn marks(texels: &mut [Texel], n: usize, style: BarkStyle, seed: Seed) {
             }
         }
         BarkStyle::Smooth => {
-            tile.lenticels(190, [0.003, 0.011], [0.0012, 0.003], -0.5, &mut draws);
+            tile.lenticels(150, [0.003, 0.012], [0.001, 0.0024], -0.45, &mut draws);
         }
         BarkStyle::Diamonds => {
             for _ in 0..42 {
@@ -104,7 +105,7 @@ impl Tile<'_> {
     /// The black moustache over an old branch, with a rough knot below it.
     fn scar(&mut self, draws: &mut Draws) {
         let at = [draws.unit(), draws.unit()];
-        let size = draws.between(0.022, 0.05);
+        let size = draws.between(0.014, 0.05);
         let rough = Noise::new(Seed::new(draws.bits()), "scar");
         self.stamp(at, [1.9 * size, size], |t, x, y| {
             let edge = rough.fractal(x * 0.25 + 0.5, y * 0.25 + 0.5, [12, 12], 4);
@@ -123,7 +124,7 @@ impl Tile<'_> {
     /// A diamond where the white skin has split over rough black bark.
     fn rift(&mut self, draws: &mut Draws) {
         let at = [draws.unit(), draws.unit()];
-        let half = [draws.between(0.022, 0.062), draws.between(0.05, 0.14)];
+        let half = [draws.between(0.014, 0.03), draws.between(0.035, 0.09)];
         let rough = Noise::new(Seed::new(draws.bits()), "rift");
         self.stamp(at, [1.35 * half[0], 1.2 * half[1]], |t, x, y| {
             let (p, q) = (0.5 + 0.5 * x, 0.5 + 0.5 * y);

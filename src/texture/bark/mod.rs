@@ -12,6 +12,7 @@ mod style;
 
 use rayon::prelude::*;
 
+use super::BarkTextures;
 use super::noise::mix;
 use crate::raster::Picture;
 use crate::seed::Seed;
@@ -100,6 +101,21 @@ pub fn draw_upper(bark: &Bark, size_px: u32, seed: Seed) -> Option<BarkPictures>
     // Younger bark is thinner.
     let relief_m = bark.relief_m * if style == bark.style { 0.7 } else { 0.3 };
     Some(pictures(style, colour, relief_m, bark, size_px, seed.derive("upper", 0)))
+}
+
+/// The bark of twigs: its colour alone, at a quarter of the size.
+pub fn draw_twig(bark: &Bark, size_px: u32, seed: Seed) -> Option<BarkTextures> {
+    let colour = bark.twig?;
+    let own = Bark { dark: colour.map(|c| c / 2), ..bark.clone() };
+    let size_px = (size_px / 4).max(64);
+    let p = pictures(BarkStyle::Smooth, colour, 0.002, &own, size_px, seed.derive("twig bark", 0));
+    Some(BarkTextures {
+        colour: p.colour.into(),
+        normal: None,
+        orm: None,
+        height: None,
+        depth_m: 0.0,
+    })
 }
 
 fn pictures(

@@ -30,7 +30,8 @@ impl Painter {
     /// `v` is up.
     pub fn texel(&self, style: BarkStyle, u: f32, v: f32) -> Texel {
         match style {
-            BarkStyle::Birch | BarkStyle::Paper => self.paper(u, v),
+            BarkStyle::Birch => self.birch(u, v),
+            BarkStyle::Paper => self.paper(u, v),
             BarkStyle::Plates => self.plates(u, v),
             BarkStyle::Flakes => self.flakes(u, v),
             BarkStyle::Ridges => self.ridges(u, v),
@@ -42,12 +43,44 @@ impl Painter {
         }
     }
 
+    /// A gentle shift of columns of cells against each other, so that they stand in no rows.
+    fn slip(&self, u: f32) -> f32 {
+        0.1 * self.broad.gradient(u, 0.37, [5, 1])
+    }
+
+    /// Black furrowed cork that has burst the white skin; of that islands are left.
+    fn birch(&self, u: f32, v: f32) -> Texel {
+        let skin = self.paper(u, v);
+        let jag = self.fine.grain(u, v, 36, 4);
+        let wu = u + 0.03 * self.warp.fractal(u, v, [7, 5], 4) + 0.006 * jag;
+        let wv = v + self.slip(u) + 0.05 * self.broad.fractal(u, v, [9, 6], 3) + 0.008 * jag;
+        let big = self.cells.cells(wu, wv, [13, 6], 1.0);
+        let small = self.flakes.cells(wu + 0.02 * jag, wv, [34, 20], 1.0);
+        let ridge = smoothstep(0.0, 0.3, big.border + 0.06 * jag).sqrt();
+        let crumb = smoothstep(0.0, 0.2, small.border + 0.05 * jag);
+        let cork = ridge * (0.55 + 0.3 * big.draw + 0.15 * crumb) + 0.06 * jag;
+        // Skin stays on the flat of some ridges, in upright rags.
+        let hold = big.draw - 0.5 + 0.8 * self.warp.fractal(u + 0.4, wv, [6, 3], 3) + 0.25 * jag;
+        let left = smoothstep(0.12, 0.2, hold) * smoothstep(0.06, 0.12, big.border + 0.04 * jag);
+        let tone = (0.04 + 0.2 * ridge * (0.5 + 0.5 * crumb) * (0.6 + 0.4 * small.draw)).min(0.3);
+        Texel {
+            fresh: skin.fresh * left,
+            roughness: mix(0.95, skin.roughness, left),
+            ..Texel::new(
+                mix(cork, 0.85 + 0.1 * skin.height, left),
+                mix(tone, skin.tone, left),
+                mix(0.9 + 0.3 * jag + 0.2 * (small.draw - 0.5), skin.shade, left),
+                mix(0.06 * ridge, skin.warm, left),
+            )
+        }
+    }
+
     /// Thick tall plates of many flakes, parted by deep furrows.
     fn plates(&self, u: f32, v: f32) -> Texel {
         let jag = self.fine.grain(u, v, 26, 4);
         let wu = u + 0.035 * self.warp.fractal(u, v, [6, 5], 4) + 0.008 * jag;
-        let wv = v + 0.08 * self.broad.fractal(u, v, [7, 5], 3) + 0.008 * jag;
-        let c = self.cells.cells(wu, wv, [9, 4], 1.0);
+        let wv = v + self.slip(u) + 0.08 * self.broad.fractal(u, v, [7, 5], 3) + 0.008 * jag;
+        let c = self.cells.cells(wu, wv, [10, 4], 1.0);
         let grain = self.warp.grain(u, v, 70, 3);
         // Furrows are wide here and a mere crack there.
         let gape = smoothstep(-0.5, 0.5, self.broad.fractal(u + 0.3, v + 0.6, [6, 4], 2));
@@ -90,7 +123,8 @@ impl Painter {
             + 0.1 * curl
             + 0.12 * cloud;
         let warm = 0.1 * (small.draw - 0.5) + 0.1 * (big.draw - 0.5) - 0.08 * cloud + 0.05 * jag;
-        let tone = mix(0.4, 1.0, edge);
+        let loose = smoothstep(-0.2, 0.4, self.broad.fractal(u, v + 0.6, [6, 5], 3));
+        let tone = mix(mix(0.9, 0.5, loose), 1.0, edge);
         let roughness = 0.7 + 0.1 * small.draw;
         Texel { roughness, ..Texel::new(height, tone, shade, warm) }
     }
@@ -99,8 +133,8 @@ impl Painter {
     fn ridges(&self, u: f32, v: f32) -> Texel {
         let jag = self.fine.grain(u, v, 30, 4);
         let wu = u + 0.03 * self.warp.fractal(u, v, [7, 5], 4) + 0.008 * jag;
-        let wv = v + 0.14 * self.broad.fractal(u, v, [8, 3], 3) + 0.01 * jag;
-        let c = self.cells.cells(wu, wv, [12, 4], 1.0);
+        let wv = v + self.slip(u) + 0.14 * self.broad.fractal(u, v, [8, 3], 3) + 0.01 * jag;
+        let c = self.cells.cells(wu, wv, [13, 4], 1.0);
         let gape = smoothstep(-0.5, 0.5, self.broad.fractal(u + 0.3, v + 0.6, [8, 3], 2));
         let ridge = smoothstep(0.0, mix(0.1, 0.44, gape), c.border + 0.06 * jag);
         let fu = u + 0.014 * self.fine.fractal(u, v, [20, 10], 4) + 0.003 * jag;
@@ -116,7 +150,7 @@ impl Painter {
         let flank = 4.0 * ridge * (1.0 - ridge);
         let young = smoothstep(0.3, 0.75, 1.0 - layer);
         let shade = 0.93 + 0.26 * grain + 0.26 * (small.draw - 0.5) + 0.26 * (big.draw - 0.5);
-        let warm = 0.14 * flank + 0.22 * young * ridge + 0.14 * (big.draw - 0.5) + 0.05 * jag;
+        let warm = 0.12 * flank + 0.14 * young * ridge + 0.1 * (big.draw - 0.5) + 0.04 * jag;
         Texel::new(height, tone, shade, warm)
     }
 
@@ -145,43 +179,45 @@ impl Painter {
         Texel { moss, roughness: 0.92, ..Texel::new(height, tone, shade, warm) }
     }
 
-    /// Small thin scales, one over the other, loose at their lower edge.
+    /// Small thin scales, one over the other, ragged and loose at their edges.
     fn scales(&self, u: f32, v: f32) -> Texel {
-        let jag = self.fine.grain(u, v, 40, 4);
-        let wu = u + 0.016 * self.warp.fractal(u, v, [14, 12], 5) + 0.005 * jag;
-        let wv = v + 0.02 * self.broad.fractal(u, v, [12, 10], 5) + 0.005 * jag;
-        let big = self.flakes.scales(wu, wv, [21, 14], 1.0);
-        let small = self.cells.scales(wu + 0.3, wv + 0.1, [48, 36], 1.0);
+        let jag = self.fine.grain(u, v, 46, 5);
+        let wu = u + 0.03 * self.warp.fractal(u, v, [11, 9], 5) + 0.012 * jag;
+        let wv = v + 0.04 * self.broad.fractal(u, v, [9, 8], 5) + 0.012 * jag;
+        let big = self.flakes.scales(wu, wv, [24, 13], 0.95);
+        let small = self.cells.scales(wu + 0.3, wv + 0.1, [56, 34], 0.9);
         let grain = self.warp.grain(u, v, 90, 3);
         let patch = self.broad.fractal(u, v, [4, 3], 3);
-        let height = 0.6 * big.height + 0.28 * small.height + 0.08 * grain + 0.06 * jag;
-        let rim = smoothstep(0.0, 0.12, big.rim) * mix(0.8, 1.0, smoothstep(0.0, 0.2, small.rim));
+        // Some scales lie flat against their neighbours, others stand off.
+        let loose = smoothstep(-0.25, 0.35, self.cells.fractal(u + 0.2, v, [7, 6], 3));
+        let height = 0.5 * big.height + 0.3 * small.height + 0.1 * grain + 0.1 * jag;
+        let edge = smoothstep(0.0, mix(0.05, 0.2, loose), big.rim + 0.05 * jag);
+        let fine = smoothstep(0.0, 0.25, small.rim + 0.08 * jag);
+        let tone = mix(mix(0.85, 0.35, loose), 1.0, edge) * mix(0.82, 1.0, fine);
         let shade = 0.95
-            + 0.2 * (big.draw - 0.5)
-            + 0.2 * (small.draw - 0.5)
-            + 0.16 * grain
-            + 0.1 * jag
+            + 0.16 * (big.draw - 0.5)
+            + 0.22 * (small.draw - 0.5)
+            + 0.2 * grain
+            + 0.14 * jag
             + 0.14 * patch;
-        let warm = 0.1 * (big.draw - 0.5) + 0.08 * (small.draw - 0.5) + 0.05 * patch;
-        let tone = mix(0.45, 1.0, rim);
+        let warm = 0.08 * (big.draw - 0.5) + 0.1 * (small.draw - 0.5) + 0.06 * patch;
         Texel { roughness: 0.85, ..Texel::new(height, tone, shade, warm) }
     }
 
-    /// Smooth skin with fine upright streaks, slight folds and clouds of lichen.
+    /// Smooth skin: soft clouds, fine powder, a crack here and there, and lichen.
     fn smooth(&self, u: f32, v: f32) -> Texel {
-        let wu = u + 0.03 * self.warp.fractal(u, v, [4, 3], 4);
-        let wv = v + 0.03 * self.broad.fractal(u, v, [4, 3], 4);
-        let broad = self.broad.fractal(wu, v, [4, 3], 4);
-        let streak = self.fine.fractal(wu, wv, [46, 9], 4);
-        let pores = self.fine.grain(u, v, 70, 4);
-        let fold = self.warp.fractal(wu, wv, [4, 18], 4);
-        let crack = smoothstep(0.44, 0.6, self.warp.fractal(wu + 0.3, v, [20, 5], 4));
-        let lichen = smoothstep(0.2, 0.5, self.broad.grain(wu + 0.2, wv + 0.7, 5, 6));
-        let height = 0.6 + 0.22 * broad + 0.12 * streak + 0.12 * fold + 0.1 * pores - 0.3 * crack;
-        let tone = (0.94 + 0.08 * broad - 0.3 * crack).clamp(0.0, 1.0);
-        let shade = 0.97 + 0.1 * streak + 0.1 * pores + 0.06 * fold + 0.1 * lichen;
-        let moss = 0.22 * lichen;
-        Texel { moss, roughness: 0.66, ..Texel::new(height, tone, shade, 0.04 * broad) }
+        let wu = u + 0.04 * self.warp.fractal(u, v, [4, 3], 4);
+        let wv = v + 0.04 * self.broad.fractal(u, v, [4, 3], 4);
+        let broad = self.broad.fractal(wu, wv, [5, 3], 4);
+        let cloud = self.warp.grain(wu, wv, 9, 5);
+        let powder = self.fine.grain(u, v, 60, 5);
+        let crack = smoothstep(0.5, 0.64, self.cells.fractal(wu + 0.3, wv, [16, 4], 4));
+        let lichen = smoothstep(0.25, 0.5, self.flakes.grain(wu + 0.2, wv + 0.7, 6, 6));
+        let height = 0.6 + 0.2 * broad + 0.12 * cloud + 0.08 * powder - 0.3 * crack;
+        let tone = (0.95 + 0.06 * broad - 0.25 * crack).clamp(0.0, 1.0);
+        let shade = 0.97 + 0.1 * cloud + 0.12 * powder + 0.1 * lichen;
+        let moss = 0.2 * lichen;
+        Texel { moss, roughness: 0.66, ..Texel::new(height, tone, shade, 0.05 * cloud) }
     }
 
     /// Smooth greenish skin, powdery, with faint wrinkles across.
@@ -202,10 +238,10 @@ impl Painter {
         let wv = v + 0.02 * self.warp.fractal(u, v, [5, 6], 4);
         let broad = self.broad.fractal(u, v, [4, 3], 4);
         let fine = self.fine.grain(u, v, 44, 5);
-        let wrinkle = self.warp.fractal(u, wv, [7, 26], 4);
+        let wrinkle = self.warp.grain(u, wv, 12, 4);
         let lichen = smoothstep(0.15, 0.5, self.broad.grain(u + 0.2, wv + 0.7, 6, 6));
         let height = 0.5 + 0.14 * broad + 0.1 * fine + 0.12 * wrinkle;
-        let shade = 0.96 + 0.12 * fine + 0.05 * wrinkle + 0.1 * broad + 0.14 * lichen;
+        let shade = 0.96 + 0.14 * fine + 0.07 * wrinkle + 0.1 * broad + 0.14 * lichen;
         Texel {
             moss: 0.14 * lichen,
             roughness: 0.7,
