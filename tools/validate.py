@@ -33,7 +33,7 @@ try:
     import numpy as np
     import trimesh
     from PIL import Image
-    from pxr import Ar, Gf, Usd, UsdGeom, UsdShade, UsdValidation, Vt
+    from pxr import Ar, Gf, Sdf, Usd, UsdGeom, UsdShade, UsdValidation, Vt
 except ImportError as missing:
     sys.exit(f"the Python module {missing.name} is missing: pip install -r tools/requirements.txt")
 
@@ -651,6 +651,8 @@ def check_usd(report, path):
     report.check(f"{path.name} up axis, unit, default prim", faults)
 
     scene = usd_scene(report, path, stage)
+    check_forms(report, path, stage)
+    check_hints(report, path, stage)
     check_bodies(report, path.name, scene.bodies)
     check_meshes(report, path.name, scene.meshes)
     check_pictures(report, path.name, usd_pictures(stage))
@@ -660,8 +662,9 @@ def check_usd(report, path):
 def usd_scene(report, path, stage):
     scene, at, extents, instancers = Scene(), {}, [], []
     cache = UsdGeom.XformCache()
-    below = lambda prim, kind: [p for p in Usd.PrimRange(prim) if p.IsA(kind)]
     drawn = lambda prims: [p for p in prims if not p.GetName().startswith(COLLIDERS)]
+    hidden = lambda prim: UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.proxy
+    below = lambda prim, kind: [p for p in usd_below(prim) if p.IsA(kind) and not hidden(p)]
     arrays = lambda attribute, width: np.array(attribute.Get() or [], np.float32).reshape(-1, width)
     unbound = []
     for prim in below(stage.GetPseudoRoot(), UsdGeom.Mesh):
@@ -722,6 +725,182 @@ def usd_scene(report, path, stage):
     if "origin" in about:
         scene.place = (np.array(about["origin"]), np.array(about["unit_m"]))
     return scene
+
+
+def usd_below(prim):
+    """All that a renderer could be told to draw, also of prototypes that are shown only in their places."""
+    return Usd.PrimRange(prim, Usd.PrimIsActive & Usd.PrimIsLoaded & ~Usd.PrimIsAbstract)
+
+
+def check_forms(report, path, stage):
+    """Coarser forms of prototypes: what each variant draws, alone, and what viewports draw instead."""
+    owners = [prim for prim in usd_below(stage.GetPseudoRoot()) if prim.GetVariantSets().HasVariantSet("LOD")]
+    if not owners:
+        return
+    faults, sizes = [], {}
+    names = owners[0].GetVariantSets().GetVariantSet("LOD").GetVariantNames()
+    stage.SetEditTarget(stage.GetSessionLayer())
+    for name in names:
+        for prim in owners:
+            prim.GetVariantSets().SetSelection("LOD", name)
+        for prim in owners:
+            meshes = [UsdGeom.Mesh(p) for p in usd_below(prim) if p.IsA(UsdGeom.Mesh)]
+            of = lambda purpose: [m for m in meshes if m.ComputePurpose() == purpose]
+            triangles = lambda purpose: sum(len(m.GetFaceVertexCountsAttr().Get() or []) for m in of(purpose))
+            label = f"{prim.GetName()} as {name}"
+            if prim.GetVariantSets().GetVariantSet("LOD").GetVariantNames() != names:
+                faults.append(f"{label}: other variants than {names}")
+            if not triangles("render") or not triangles("proxy") or triangles("default"):
+                faults.append(f"{label}: triangles {[triangles(p) for p in ('render', 'proxy', 'default')]} to render, as proxy, always")
+            unbound = [m for m in of("render") + of("proxy") if not UsdShade.MaterialBindingAPI(m.GetPrim()).ComputeBoundMaterial()[0]]
+            faults += [f"{label}: {m.GetPrim().GetName()} has no material" for m in unbound]
+            for mesh in of("render"):
+                targets = UsdGeom.Imageable(mesh).GetProxyPrimRel().GetTargets()
+                if len(targets) != 1 or not stage.GetPrimAtPath(targets[0]):
+                    faults.append(f"{label}: {mesh.GetPrim().GetName()} has no proxy")
+            sizes.setdefault(prim.GetName(), []).append(triangles("render"))
+    stage.GetSessionLayer().Clear()
+    stage.SetEditTarget(stage.GetRootLayer())
+    faults += [f"{name}: {counts} triangles, not from fine to coarse" for name, counts in sizes.items() if counts != sorted(counts, reverse=True)]
+    report.check(f"{path.name} forms", faults, f"{len(names)} of {len(owners)} prototypes")
+
+
+def check_hints(report, path, stage):
+    """Bounds told by models hold what is in them, purpose by purpose."""
+    faults = []
+    models = [p for p in usd_below(stage.GetPseudoRoot()) if p.HasAttribute("extentsHint")]
+    for prim in models:
+        told = np.array(UsdGeom.ModelAPI(prim).GetExtentsHint() or [])
+        purposes = UsdGeom.Imageable.GetOrderedPurposeTokens()
+        for purpose, ends in zip(purposes, told.reshape(-1, 2, 3)):
+            cache = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [purpose], useExtentsHint=False)
+            box = cache.ComputeUntransformedBound(prim).ComputeAlignedRange()
+            if prim == stage.GetDefaultPrim() and purpose != "default":
+                continue
+            if box.IsEmpty() != bool((ends[0] > ends[1]).any()):
+                faults.append(f"{prim.GetName()}: bounds of purpose {purpose} told for nothing, or not told")
+            elif not box.IsEmpty() and prim != stage.GetDefaultPrim():
+                off = np.abs(np.array([box.GetMin(), box.GetMax()]) - ends).max()
+                if off > BOUNDS_TOLERANCE_M:
+                    faults.append(f"{prim.GetName()}: bounds of purpose {purpose} off by {off:.4f} m")
+    report.check(f"{path.name} bounds told by models", faults, f"{len(models)} models")
+
+
+def same(a, b):
+    """Equal to the last bit but for the sign of zero; files by their path within the scene."""
+    if type(a) is not type(b):
+        return False
+    if isinstance(a, Sdf.AssetPath):
+        return a.path.removeprefix("../") == b.path.removeprefix("../")
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[k], b[k]) for k in a)
+    if hasattr(a, "__len__") and len(a) > 64 and not isinstance(a, str):
+        return np.array_equal(np.array(a), np.array(b))
+    return a == b
+
+
+def stage_differences(first, other):
+    """Between two composed stages, prim by prim."""
+    a, b = ({prim.GetPath(): prim for prim in stage.TraverseAll()} for stage in (first, other))
+    found = [f"{path} is in one only" for path in sorted(a.keys() ^ b.keys(), key=str)]
+    arcs = ("payload", "references")
+
+    def metadata(thing):
+        return {k: v for k, v in thing.GetAllAuthoredMetadata().items() if k not in arcs}
+
+    pairs = [(first.GetPseudoRoot(), other.GetPseudoRoot())] + [(a[path], b[path]) for path in a.keys() & b.keys()]
+    for one, two in pairs:
+        path = one.GetPath()
+        if not same(metadata(one), metadata(two)):
+            found.append(f"{path}: metadata")
+        if (one.GetTypeName(), one.GetSpecifier()) != (two.GetTypeName(), two.GetSpecifier()):
+            found.append(f"{path}: {two.GetSpecifier()} {two.GetTypeName()}")
+        names = one.GetAuthoredPropertyNames()
+        if names != two.GetAuthoredPropertyNames():
+            found.append(f"{path}: properties {sorted(set(names) ^ set(two.GetAuthoredPropertyNames()))}")
+            continue
+        for p, q in zip(one.GetAuthoredProperties(), two.GetAuthoredProperties()):
+            if not same(metadata(p), metadata(q)) or type(p) is not type(q):
+                found.append(f"{p.GetPath()}: metadata")
+            elif isinstance(p, Usd.Relationship):
+                if p.GetTargets() != q.GetTargets():
+                    found.append(f"{p.GetPath()}: targets")
+            elif p.GetConnections() != q.GetConnections():
+                found.append(f"{p.GetPath()}: connections")
+            elif not same(p.Get(), q.Get()):
+                found.append(f"{p.GetPath()}: value")
+    return found, len(pairs)
+
+
+def layer_differences(first, other):
+    """Between two layers, spec by spec and field by field, variants with them."""
+
+    def paths(layer):
+        found = []
+        layer.Traverse(Sdf.Path.absoluteRootPath, found.append)
+        return found
+
+    def plain(value):
+        if isinstance(value, (Sdf.PayloadListOp, Sdf.ReferenceListOp)):
+            return str(value).replace(".usdc", ".usda")
+        return value
+
+    a, b = paths(first), paths(other)
+    found = [f"{path} is in one only" for path in sorted(set(a) ^ set(b), key=str)]
+    fields = 0
+    for path in set(a) & set(b):
+        one, two = first.GetObjectAtPath(path), other.GetObjectAtPath(path)
+        if one is None or two is None:
+            continue
+        keys = set(one.ListInfoKeys())
+        fields += len(keys)
+        if type(one) is not type(two) or keys != set(two.ListInfoKeys()):
+            found.append(f"{path}: {sorted(keys ^ set(two.ListInfoKeys()))}")
+            continue
+        found += [f"{path}: {key}" for key in keys if not same(plain(one.GetInfo(key)), plain(two.GetInfo(key)))]
+        if isinstance(one, Sdf.PrimSpec) and list(one.properties.keys()) != list(two.properties.keys()):
+            found.append(f"{path}: order of properties")
+    return found, fields
+
+
+def check_same(report, path, other):
+    """Two encodings of one scene."""
+    stages = [Usd.Stage.Open(str(p)) for p in (path, other)]
+    found, prims = stage_differences(*stages)
+    report.check(f"{other.name} composes to the same as {path.name}", found, f"{prims} prims")
+    if {path.suffix, other.suffix} == {".usda", ".usdc"}:
+        by_stem = [{Path(l.realPath).stem: l for l in stage.GetUsedLayers() if l.realPath} for stage in stages]
+        found = [f"{stem}: a layer of one only" for stem in by_stem[0].keys() ^ by_stem[1].keys()]
+        fields = 0
+        for stem in by_stem[0].keys() & by_stem[1].keys():
+            wrong, count = layer_differences(by_stem[0][stem], by_stem[1][stem])
+            found += wrong
+            fields += count
+        report.check(f"{other.name} has the same layers as {path.name}", found, f"{len(by_stem[0])} layers, {fields} fields")
+
+
+def check_same_layers(report, folder):
+    """Every `.usda` of a folder against the `.usdc` of its name, and that against what usd-core makes of it."""
+    texts = sorted(folder.glob("*.usda"))
+    wrong, fields, ours, theirs = [], 0, 0, 0
+    with tempfile.TemporaryDirectory() as scratch:
+        for text in texts:
+            binary = text.with_suffix(".usdc")
+            try:
+                first, other = (Sdf.Layer.OpenAsAnonymous(str(p)) for p in (text, binary))
+            except Exception as error:  # whatever a broken file makes of a reader
+                wrong.append(f"{text.stem}: {error}")
+                continue
+            found, count = layer_differences(first, other)
+            wrong += [f"{text.stem} {what}" for what in found]
+            fields += count
+            copy = Path(scratch) / "copy.usdc"
+            first.Export(str(copy))
+            ours += binary.stat().st_size
+            theirs += copy.stat().st_size
+    report.check("layers as text and as crate files", wrong if texts else ["no layers"], f"{len(texts)} layers, {fields} fields")
+    much = [f"{ours} bytes, {theirs} by usd-core"] if ours > 1.1 * theirs else []
+    report.check("crate files no larger than a tenth more than usd-core's", much, f"{ours} bytes, {theirs} by usd-core")
 
 
 def extent_faults(name, boundable, points):
@@ -848,6 +1027,9 @@ def check_all(report, paths, inventory=None, blender=None):
     scenes = [(path.name, scene) for path, scene in read.items()]
     for other, against in scenes[1:]:
         check_agreement(report, *scenes[0], other, against)
+    usd = [path for path in paths if path.suffix.startswith(".usd")]
+    for other in usd[1:]:
+        check_same(report, usd[0], other)
     for label, scene in scenes if inventory else []:
         check_inventory(report, inventory, label, scene)
 
@@ -992,6 +1174,50 @@ def usd_defects():
     }
 
 
+def same_defects():
+    """Name → change of a stage that is otherwise the same as another."""
+    mesh = lambda stage: next(p for p in usd_below(stage.GetPseudoRoot()) if p.IsA(UsdGeom.Mesh))
+
+    def nudge(stage):
+        attribute = mesh(stage).GetAttribute("points")
+        values = list(attribute.Get())
+        values[-1] += Gf.Vec3f(0, 0, 1e-4)
+        attribute.Set(values)
+
+    def rename_file(stage):
+        prim = next(p for p in stage.TraverseAll() if p.GetAttribute("inputs:file"))
+        prim.GetAttribute("inputs:file").Set(Sdf.AssetPath("textures/other.png"))
+
+    return {
+        "a point a little off": nudge,
+        "an order of triangles": lambda stage: mesh(stage).GetAttribute("orientation").Set("leftHanded"),
+        "another file": rename_file,
+        "another kind": lambda stage: Usd.ModelAPI(stage.GetDefaultPrim()).SetKind("component"),
+        "another binding": lambda stage: mesh(stage).GetRelationship("material:binding").SetTargets(["/elsewhere"]),
+        "another place on the map": lambda stage: stage.GetRootLayer().__setattr__("customLayerData", {}),
+    }
+
+
+def check_broken_sameness(report, usda):
+    for defect, change in same_defects().items():
+        stage = Usd.Stage.Open(str(usda))
+        with tempfile.TemporaryDirectory() as folder:
+            copy = copied(usda, Path(folder))
+            changed = Usd.Stage.Open(str(copy))
+            change(changed)
+            found, _ = stage_differences(stage, changed)
+            del changed
+        report.check(f"self-test: {defect} in a copy of {usda.name}", [] if found else ["no difference found"], "caught")
+
+
+def copied(path, folder):
+    """With what it refers to."""
+    for beside in ("textures", "assets"):
+        if (path.parent / beside).is_dir():
+            shutil.copytree(path.parent / beside, folder / beside)
+    return Path(shutil.copy(path, folder))
+
+
 def check_broken_compression(report, path):
     """A compressed view whose first byte is another is not taken for sound."""
     with tempfile.TemporaryDirectory() as folder:
@@ -1017,20 +1243,19 @@ def self_test(report, glb, usda, engine=None, web=None):
         return
     suites = [(glb, glb_defects()), (usda, usd_defects())]
     suites += [(engine, engine_defects())] if engine else []
+    check_broken_sameness(report, usda)
     if web:
         check_broken_compression(report, web)
     for path, defects in suites:
         for defect, (expected, change) in defects.items():
             with tempfile.TemporaryDirectory() as folder:
-                copy = Path(shutil.copy(path, folder))
+                copy = copied(path, Path(folder))
                 if path.suffix == ".glb":
                     document, binary = read_gltf(copy)
                     binary = bytearray(binary)
                     change(document, binary)
                     write_glb(copy, document, bytes(binary))
                 else:
-                    if (path.parent / "textures").is_dir():
-                        shutil.copytree(path.parent / "textures", Path(folder) / "textures")
                     stage = Usd.Stage.Open(str(copy))
                     change(stage)
                     stage.GetRootLayer().Save()
@@ -1046,7 +1271,8 @@ def self_test(report, glb, usda, engine=None, web=None):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("files", nargs="+", type=Path)
+    parser.add_argument("files", nargs="*", type=Path)
+    parser.add_argument("--same", type=Path, metavar="FOLDER", help="compare every .usda with the .usdc of its name")
     parser.add_argument("--inventory", type=Path, help="GeoJSON with one feature a tree")
     parser.add_argument("--quiet", action="store_true", help="tell failures and the count alone")
     parser.add_argument("--three", type=Path, metavar="FOLDER", help="pictures by three.js go here")
@@ -1061,6 +1287,10 @@ def main():
         if path.suffix not in known:
             parser.error(f"{path}: not one of {', '.join(known)}")
     report = Report(failures_alone=options.quiet)
+    if not options.files and not options.same:
+        parser.error("no files")
+    if options.same:
+        check_same_layers(report, options.same)
     if options.self_test:
         if [path.suffix for path in options.files] not in ([".glb", ".usda"], [".glb", ".usda", ".glb", ".glb"]):
             parser.error("--self-test takes a .glb and a .usda, then one .glb of profile engine and one of web")
