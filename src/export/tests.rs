@@ -222,7 +222,7 @@ fn compact_x3d_is_markedly_smaller_and_rounded_as_stated() {
         nodes.map(|rest| rest.split("</Indexed").next().unwrap().len()).sum()
     };
     let (plain, compact) = (geometry(&plain), geometry(&compact));
-    assert!(10 * compact < 6 * plain, "{compact} of {plain}");
+    assert!(3 * compact < 2 * plain, "{compact} of {plain}");
 }
 
 /// By the reader that the species room uses for twigs.

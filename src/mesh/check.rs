@@ -63,7 +63,12 @@ impl Surface {
 
     /// Enclosed volume by the divergence theorem, cubic metres; positive when wound outward.
     pub fn volume_m3(&self) -> f64 {
-        let centre = self.position.first().copied().unwrap_or(Vec3::ZERO).as_dvec3();
+        self.volume_about_m3(self.position.first().copied().unwrap_or(Vec3::ZERO))
+    }
+
+    /// Its share of the volume of several that are closed together, all about one centre.
+    pub fn volume_about_m3(&self, centre: Vec3) -> f64 {
+        let centre = centre.as_dvec3();
         self.index
             .chunks_exact(3)
             .map(|t| {

@@ -224,7 +224,7 @@ fn assert_one_solid(tree: &TreeMesh, what: &str) {
     wood.iter().for_each(|s| s.check().unwrap_or_else(|e| panic!("{what}: {e}")));
     assert_eq!(check::open_edges_welded(&wood), 0, "{what}");
     assert_eq!(check::parts(&wood), 1, "{what}");
-    let volume = wood.iter().map(|s| s.volume_m3()).sum::<f64>();
+    let volume = wood.iter().map(|s| s.volume_about_m3(Vec3::ZERO)).sum::<f64>();
     assert!(volume > 0.0, "{what}: {volume} m³");
 }
 

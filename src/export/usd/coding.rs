@@ -21,7 +21,8 @@ fn in_blocks(bytes: &[u8], most: usize) -> Vec<u8> {
     let mut out = vec![0; 1 + room.max(get_maximum_output_size(0))];
     out[0] = if is_one { 0 } else { count as u8 };
     let mut at = 1;
-    for block in bytes.chunks(most) {
+    // Nothing is a block, too.
+    for block in bytes.chunks(most).chain(bytes.is_empty().then_some(bytes)) {
         let start = if is_one { at } else { at + 4 };
         // Cannot fail: there is room for the longest output.
         let length = compress_into(block, &mut out[start..]).unwrap_or(0);
