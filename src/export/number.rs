@@ -17,7 +17,7 @@ pub(super) fn shortest_of(out: &mut Vec<u8>, values: &[f32]) {
 pub(super) fn rounded(out: &mut Vec<u8>, value: f32, places: u32) {
     /// Beyond, f32 has no places, and a product would leave i64.
     const LARGE: f32 = 1e9;
-    if !(value.abs() < LARGE) {
+    if value.is_nan() || value.abs() >= LARGE {
         return shortest(out, value);
     }
     let unit = 10u64.pow(places.min(9));

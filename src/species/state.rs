@@ -151,7 +151,9 @@ impl State {
         let (left, light) = (draws.unit(), draws.between(0.88, 1.0));
         let colour = mixed(goal, species.foliage.colour, 0.55 * left * left);
         let linear = |c: u8| (f32::from(c.max(1)) / 255.0).powf(2.2);
-        std::array::from_fn(|c| light * (linear(colour[c]) / linear(look.foliage.colour[c])).min(1.0))
+        std::array::from_fn(|c| {
+            light * (linear(colour[c]) / linear(look.foliage.colour[c])).min(1.0)
+        })
     }
 
     fn look_by(self, species: &Species, pick: impl Fn(&[[u8; 3]]) -> [u8; 3]) -> Species {

@@ -442,10 +442,10 @@ impl<'l, W: Write> Crate<'l, W> {
             return Ok(Rep::array(kind, 0));
         }
         let key = (kind, sample(value));
-        if let Some(known) = self.arrays.get(&key) {
-            if let Some((_, rep)) = known.iter().find(|(other, _)| *other == value) {
-                return Ok(*rep);
-            }
+        if let Some(known) = self.arrays.get(&key)
+            && let Some((_, rep)) = known.iter().find(|(other, _)| *other == value)
+        {
+            return Ok(*rep);
         }
         let rep = self.new_array(kind, value, count)?;
         self.arrays.entry(key).or_default().push((value, rep));
@@ -501,7 +501,7 @@ impl<'l, W: Write> Crate<'l, W> {
         convert: impl Fn(&T) -> [[u8; B]; 4],
     ) -> io::Result<()> {
         for block in items.chunks(BLOCK / (4 * B)) {
-            let bytes: Vec<u8> = block.iter().flat_map(|v| convert(v)).flatten().collect();
+            let bytes: Vec<u8> = block.iter().flat_map(&convert).flatten().collect();
             self.bytes(&bytes)?;
         }
         Ok(())
