@@ -239,8 +239,8 @@ fn unknown_species_and_unwritable_folders_are_refused_before_work() {
     );
     refused(&["tree", "larix_sibirica", "-o", &format!("{file}/t.glb")], &["file", "help:"]);
     refused(
-        &["tree", "larix_sibirica", "-o", "t.obj"],
-        &["t.obj", ".glb, .gltf, .usda, .usdc, .usdz, .png"],
+        &["tree", "larix_sibirica", "-o", "t.fbx"],
+        &["t.fbx", ".glb, .gltf, .usda, .usdc, .usdz, .x3d, .obj, .png"],
     );
     refused(&["forest", "x.laz", "--species", "oak_of_mine", "-o", &file], &["oak_of_mine"]);
     refused(&["demo", "-o", &format!("{file}/demo")], &["file", "help:"]);

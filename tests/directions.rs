@@ -78,7 +78,8 @@ fn is_test(path: &Path) -> bool {
     let in_folder = path.parent().is_some_and(|folder| folder.ends_with("tests"));
     in_folder
         || path.file_name().is_some_and(|n| {
-            n == "tests.rs" || n == "foliage_tests.rs" || n == "sample.rs" || n == "messages.rs"
+            let n = n.to_string_lossy();
+            n == "tests.rs" || n.ends_with("_tests.rs") || n == "sample.rs" || n == "messages.rs"
         })
 }
 

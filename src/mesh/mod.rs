@@ -306,6 +306,8 @@ pub fn build(
 }
 
 #[cfg(test)]
+mod bark_tests;
+#[cfg(test)]
 mod foliage_tests;
 #[cfg(test)]
 mod tests;
