@@ -342,7 +342,7 @@ DEFECTS = {
         "a word for a number": ('specularColor="0 0 0"', 'specularColor="none"'),
         "a share above 1": ('specularColor="0 0 0"', 'specularColor="2 0 0"'),
         "a node in a field that is not its own": ('containerField="texture"', 'containerField="geometry"'),
-        "a USE of nothing": ('<Group USE="', '<Group USE="not_'),
+        "a USE of nothing": ('<Appearance USE="', '<Appearance USE="not_'),
         "a DEF twice": ('DEF="terrain-ground"', 'DEF="{material}"'),
         "an index too large": (r're:(oordIndex|ndex)="0 ', r'\1="99999999 '),
         "a normal of no length": (r're:vector="\S+ \S+ \S+', 'vector="0 0 0'),
