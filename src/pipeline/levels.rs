@@ -126,6 +126,10 @@ fn scheme(
     };
     let mut mesh = p18::Scheme::new(&measures)?.mesh(SIDES);
     mesh.foliage.uv.fill(atlas.fill());
+    // Most of a stem shows the upper bark, where there is one.
+    if species.bark.upper.is_some() {
+        std::mem::swap(&mut mesh.wood, &mut mesh.upper_wood);
+    }
     if tree.foliage.is_empty() {
         mesh.foliage = Surface::default();
     }
