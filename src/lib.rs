@@ -16,6 +16,7 @@ pub mod export;
 pub mod frame;
 pub mod ground;
 pub mod inventory;
+pub mod landscape;
 pub mod lod;
 pub mod mesh;
 pub mod pipeline;

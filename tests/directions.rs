@@ -26,6 +26,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
         ("scene", &["mesh"]),
         ("export", &["scene", "mesh"]),
         ("render", &["scene", "mesh"]),
+        ("landscape", &["ground", "terrain", "render"]),
         ("lod", &["mesh", "render", "scene", "skeleton"]),
         ("inventory", &["crown"]),
         ("simulate", &["scan", "species"]),
@@ -37,7 +38,8 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 25] = [
+const HOMES: [(&str, &[&str]); 27] = [
+    ("hashbrown", &["landscape"]),
     ("ab_glyph", &["render"]),
     ("blake3", &["cache"]),
     ("directories", &["cache"]),
@@ -54,12 +56,13 @@ const HOMES: [(&str, &[&str]); 25] = [
     ("indicatif", &["cli"]),
     ("csv", &["inventory"]),
     ("flatgeobuf", &["inventory"]),
-    ("flate2", &["raster"]),
+    ("flate2", &["raster", "landscape"]),
     ("webp", &["raster"]),
     ("weezl", &["raster"]),
     ("schemars", &["species"]),
     ("meshopt", &["export"]),
-    ("ryu", &["export"]),
+    ("itoa", &["export"]),
+    ("zmij", &["export"]),
     ("tobj", &["species"]),
     ("xatlas_rs_v2", &["mesh"]),
     ("tempfile", &["cache", "export", "cli", "scan"]),

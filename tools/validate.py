@@ -652,6 +652,7 @@ def check_usd(report, path):
 
     scene = usd_scene(report, path, stage)
     check_forms(report, path, stage)
+    check_looks(report, path, stage)
     check_hints(report, path, stage)
     check_bodies(report, path.name, scene.bodies)
     check_meshes(report, path.name, scene.meshes)
@@ -763,6 +764,45 @@ def check_forms(report, path, stage):
     stage.SetEditTarget(stage.GetRootLayer())
     faults += [f"{name}: {counts} triangles, not from fine to coarse" for name, counts in sizes.items() if counts != sorted(counts, reverse=True)]
     report.check(f"{path.name} forms", faults, f"{len(names)} of {len(owners)} prototypes")
+
+
+def check_looks(report, path, stage):
+    """Seasons and conditions, chosen for the whole scene: each shows leaves in colours of its own."""
+    root = stage.GetDefaultPrim()
+    if not root or not root.GetVariantSets().HasVariantSet("look"):
+        return
+    looks = root.GetVariantSets().GetVariantSet("look")
+    faults, shown, own = [], {}, looks.GetVariantSelection()
+    stage.SetEditTarget(stage.GetSessionLayer())
+    for name in [own, *looks.GetVariantNames()]:
+        looks.SetVariantSelection(name)
+        for prim in usd_below(stage.GetPseudoRoot()):
+            if not prim.IsA(UsdGeom.Mesh) or prim.GetName().startswith(COLLIDERS):
+                continue
+            label = f"{prim.GetPath()} as {name}"
+            material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
+            surface = material and material.ComputeSurfaceSource()[0]
+            if not surface:
+                faults.append(f"{label}: no surface")
+                continue
+            source = surface.GetInput("diffuseColor").GetConnectedSources()[0]
+            if not source:
+                shown[label] = str(surface.GetInput("diffuseColor").Get())
+                continue
+            texture = UsdShade.Shader(source[0].source)
+            file, tint = (texture.GetInput(key) for key in ("file", "scale"))
+            if not file or not file.Get().resolvedPath:
+                faults.append(f"{label}: {file and file.Get().path} is not there")
+                continue
+            shown[label] = f"{file.Get().path} {tint and tint.Get()}"
+    stage.GetSessionLayer().Clear()
+    stage.SetEditTarget(stage.GetRootLayer())
+    for name in set(looks.GetVariantNames()) - {own}:
+        ending = f" as {name}"
+        pairs = [(now, shown.get(label.replace(ending, f" as {own}"))) for label, now in shown.items() if label.endswith(ending)]
+        if all(now == before for now, before in pairs):
+            faults.append(f"{name}: nothing looks other than as {own}")
+    report.check(f"{path.name} looks", faults, ", ".join(looks.GetVariantNames()))
 
 
 def check_hints(report, path, stage):
@@ -1150,6 +1190,10 @@ def usd_defects():
         asset = next(p.GetAttribute("inputs:file").Get() for p in stage.TraverseAll() if p.GetAttribute("inputs:file"))
         Path(asset.resolvedPath).unlink()
 
+    def lose_look(stage):
+        folder = Path(stage.GetRootLayer().realPath).parent / "textures"
+        next(folder.glob("*_autumn.png")).unlink()
+
     def shorten(stage):
         attribute = prims(stage, UsdGeom.PointInstancer)[0].GetAttribute("scales")
         attribute.Set(Vt.Vec3fArray(list(attribute.Get())[:-1]))
@@ -1162,6 +1206,7 @@ def usd_defects():
         "a long normal": ("normals unit", put(mesh, "normals", 0, lambda n: n * 1.5)),
         "a flat triangle": ("no degenerate triangles", flatten),
         "a missing picture": ("textures decode", lose_picture),
+        "a look without its picture": ("looks", lose_look),
         "a tree below the ground": ("stand on the terrain", put(instancer, "positions", 0, lambda p: p - Gf.Vec3f(0, 0, 3))),
         "a prototype index too large": ("instancers", put(instancer, "protoIndices", 0, lambda _: 10**6)),
         "arrays of different lengths": ("instancers", shorten),

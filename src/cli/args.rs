@@ -60,6 +60,13 @@ pub enum Command {
         after_help = "Example:\n  larix tree betula_pendula --height 18 --seed 3 -o birch.glb"
     )]
     Tree(Tree),
+    /// Scan to a voxel landscape and ray-traced pictures of it, with snow, fog and rain.
+    #[command(
+        after_help = "Examples:\n  larix landscape scan.laz --photo ortho.tif --snow 0.1 -o winter.png\n  \
+                      larix landscape scan.laz --save scan.voxels\n  \
+                      larix landscape scan.voxels --view north --fog 400 -o fog.png"
+    )]
+    Landscape(super::landscape::Landscape),
     /// Write rule files: begin one, check it, see it, derive it; list those built in.
     #[command(after_help = "Example:\n  larix species new my_birch --from betula_pendula\n  \
                       larix species check --watch my_birch.toml")]
@@ -168,7 +175,7 @@ fn tolerance(text: &str) -> Result<f32, String> {
     }
 }
 
-fn positive(text: &str) -> Result<f32, String> {
+pub(super) fn positive(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
         _ => Err("give a number greater than 0, in metres".into()),
@@ -198,7 +205,7 @@ fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     numbers.iter().all(|n| n.is_finite()).then_some(numbers)
 }
 
-fn eye(text: &str) -> Result<Eye, String> {
+pub(super) fn eye(text: &str) -> Result<Eye, String> {
     let refusal = || "give where the eye is and what it looks at: X,Y,Z,X,Y,Z".to_owned();
     let [x, y, z, to_x, to_y, to_z] = numbers(text).ok_or_else(refusal)?;
     let (at, look) = (DVec3::new(x, y, z), DVec3::new(to_x, to_y, to_z));
@@ -385,7 +392,8 @@ pub struct StateArgs {
     /// spring, summer, autumn or winter.
     #[arg(long, value_name = "SEASON", default_value = "summer")]
     pub season: Season,
-    /// Leaves in the colours of other seasons and conditions, too, as glTF material variants.
+    /// Leaves in the colours of other seasons and conditions, too: as glTF material variants, and as the
+    /// USD variant set `look`.
     #[arg(long)]
     pub variants: bool,
 }

@@ -52,6 +52,7 @@ pub fn run(cli: &Cli) -> Result<()> {
         Command::Inventory(a) => inventory(a, &mut run)?,
         Command::Terrain(a) => terrain(a, &mut run)?,
         Command::Tree(a) => tree(a, cache, &mut run)?,
+        Command::Landscape(a) => super::landscape::run(a, &mut run)?,
         Command::Species(a) => return super::species::run(&a.command, cli, &mut run),
     };
     if !cli.quiet {
@@ -69,9 +70,9 @@ pub fn run(cli: &Cli) -> Result<()> {
 }
 
 /// What a command tells at its end.
-struct Told {
-    lines: Vec<String>,
-    json: Value,
+pub(super) struct Told {
+    pub lines: Vec<String>,
+    pub json: Value,
 }
 
 pub(super) fn cache(cli: &Cli) -> Cache {
@@ -127,7 +128,7 @@ fn survey_job(scan: &ScanArgs, tree: &TreeArgs) -> Result<SurveyJob> {
     })
 }
 
-fn method(ground: args::Ground) -> Method {
+pub(super) fn method(ground: args::Ground) -> Method {
     match ground {
         args::Ground::Smrf => Method::Smrf,
         args::Ground::Tin => Method::Tin,
@@ -335,6 +336,14 @@ fn stage_scene(
         let files = export::files(scene, &pictures, job)?;
         warnings.extend(files.warnings);
         let bytes = staged.add(files.value)?;
+        let left = staged.of_earlier_runs(job.stem);
+        if !left.is_empty() {
+            warnings.push(format!(
+                "forms of an earlier run stay in the output folder and are none of this scene: {}; \
+                 delete them if nobody needs them",
+                left.join(", ")
+            ));
+        }
         let trees = scene.instances().len();
         Ok(((), Outcome::items(trees, "trees", bytes as usize, "bytes")))
     })
@@ -640,7 +649,12 @@ fn forest_lines(forest: &Forest, typed: &SceneArgs, run: &Recorder, dir: &Path) 
 }
 
 /// The report of a run. `schema` counts changes of this layout.
-fn summary(command: &str, seed: Option<u64>, run: &Recorder, scene: Option<&ValidScene>) -> Value {
+pub(super) fn summary(
+    command: &str,
+    seed: Option<u64>,
+    run: &Recorder,
+    scene: Option<&ValidScene>,
+) -> Value {
     let mut v = json!({
         "schema": 1,
         "larix": env!("CARGO_PKG_VERSION"),
@@ -701,7 +715,7 @@ fn report_file(summary: &Value) -> OutputFile<'static> {
     OutputFile::new("report.json", format!("{summary:#}\n"))
 }
 
-fn stem(path: &Path) -> String {
+pub(super) fn stem(path: &Path) -> String {
     path.file_stem().map_or_else(|| "output".into(), |s| s.to_string_lossy().into_owned())
 }
 

@@ -2,6 +2,7 @@
 
 mod args;
 mod commands;
+mod landscape;
 mod progress;
 mod species;
 mod watch;

@@ -1,7 +1,8 @@
-//! Long texts, formatted in blocks on all threads and written in order. What waits is bounded, so
-//! a file of any length takes little memory; the bytes do not depend on the threads.
+//! Long texts, formatted in blocks on all threads and written in order, one lot while the next is
+//! formatted. What waits is bounded, so a file of any length takes little memory; the bytes do not
+//! depend on the threads.
 
-use std::io;
+use std::io::{self, Write};
 
 use rayon::prelude::*;
 
@@ -24,20 +25,20 @@ enum Block<'a> {
 pub(super) struct Blocks<'a, 's> {
     sink: &'s mut dyn Sink,
     waiting: Vec<Block<'a>>,
+    /// Of what waits, about.
     bytes: usize,
+    formatted: Vec<Vec<u8>>,
+    /// Written, and kept for their room.
+    spare: Vec<Vec<u8>>,
 }
 
 impl<'a, 's> Blocks<'a, 's> {
     pub fn new(sink: &'s mut dyn Sink) -> Self {
-        Blocks { sink, waiting: Vec::new(), bytes: 0 }
+        Blocks { sink, waiting: Vec::new(), bytes: 0, formatted: Vec::new(), spare: Vec::new() }
     }
 
     pub fn text(&mut self, text: &str) -> io::Result<()> {
-        match self.waiting.last_mut() {
-            Some(Block::Text(last)) => last.extend(text.as_bytes()),
-            _ => self.waiting.push(Block::Text(text.as_bytes().to_vec())),
-        }
-        self.add(text.len())
+        self.write_all(text.as_bytes())
     }
 
     /// Each item as `write` puts it.
@@ -56,28 +57,52 @@ impl<'a, 's> Blocks<'a, 's> {
 
     /// Writes what waits.
     pub fn finish(mut self) -> io::Result<()> {
-        self.flush()
+        self.pass_on()?;
+        self.pass_on()
     }
 
     fn add(&mut self, bytes: usize) -> io::Result<()> {
         self.bytes += bytes;
-        if self.bytes < WAITING { Ok(()) } else { self.flush() }
+        if self.bytes < WAITING { Ok(()) } else { self.pass_on() }
     }
 
-    fn flush(&mut self) -> io::Result<()> {
+    /// Writes what is formatted, and formats what waits.
+    fn pass_on(&mut self) -> io::Result<()> {
         self.bytes = 0;
-        let texts: Vec<Vec<u8>> = std::mem::take(&mut self.waiting)
-            .into_par_iter()
-            .map(|block| match block {
-                Block::Text(text) => text,
-                Block::Rows(format) => {
-                    let mut out = Vec::new();
-                    format(&mut out);
-                    out
-                }
-            })
-            .collect();
-        texts.iter().try_for_each(|text| self.sink.write_all(text))
+        let waiting = std::mem::take(&mut self.waiting);
+        let mut texts = std::mem::take(&mut self.spare);
+        texts.iter_mut().for_each(Vec::clear);
+        texts.resize_with(texts.len().max(waiting.len()), Vec::new);
+        let (sink, formatted) = (&mut self.sink, &self.formatted);
+        let (written, ()) = rayon::join(
+            || formatted.iter().try_for_each(|text| sink.write_all(text)),
+            || {
+                let pairs = waiting.into_par_iter().zip(&mut texts);
+                pairs.for_each(|(block, out)| match block {
+                    Block::Text(text) => *out = text,
+                    Block::Rows(format) => format(out),
+                });
+            },
+        );
+        self.spare = std::mem::replace(&mut self.formatted, texts);
+        written
+    }
+}
+
+/// As text between rows.
+impl Write for Blocks<'_, '_> {
+    fn write(&mut self, text: &[u8]) -> io::Result<usize> {
+        match self.waiting.last_mut() {
+            Some(Block::Text(last)) => last.extend_from_slice(text),
+            _ => self.waiting.push(Block::Text(text.to_vec())),
+        }
+        self.add(text.len())?;
+        Ok(text.len())
+    }
+
+    /// Only [`Blocks::finish`] writes everything.
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
     }
 }
 
@@ -99,5 +124,32 @@ mod tests {
         let plain: Vec<String> = items.iter().map(u64::to_string).collect();
         let expected = format!("begin {} end", plain.join(" "));
         assert!(sink.into_inner() == expected.into_bytes());
+    }
+
+    #[test]
+    fn a_failing_sink_is_told_of() {
+        struct Full(usize);
+        impl Write for Full {
+            fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+                self.0 = self.0.checked_sub(bytes.len()).ok_or(io::ErrorKind::StorageFull)?;
+                Ok(bytes.len())
+            }
+            fn flush(&mut self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        impl io::Seek for Full {
+            fn seek(&mut self, _: io::SeekFrom) -> io::Result<u64> {
+                Ok(0)
+            }
+        }
+        let items: Vec<u64> = (0..100_000).collect();
+        for room in [0, 100, WAITING / 8] {
+            let mut sink = Full(room);
+            let mut blocks = Blocks::new(&mut sink);
+            let write = |out: &mut Vec<u8>, n: &u64| out.extend(n.to_le_bytes());
+            let told = blocks.rows(&items, write).and_then(|()| blocks.finish());
+            assert_eq!(told.unwrap_err().kind(), io::ErrorKind::StorageFull, "{room}");
+        }
     }
 }

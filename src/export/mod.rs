@@ -29,9 +29,9 @@ use crate::scene::{Forms, Selection, ValidScene};
 const GENERATOR: &str = concat!("Larix ", env!("CARGO_PKG_VERSION"));
 
 /// Where a file's bytes go.
-pub trait Sink: Write + Seek {}
+pub trait Sink: Write + Seek + Send {}
 
-impl<T: Write + Seek> Sink for T {}
+impl<T: Write + Seek + Send> Sink for T {}
 
 type Writer<'a> = dyn FnOnce(&mut dyn Sink) -> io::Result<()> + Send + 'a;
 
@@ -48,8 +48,8 @@ impl<'a> Content<'a> {
 
     /// Writes all of it.
     pub fn write(self, sink: impl Sink) -> io::Result<()> {
-        /// Enough that a disk is kept busy.
-        const BUFFER: usize = 1 << 20;
+        /// Gathers small pieces; larger ones pass by it uncopied.
+        const BUFFER: usize = 1 << 16;
         let mut sink = BufWriter::with_capacity(BUFFER, sink);
         match self {
             Content::Bytes(bytes) => sink.write_all(&bytes)?,
@@ -146,7 +146,7 @@ impl Job<'_> {
 /// are `STEM_LOD1.glb` and so on. `pictures` must be of [`Job::picture_formats`].
 ///
 /// # Errors
-/// A tree too large for a GLB; more vertices than readers of OBJ count.
+/// A tree too large for a GLB, a scene too large for a package; more vertices than readers of OBJ count.
 pub fn files<'a>(
     scene: &'a ValidScene,
     pictures: &'a Pictures,
@@ -177,7 +177,7 @@ pub fn files<'a>(
         files.extend(usd::layers(scene, stem, usd::Encoding::Crate));
     }
     if formats.contains(&Format::Usdz) {
-        files.push(usd::package(scene, pictures, stem));
+        files.push(usd::package(scene, pictures, stem)?);
     }
     if formats.contains(&Format::X3d) {
         files.push(x3d::file(Selection::of(scene, Forms::All), stem, profile == Profile::Web));

@@ -9,7 +9,7 @@ use glam::{Mat4, Vec2, Vec3};
 
 use super::*;
 use crate::mesh::Surface;
-use crate::scene::sample::forest;
+use crate::scene::sample::{forest, tetrahedron};
 use crate::scene::{Collider, ColliderShape, Scene, ValidScene};
 
 const ALL: [Format; 7] =
@@ -450,6 +450,58 @@ fn a_failure_leaves_everything_as_it_was() {
     insta::assert_snapshot!(told.join("\n"));
 }
 
+/// A killed run drops its locks; a running one holds them, here in the same process.
+#[test]
+fn temporary_files_of_a_killed_run_are_removed() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("out");
+    let mut running = Staged::new(&out).unwrap();
+    running.add(vec![file("a.glb", "slow"), file("sub/b", "slow")]).unwrap();
+    for killed in ["", "sub"] {
+        for (name, files) in [(".larix-dead.part", &["lock", "1", "2"][..]), (".larix-x.part", &[])]
+        {
+            let folder = out.join(killed).join(name);
+            fs::create_dir(&folder).unwrap();
+            files.iter().for_each(|f| fs::write(folder.join(f), "left").unwrap());
+        }
+    }
+    fs::write(out.join(".larix-mine.part"), "a file").unwrap();
+    fs::create_dir(out.join(".larix-mine")).unwrap();
+    let before = tree(dir.path()).len();
+    write_all(&out, vec![file("c.glb", "new"), file("sub/d", "new")]).unwrap();
+    // Two folders of a killed run each, with three files, or none.
+    assert_eq!(tree(dir.path()).len(), before - 2 * (4 + 1) + 2);
+    running.commit().unwrap();
+    assert_eq!(fs::read(out.join("a.glb")).unwrap(), b"slow");
+    assert_eq!(fs::read(out.join("sub/b")).unwrap(), b"slow");
+}
+
+#[test]
+fn forms_of_an_earlier_run_are_told_and_stay() {
+    let dir = tempfile::tempdir().unwrap();
+    for name in [
+        "tree.glb",
+        "tree_LOD1.glb",
+        "tree_LOD2.glb",
+        "tree_LOD2.obj",
+        "tree_2.glb",
+        "tree_impostor.glb",
+        "tree_LOD.glb",
+        "tree_old_LOD2.glb",
+        "trees_LOD2.glb",
+        "other_LOD2.glb",
+    ] {
+        fs::write(dir.path().join(name), "old").unwrap();
+    }
+    let before = tree(dir.path()).len();
+    let mut staged = Staged::new(dir.path()).unwrap();
+    staged.add(vec![file("tree.glb", "new"), file("tree_LOD1.glb", "new")]).unwrap();
+    let told = staged.of_earlier_runs("tree");
+    assert_eq!(told, ["tree_2.glb", "tree_LOD2.glb", "tree_impostor.glb"]);
+    staged.commit().unwrap();
+    assert_eq!(tree(dir.path()).len(), before);
+}
+
 /// `/proc` takes no new folders or files, whoever asks.
 #[test]
 #[cfg(target_os = "linux")]
@@ -479,11 +531,7 @@ fn a_full_disk_says_how_much_to_free() {
 /// A collider and wind on every prototype of the sample.
 fn with_extras() -> ValidScene {
     let mut scene = sample();
-    let body = Surface {
-        position: vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z],
-        index: vec![0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3],
-        ..Surface::default()
-    };
+    let body = tetrahedron();
     for prototype in &mut scene.prototypes {
         let collider = Collider { shape: ColliderShape::Convex, body: body.clone() };
         prototype.colliders = vec![collider; 2];

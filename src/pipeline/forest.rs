@@ -8,13 +8,14 @@ use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
+use super::cover::Subject;
 use super::drape::drape;
 use super::levels::{self, LevelsJob};
 use super::light;
 use super::paint::{leaf_variants, paint};
 use super::survey;
 use super::survey::{Survey, SurveyJob};
-use super::tolerance::{self, Subject};
+use super::tolerance;
 use super::view::{self, Chosen, Clip, Eye};
 use crate::cache::Cache;
 use crate::diagnostic::Result;
@@ -372,7 +373,7 @@ impl WoodJob {
 }
 
 /// The same with fewer triangles; with hardly any, few enlarged cards.
-pub(super) fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
+pub fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
     const HARDLY_ANY: usize = 1_000;
     let preset = mesh_options(triangles);
     let most = if triangles < HARDLY_ANY { FoliageLevel::Sparse } else { FoliageLevel::Cards };
@@ -441,8 +442,8 @@ fn within(
                     |n: usize| MeshOptions { leaf_share, ..job.wood.options(n, job.foliage) };
                 let key = survey.trees[m.exemplar].crown.key;
                 let seed = job.survey.seed.derive("mesh", key);
-                let subject = Subject { skeleton, species, textures, options: &options, seed };
-                subject.fewest(most, told(m))
+                let subject = Subject { skeleton, species, textures, seed };
+                tolerance::fewest(&subject, &options, most, told(m))
             })
             .collect::<Result<_>>()?;
         let outcome = tolerance::outcome(&reached, warnings);
@@ -477,7 +478,8 @@ fn build_meshes(
                 let leaf_share = job.state.leaf_share(species);
                 let options = MeshOptions { leaf_share, ..options };
                 let height_m = Some(crown.height_m);
-                levels::meshes(s, species, &t.atlas, &options, meshed, height_m, seed)
+                let subject = Subject { skeleton: s, species, textures: t, seed };
+                levels::meshes(&subject, &options, meshed, height_m)
             })
             .collect::<Result<_>>()?;
         let nodes = skeletons.iter().map(Skeleton::len).sum();

@@ -3,18 +3,17 @@
 
 use rayon::prelude::*;
 
+use super::cover::{self, Subject};
 use super::forest::{LEAF_TRANSLUCENCY, Look, coarser, parts_of};
 use crate::diagnostic::Result;
 use crate::lod::{self, Silhouettes, Views, impostor};
-use crate::mesh::{self, MeshOptions, Surface, TreeMesh, WindProfile, p18};
+use crate::mesh::{MeshOptions, Surface, TreeMesh, WindProfile, p18};
 use crate::raster::Picture;
 use crate::render::capture::Sitter;
 use crate::report::{ErrorMeasure, Outcome};
 use crate::scene::{
     Alpha, Apart, ColliderShape, Colorspace, Level, Material, Octahedral, Part, Scene, Texture,
 };
-use crate::seed::Seed;
-use crate::skeleton::Skeleton;
 use crate::species::Species;
 use crate::texture::Atlas;
 
@@ -46,33 +45,28 @@ impl LevelsJob {
 /// asked for in the finest is shrunk in all, so that stems stay where they are.
 ///
 /// # Errors
-/// Those of [`mesh::build`].
+/// Those of [`crate::mesh::build`].
 pub fn meshes(
-    skeleton: &Skeleton,
-    species: &Species,
-    atlas: &Atlas,
+    subject: &Subject<'_>,
     options: &MeshOptions,
     meshed: usize,
     height_m: Option<f32>,
-    seed: Seed,
 ) -> Result<Vec<TreeMesh>> {
-    let mut out: Vec<TreeMesh> = Vec::with_capacity(meshed + 1);
-    let mut factor = 1.0;
-    for share in [1.0].into_iter().chain(SHARES).take(meshed + 1) {
-        let options = match options.triangle_budget {
+    let forms: Vec<MeshOptions> = [1.0]
+        .into_iter()
+        .chain(SHARES)
+        .take(meshed + 1)
+        .map(|share| match options.triangle_budget {
             Some(most) if share < 1.0 => coarser(options, (most as f32 * share) as usize),
             _ => *options,
-        };
-        let mut mesh = mesh::build(skeleton, species, atlas, &options, seed)?;
-        if out.is_empty() {
-            factor = height_m.map_or(1.0, |h| mesh.factor_to(h));
-        }
-        mesh.scale(factor);
-        mesh.clear_ground();
-        out.push(mesh);
-    }
+        })
+        .collect();
+    let mut out = cover::meshes(subject, &forms)?;
+    let factor = out.first().map_or(1.0, |finest| height_m.map_or(1.0, |h| finest.factor_to(h)));
+    out.par_iter_mut().for_each(|mesh| mesh.scale(factor));
     if meshed > SHARES.len() {
-        out.push(scheme(&out[0], skeleton.crown_base_m() * factor, species, atlas)?);
+        let Subject { skeleton, species, textures, .. } = subject;
+        out.push(scheme(&out[0], skeleton.crown_base_m() * factor, species, &textures.atlas)?);
     }
     Ok(out)
 }
@@ -209,13 +203,18 @@ fn bake(
     kind: lod::Kind,
     texture_px: u32,
 ) -> Result<Vec<(Baked, Option<Octahedral>)>> {
+    // A sheet is shown where the tree is some 200 lines high or less.
+    let size_px = match kind {
+        lod::Kind::Cross => texture_px / 2,
+        lod::Kind::Octahedral => texture_px,
+    };
     let models: Vec<&[Part]> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
     let sitter = Sitter::new(&models, &scene.materials, &scene.textures);
     (0..models.len() as u32)
         .into_par_iter()
         .map(|m| {
             let prototype = &scene.prototypes[m as usize];
-            let baked = impostor::bake(&sitter, m, bounds(&prototype.parts), kind, texture_px)?;
+            let baked = impostor::bake(&sitter, m, bounds(&prototype.parts), kind, size_px)?;
             let texture = |suffix: &str, picture: Picture, colorspace| Texture {
                 name: format!("{}_impostor{suffix}", prototype.name),
                 image: picture.into(),
@@ -238,7 +237,7 @@ fn measure(scene: &mut Scene) -> Result<()> {
         models.push(&p.parts);
         models.extend(p.levels.iter().map(|l| &l.parts[..]));
     }
-    let sitter = Sitter::new(&models, &scene.materials, &scene.textures);
+    let sitter = Sitter::outlines(&models, &scene.materials, &scene.textures);
     let apart: Vec<Vec<Apart>> = scene
         .prototypes
         .par_iter()
@@ -266,7 +265,7 @@ fn measure(scene: &mut Scene) -> Result<()> {
 
 type Box3 = (glam::Vec3, glam::Vec3);
 
-fn union(a: Box3, b: Box3) -> Box3 {
+pub(super) fn union(a: Box3, b: Box3) -> Box3 {
     (a.0.min(b.0), a.1.max(b.1))
 }
 

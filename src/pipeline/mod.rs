@@ -1,11 +1,13 @@
 //! The stages in their order: the only room that knows every stage. Knows nothing of the command
 //! line; takes resolved jobs, gives values, and records what each stage did.
 
+pub mod cover;
 pub mod demo;
 mod drape;
 pub mod effort;
 mod figure;
 pub mod forest;
+pub mod landscape;
 pub mod left_out;
 pub mod levels;
 mod light;

@@ -71,13 +71,13 @@ fn near_frame(frame: &Frame, bounds: &Bounds) -> (Frame, Vec3) {
 }
 
 /// A scan in one piece.
-struct Whole {
-    classified: Classified,
-    density_per_m2: f32,
-    bounds: Bounds,
+pub(super) struct Whole {
+    pub classified: Classified,
+    pub density_per_m2: f32,
+    pub bounds: Bounds,
 }
 
-fn read(job: &SurveyJob, run: &mut Recorder) -> Result<Scan> {
+pub(super) fn read(job: &SurveyJob, run: &mut Recorder) -> Result<Scan> {
     run.stage("scan", |warnings| {
         let scan = scan::read(&job.scans, &READ)?.into_value(warnings);
         let outcome = scan_outcome(&scan.census, scan.density_per_m2);
@@ -85,7 +85,7 @@ fn read(job: &SurveyJob, run: &mut Recorder) -> Result<Scan> {
     })
 }
 
-fn classify(job: &SurveyJob, scan: Scan, run: &mut Recorder) -> Result<Whole> {
+pub(super) fn classify(job: &SurveyJob, scan: Scan, run: &mut Recorder) -> Result<Whole> {
     run.stage("ground", |warnings| {
         let Scan { cloud, density_per_m2, bounds, .. } = scan;
         let points = cloud.len();
@@ -130,7 +130,7 @@ pub(super) fn scan_outcome(census: &Census, density_per_m2: f32) -> Outcome {
 
 /// # Errors
 /// A file that can't be read, or has no place on the ground.
-fn photo_raster(path: &Path) -> Result<Raster> {
+pub(super) fn photo_raster(path: &Path) -> Result<Raster> {
     let raster = raster::read(path)?;
     if raster.geometry.is_none() {
         return Err(Error::new("the photo has no georeference").in_file(path).remedy(
@@ -140,7 +140,7 @@ fn photo_raster(path: &Path) -> Result<Raster> {
     Ok(raster)
 }
 
-fn place_photo(
+pub(super) fn place_photo(
     job: &SurveyJob,
     run: &mut Recorder,
     raster: Option<Raster>,
@@ -225,7 +225,11 @@ pub(super) fn check_ground(
         .remedy("give a scan whose pulses reach the ground, or one with classes and --ground file"))
 }
 
-fn build_terrain(job: &SurveyJob, classified: &Classified, run: &mut Recorder) -> Result<Terrain> {
+pub(super) fn build_terrain(
+    job: &SurveyJob,
+    classified: &Classified,
+    run: &mut Recorder,
+) -> Result<Terrain> {
     run.stage("terrain", |warnings| {
         let options = job.effort.terrain(job.cell_m);
         let terrain = terrain::build(classified, &options)?.into_value(warnings);

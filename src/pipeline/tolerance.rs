@@ -8,17 +8,14 @@
 
 use rayon::prelude::*;
 
+use super::cover::Subject;
 use super::forest::model_scene;
 use super::levels::bounds;
 use crate::diagnostic::Result;
 use crate::lod::{Silhouettes, Views};
-use crate::mesh::{self, FoliageLevel, MeshOptions, TreeMesh};
+use crate::mesh::{FoliageLevel, MeshOptions, TreeMesh};
 use crate::render::capture::Sitter;
 use crate::report::{ErrorMeasure, Outcome};
-use crate::seed::Seed;
-use crate::skeleton::Skeleton;
-use crate::species::Species;
-use crate::texture::TreeTextures;
 
 /// Triangles of the form that others are measured against; with every leaf of it.
 const REFERENCE: [usize; 2] = [100_000, 1_000_000];
@@ -49,64 +46,60 @@ pub fn reference(most: usize, foliage: FoliageLevel) -> usize {
     most.max(REFERENCE[usize::from(foliage == FoliageLevel::Geometry)])
 }
 
-/// A tree to be meshed.
-pub struct Subject<'a> {
-    pub skeleton: &'a Skeleton,
-    pub species: &'a Species,
-    pub textures: &'a TreeTextures,
-    /// How it is meshed with so many triangles.
-    pub options: &'a (dyn Fn(usize) -> MeshOptions + Sync),
-    pub seed: Seed,
+/// How a tree is meshed with so many triangles.
+type Options<'a> = &'a (dyn Fn(usize) -> MeshOptions + Sync);
+
+/// The fewest triangles within the tolerance, to a fifth; `most` where none are.
+///
+/// # Errors
+/// Those of [`crate::mesh::build`].
+pub fn fewest(
+    subject: &Subject<'_>,
+    options: Options<'_>,
+    most: usize,
+    tolerance_m: f32,
+) -> Result<Reached> {
+    let rungs = std::iter::successors(Some(most), |n| Some(n / 2));
+    let ladder: Vec<usize> =
+        rungs.enumerate().take_while(|&(k, n)| k == 0 || n >= LEAST).map(|r| r.1).collect();
+    let found = measured(subject, options, most, &ladder, tolerance_m)?;
+    let Some(k) = found.iter().rposition(Reached::is_within) else { return Ok(found[0]) };
+    let Some(coarser) = found.get(k + 1) else { return Ok(found[k]) };
+    let (low, high) = (coarser.triangles, found[k].triangles);
+    let between: Vec<usize> = (1..STEPS).map(|i| low + (high - low) * i / STEPS).collect();
+    let between = measured(subject, options, most, &between, tolerance_m)?;
+    Ok(between.into_iter().find(Reached::is_within).unwrap_or(found[k]))
 }
 
-impl Subject<'_> {
-    /// The fewest triangles within the tolerance, to a fifth; `most` where none are.
-    ///
-    /// # Errors
-    /// Those of [`mesh::build`].
-    pub fn fewest(&self, most: usize, tolerance_m: f32) -> Result<Reached> {
-        let rungs = std::iter::successors(Some(most), |n| Some(n / 2));
-        let ladder: Vec<usize> =
-            rungs.enumerate().take_while(|&(k, n)| k == 0 || n >= LEAST).map(|r| r.1).collect();
-        let found = self.measured(most, &ladder, tolerance_m)?;
-        let Some(k) = found.iter().rposition(Reached::is_within) else { return Ok(found[0]) };
-        let Some(coarser) = found.get(k + 1) else { return Ok(found[k]) };
-        let (low, high) = (coarser.triangles, found[k].triangles);
-        let between: Vec<usize> = (1..STEPS).map(|i| low + (high - low) * i / STEPS).collect();
-        let between = self.measured(most, &between, tolerance_m)?;
-        Ok(between.into_iter().find(Reached::is_within).unwrap_or(found[k]))
-    }
-
-    fn measured(&self, most: usize, budgets: &[usize], tolerance_m: f32) -> Result<Vec<Reached>> {
-        let finest = reference(most, (self.options)(most).foliage);
-        let all: Vec<usize> = [finest].iter().chain(budgets).copied().collect();
-        let atlas = &self.textures.atlas;
-        let meshes: Vec<TreeMesh> = all
-            .par_iter()
-            .map(|&n| {
-                let options = (self.options)(n);
-                mesh::build(self.skeleton, self.species, atlas, &options, self.seed)
-            })
-            .collect::<Result<_>>()?;
-        let scene = model_scene(self.species, meshes, self.textures.clone());
-        let models: Vec<_> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
-        let around = models
-            .iter()
-            .map(|parts| bounds(parts))
-            .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
-            .unwrap_or_default();
-        let sitter = Sitter::new(&models, &scene.materials, &scene.textures);
-        let outlines: Vec<Silhouettes> = (0..all.len() as u32)
-            .into_par_iter()
-            .map(|m| Silhouettes::of(&sitter, m, around, Views::All))
-            .collect::<Result<_>>()?;
-        let (reference, forms) = outlines.split_at(1);
-        let reached = forms.par_iter().zip(budgets).map(|(form, &triangles)| {
-            let apart = reference[0].apart(form);
-            Reached { triangles, rms_m: apart.rms_m, worst_m: apart.worst_m, tolerance_m }
-        });
-        Ok(reached.collect())
-    }
+fn measured(
+    subject: &Subject<'_>,
+    options: Options<'_>,
+    most: usize,
+    budgets: &[usize],
+    tolerance_m: f32,
+) -> Result<Vec<Reached>> {
+    let finest = reference(most, options(most).foliage);
+    let all: Vec<usize> = [finest].iter().chain(budgets).copied().collect();
+    let meshes: Vec<TreeMesh> =
+        all.par_iter().map(|&n| subject.mesh(&options(n))).collect::<Result<_>>()?;
+    let scene = model_scene(subject.species, meshes, subject.textures.clone());
+    let models: Vec<_> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
+    let around = models
+        .iter()
+        .map(|parts| bounds(parts))
+        .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+        .unwrap_or_default();
+    let sitter = Sitter::outlines(&models, &scene.materials, &scene.textures);
+    let outlines: Vec<Silhouettes> = (0..all.len() as u32)
+        .into_par_iter()
+        .map(|m| Silhouettes::of(&sitter, m, around, Views::All))
+        .collect::<Result<_>>()?;
+    let (reference, forms) = outlines.split_at(1);
+    let reached = forms.par_iter().zip(budgets).map(|(form, &triangles)| {
+        let apart = reference[0].apart(form);
+        Reached { triangles, rms_m: apart.rms_m, worst_m: apart.worst_m, tolerance_m }
+    });
+    Ok(reached.collect())
 }
 
 /// What a report says of the trees; a warning where any is not within its tolerance.
@@ -132,6 +125,7 @@ pub fn outcome(reached: &[Reached], warnings: &mut Vec<String>) -> Outcome {
 mod tests {
     use super::super::forest::mesh_options;
     use super::*;
+    use crate::seed::Seed;
     use crate::skeleton::{self, Detail, Target};
     use crate::{species, texture};
 
@@ -143,24 +137,21 @@ mod tests {
         let target = Target::FromSpecies { height_m: Some(12.0) };
         let skeleton = skeleton::grow(&species, target, detail, seed).unwrap();
         let textures = texture::for_species(&species, 64, seed);
-        let subject = Subject {
-            skeleton: &skeleton,
-            species: &species,
-            textures: &textures,
-            options: &mesh_options,
-            seed,
-        };
+        let subject = Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
+        let fewest = |most, tolerance_m| fewest(&subject, &mesh_options, most, tolerance_m);
         let mut last = usize::MAX;
         for tolerance_m in [0.06, 0.15, 0.4] {
-            let got = subject.fewest(10_000, tolerance_m).unwrap();
+            let got = fewest(10_000, tolerance_m).unwrap();
             assert!(got.is_within() && got.triangles < last, "{tolerance_m}: {got:?}");
             // A good deal fewer would be too coarse.
-            let fewer = subject.measured(10_000, &[got.triangles / 2], tolerance_m).unwrap()[0];
+            let fewer =
+                measured(&subject, &mesh_options, 10_000, &[got.triangles / 2], tolerance_m)
+                    .unwrap()[0];
             assert!(got.triangles < 400 || !fewer.is_within(), "{got:?} {fewer:?}");
             last = got.triangles;
         }
         let mut warnings = Vec::new();
-        let got = subject.fewest(300, 0.01).unwrap();
+        let got = fewest(300, 0.01).unwrap();
         assert_eq!((got.triangles, got.is_within()), (300, false));
         outcome(&[got], &mut warnings);
         assert!(warnings[0].contains("1 of 1 models would take more than 300"), "{warnings:?}");

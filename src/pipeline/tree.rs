@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec2, Vec3};
 
+use super::cover::Subject;
 use super::forest::{WoodJob, add_materials, prototype};
 use super::levels::{self, LevelsJob};
 use super::light;
 use super::paint::{leaf_variants, paint};
-use super::tolerance::{self, Subject};
+use super::tolerance;
 use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
@@ -186,9 +187,8 @@ fn stand(
     let mut triangles = job.triangles;
     if let Some(tolerance_m) = job.wood.tolerance_m {
         triangles = run.stage("tolerance", |warnings| {
-            let textures = &textures;
-            let subject = Subject { skeleton, species, textures, options: &options, seed };
-            let reached = subject.fewest(job.triangles, tolerance_m)?;
+            let subject = Subject { skeleton, species, textures: &textures, seed };
+            let reached = tolerance::fewest(&subject, &options, job.triangles, tolerance_m)?;
             Ok((reached.triangles, tolerance::outcome(&[reached], warnings)))
         })?;
     }
@@ -196,8 +196,8 @@ fn stand(
         let options = MeshOptions { wind: job.levels.wind, ..options(triangles) };
         // Wood fitted to a cloud stays where it is.
         let height_m = job.cloud.is_none().then(|| skeleton.height_m());
-        let (atlas, meshed) = (&textures.atlas, job.levels.meshed);
-        let meshes = levels::meshes(skeleton, species, atlas, &options, meshed, height_m, seed)?;
+        let subject = Subject { skeleton, species, textures: &textures, seed };
+        let meshes = levels::meshes(&subject, &options, job.levels.meshed, height_m)?;
         let triangles = meshes.iter().map(|m| m.triangles()).sum();
         let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles")
             .error(ErrorMeasure::new("sagitta bound", options.tolerance_m.into(), "m"));

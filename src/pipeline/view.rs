@@ -125,7 +125,7 @@ pub fn told_m(frame: &Frame, eye: &Eye, root: Vec3, height_m: f32, crown_diamete
     pixel_m(&camera(frame, eye), root, [height_m, crown_diameter_m])
 }
 
-fn camera(frame: &Frame, eye: &Eye) -> Camera {
+pub(super) fn camera(frame: &Frame, eye: &Eye) -> Camera {
     Camera {
         eye: frame.local_from_world(eye.at),
         target: frame.local_from_world(eye.look),

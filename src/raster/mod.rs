@@ -19,7 +19,7 @@ mod world_file;
 pub use encoded::Image;
 pub use groups::Groups;
 pub use pad::pad_transparent;
-pub use picture::Picture;
+pub use picture::{Picture, deep_png};
 use rayon::prelude::*;
 pub use webp::encode as webp;
 pub use world_file::read;

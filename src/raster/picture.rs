@@ -14,6 +14,27 @@ pub struct Picture {
     pub data: Vec<[u8; 4]>,
 }
 
+/// PNG bytes of 16-bit samples, row 0 on top: grey for one a pixel, RGB for three.
+///
+/// # Errors
+/// A number of samples that is neither.
+pub fn deep_png(width: u32, height: u32, samples: Vec<u16>) -> Result<Vec<u8>> {
+    let mut out = std::io::Cursor::new(Vec::new());
+    let pixels = width as usize * height as usize;
+    let image = match samples.len() {
+        n if n == pixels => ImageBuffer::<image::Luma<u16>, _>::from_raw(width, height, samples)
+            .map(image::DynamicImage::ImageLuma16),
+        n if n == 3 * pixels => ImageBuffer::<image::Rgb<u16>, _>::from_raw(width, height, samples)
+            .map(image::DynamicImage::ImageRgb16),
+        _ => None,
+    };
+    let image = image.ok_or_else(|| Error::new("a picture's size and data disagree"))?;
+    image
+        .write_to(&mut out, image::ImageFormat::Png)
+        .map_err(|e| Error::new(format!("a picture could not be encoded: {e}")))?;
+    Ok(out.into_inner())
+}
+
 impl Picture {
     pub fn filled(width: u32, height: u32, colour: [u8; 4]) -> Self {
         Picture { width, height, data: vec![colour; width as usize * height as usize] }

@@ -4,6 +4,7 @@
 use glam::Vec3;
 
 use super::draw::{Canvas, Sample, Scratch, Stage};
+use super::texture::Purpose;
 use super::{Placement, View, camera, stage};
 use crate::diagnostic::{Error, Result};
 use crate::scene::{Material, Part, Texture};
@@ -81,6 +82,34 @@ impl Canvas for Cover<'_> {
 impl<'a> Sitter<'a> {
     /// Each model by itself, in its own coordinates.
     pub fn new(models: &[&'a [Part]], materials: &'a [Material], textures: &'a [Texture]) -> Self {
+        Sitter::with(models, materials, textures, Purpose::Picture)
+    }
+
+    /// For silhouettes alone.
+    pub fn outlines(
+        models: &[&'a [Part]],
+        materials: &'a [Material],
+        textures: &'a [Texture],
+    ) -> Self {
+        Sitter::with(models, materials, textures, Purpose::Outline)
+    }
+
+    /// For silhouettes with pictures read texel by texel, however small they are: samples together
+    /// say how much a model covers, though each for itself is noise.
+    pub fn covers(
+        models: &[&'a [Part]],
+        materials: &'a [Material],
+        textures: &'a [Texture],
+    ) -> Self {
+        Sitter::with(models, materials, textures, Purpose::Cover)
+    }
+
+    fn with(
+        models: &[&'a [Part]],
+        materials: &'a [Material],
+        textures: &'a [Texture],
+        purpose: Purpose,
+    ) -> Self {
         let alone = |model| Placement { model, ..Placement::HOME };
         let view = View {
             textures,
@@ -89,7 +118,7 @@ impl<'a> Sitter<'a> {
             models: models.to_vec(),
             placements: (0..models.len() as u32).map(alone).collect(),
         };
-        let mut stage = stage(&view);
+        let mut stage = stage(&view, purpose);
         // What stands in for the ground is in place 0, models come after it in their order.
         stage.items.retain(|item| item.place > 0);
         Sitter { stage }

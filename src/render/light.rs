@@ -1,4 +1,4 @@
-//! Sun, sky and air: a shadow map, the share of the sky that each place sees, haze, and the film.
+//! Sun and sky on surfaces: a shadow map, the share of the sky that each place sees, and haze.
 //!
 //! Sky visibility is read off a map of heights seen from above: along sixteen slanted directions
 //! the length of the path below the canopy's surface dims the light by Beer and Lambert's law, so
@@ -9,12 +9,8 @@ use rayon::prelude::*;
 
 use super::camera::View;
 use super::draw::{Sample, Scratch, Stage};
+use super::sky::{BOUNCE_COLOUR, SKY_COLOUR, SUN_COLOUR, haze};
 
-const SUN_COLOUR: Vec3 = Vec3::new(3.9, 3.5, 2.85);
-const SKY_COLOUR: Vec3 = Vec3::new(0.78, 0.98, 1.28);
-const BOUNCE_COLOUR: Vec3 = Vec3::new(0.34, 0.33, 0.22);
-const ZENITH: Vec3 = Vec3::new(0.20, 0.40, 0.78);
-const HORIZON: Vec3 = Vec3::new(0.80, 0.92, 1.06);
 /// Light lost a metre of path below the canopy's surface.
 const CANOPY_EXTINCTION_PER_M: f32 = 0.30;
 const ROWS: usize = 64;
@@ -128,11 +124,10 @@ impl Canopy {
 
 /// The light on a stage.
 pub(super) struct Light {
-    sun: Vec3,
+    pub sun: Vec3,
     shadow: DepthMap,
     canopy: Canopy,
     haze_per_m: f32,
-    exposure: f32,
     /// White light from all around, as in a studio.
     pub fill: f32,
 }
@@ -146,7 +141,6 @@ impl Light {
         shadow_size: usize,
         triangle_budget: usize,
         haze_per_m: f32,
-        exposure: f32,
     ) -> Light {
         let sun = sun.try_normalize().unwrap_or(Vec3::Z);
         let shadow_view = View::orthographic(-sun, points.iter().copied(), shadow_size);
@@ -156,7 +150,6 @@ impl Light {
             shadow: DepthMap::draw(stage, shadow_view, triangle_budget),
             canopy: Canopy::from_map(DepthMap::draw(stage, down, triangle_budget / 4)),
             haze_per_m,
-            exposure,
             fill: 0.0,
         }
     }
@@ -199,7 +192,7 @@ impl Light {
         let through = Vec3::new(1.03, 1.04, 0.88) * s.leaf + Vec3::ONE * (1.0 - s.leaf);
         let out = albedo * (direct * through + (ambient + fill) * s.open);
         let clear = (-self.haze_per_m * distance.max(0.0)).exp();
-        out * clear + self.haze(direction) * (1.0 - clear)
+        out * clear + haze(direction, self.sun) * (1.0 - clear)
     }
 
     /// What shadows leave of the light on white ground, a colour: they are cool, as the sky is.
@@ -208,28 +201,5 @@ impl Light {
         let open = self.canopy.visibility(p, Vec3::Z, turn);
         let shade = Vec3::new(0.56, 0.59, 0.63).lerp(Vec3::ONE, lit);
         shade * (0.72 + 0.28 * open)
-    }
-
-    fn haze(&self, direction: Vec3) -> Vec3 {
-        let toward = direction.normalize_or_zero().dot(self.sun).max(0.0);
-        Vec3::new(0.62, 0.74, 0.88) + Vec3::new(0.35, 0.26, 0.12) * toward.powi(6)
-    }
-
-    /// The sky behind everything; below the horizon, the far haze.
-    pub fn sky(&self, direction: Vec3) -> Vec3 {
-        let d = direction.normalize_or(Vec3::Y);
-        let up = d.z.max(0.0).powf(0.55);
-        let below = (-d.z).max(0.0);
-        let sky = HORIZON.lerp(ZENITH, up.min(1.0));
-        let far = HORIZON.lerp(Vec3::new(0.56, 0.66, 0.72), (below * 1.5).min(1.0));
-        let toward = d.dot(self.sun).max(0.0);
-        (if d.z >= 0.0 { sky } else { far }) + Vec3::new(0.5, 0.4, 0.2) * toward.powi(24)
-    }
-
-    /// Display-linear colour on film: the curve fitted by Narkowicz (2015) to the ACES transform.
-    pub fn film(&self, light: Vec3) -> Vec3 {
-        let x = light.max(Vec3::ZERO) * self.exposure;
-        let y = (x * (x * 2.51 + 0.03)) / (x * (x * 2.43 + 0.59) + 0.14);
-        y.clamp(Vec3::ZERO, Vec3::ONE)
     }
 }

@@ -14,6 +14,7 @@ mod light;
 mod model;
 mod raster;
 mod seen;
+pub mod sky;
 mod texture;
 
 use std::collections::BTreeMap;
@@ -26,8 +27,9 @@ use draw::{Item, Paint, Place, Sample, Scratch, Stage};
 use light::Light;
 use model::{Mesh, Order};
 pub use seen::seen;
-use texture::Pyramid;
+use sky::film;
 pub use texture::srgb_from_linear;
+use texture::{Purpose, Pyramid};
 
 use crate::mesh::Surface;
 use crate::raster::Picture;
@@ -190,7 +192,7 @@ pub fn picture(view: &View<'_>, camera: &Camera, options: &RenderOptions) -> Pic
     let (width, height) =
         (options.width.clamp(1, 8192) as usize, options.height.clamp(1, 8192) as usize);
     let eye = camera::View::pinhole(camera, width * per_pixel, height * per_pixel);
-    let stage = stage(view);
+    let stage = stage(view, Purpose::Picture);
     let seen: Vec<Vec3> = (stage.items.iter())
         .map(|item| stage.bounds(item))
         .filter(|(lo, hi)| lo.is_finite() && hi.is_finite() && eye.cover(*lo, *hi).is_some())
@@ -203,7 +205,6 @@ pub fn picture(view: &View<'_>, camera: &Camera, options: &RenderOptions) -> Pic
         options.shadow_size.clamp(64, 8192) as usize,
         options.triangle_budget / 2,
         options.haze_per_m,
-        options.exposure,
     );
     if options.backdrop != Backdrop::Sky {
         light.fill = 0.5;
@@ -242,9 +243,9 @@ pub fn picture(view: &View<'_>, camera: &Camera, options: &RenderOptions) -> Pic
                         Some(paper) => paper * light.on_paper(place, turn),
                         None if is_hit => {
                             let distance = depth * ray.length();
-                            light.film(light.shade(sample, place, distance, ray, turn))
+                            film(light.shade(sample, place, distance, ray, turn), options.exposure)
                         }
-                        None => light.film(light.sky(ray)),
+                        None => film(sky::sky(ray, light.sun), options.exposure),
                     };
                 }
                 let mean = sum / (per_pixel * per_pixel) as f32;
@@ -264,7 +265,7 @@ fn dither(x: u32, y: u32) -> f32 {
 }
 
 /// Lays out everything that can be drawn.
-fn stage<'a>(view: &View<'a>) -> Stage<'a> {
+fn stage<'a>(view: &View<'a>, purpose: Purpose) -> Stage<'a> {
     let mut cutoffs: BTreeMap<u32, f32> = BTreeMap::new();
     for material in view.materials {
         if let (Alpha::Mask { cutoff }, Some(t)) = (material.alpha, material.base_color_texture) {
@@ -275,7 +276,15 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
     let mut is_used = vec![false; view.textures.len()];
     for part in view.models.iter().flat_map(|parts| parts.iter()).chain(view.terrain) {
         let Some(material) = view.materials.get(part.material as usize) else { continue };
-        let shown = [material.base_color_texture, material.normal_texture, material.orm_texture];
+        let shown = match purpose {
+            Purpose::Picture => {
+                [material.base_color_texture, material.normal_texture, material.orm_texture]
+            }
+            _ if matches!(material.alpha, Alpha::Mask { .. }) => {
+                [material.base_color_texture, None, None]
+            }
+            _ => [None; 3],
+        };
         for t in shown.into_iter().flatten() {
             if let Some(used) = is_used.get_mut(t as usize) {
                 *used = true;
@@ -285,7 +294,8 @@ fn stage<'a>(view: &View<'a>) -> Stage<'a> {
     let textures: Vec<_> = (view.textures.par_iter().zip(&is_used).enumerate())
         .map(|(i, (t, &used))| {
             let cutoff = cutoffs.get(&(i as u32)).copied();
-            used.then(|| Pyramid::new(t.image.picture(), t.colorspace, cutoff)).flatten()
+            let pyramid = || Pyramid::new(t.image.picture(), t.colorspace, cutoff, purpose);
+            used.then(pyramid).flatten()
         })
         .collect();
     let known = |id: Option<u32>| id.filter(|&i| (i as usize) < textures.len());

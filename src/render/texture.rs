@@ -26,6 +26,16 @@ pub fn srgb_from_linear(c: f32) -> f32 {
     255.0 * if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
 }
 
+/// What is drawn, which says what of the textures is made ready.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Purpose {
+    Picture,
+    /// Only what masks hide, averaged over what a sample shows.
+    Outline,
+    /// Only what masks hide, texel by texel.
+    Cover,
+}
+
 /// What lies beyond a texture's edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Edge {
@@ -51,13 +61,21 @@ const LEAST_SIDE: usize = 4;
 
 impl<'a> Pyramid<'a> {
     /// `None` where the picture holds no texel, or fewer than its size says.
-    pub fn new(picture: &'a Picture, colorspace: Colorspace, cutoff: Option<f32>) -> Option<Self> {
+    pub fn new(
+        picture: &'a Picture,
+        colorspace: Colorspace,
+        cutoff: Option<f32>,
+        purpose: Purpose,
+    ) -> Option<Self> {
         let (width, height) = (picture.width as usize, picture.height as usize);
         if width == 0 || height == 0 || picture.data.len() != width * height {
             return None;
         }
         let is_srgb = colorspace == Colorspace::Srgb;
         let mut levels = vec![Level { width, height, texels: Cow::Borrowed(&picture.data) }];
+        if purpose == Purpose::Cover {
+            return Some(Pyramid { levels, is_srgb });
+        }
         let wanted = cutoff.map(|c| coverage(&levels[0], c, 1.0));
         while let Some(last) = levels.last() {
             if last.width.min(last.height) < 2 * LEAST_SIDE {
@@ -202,7 +220,8 @@ mod tests {
                 }
             }
         }
-        let pyramid = Pyramid::new(&picture, Colorspace::Srgb, Some(0.5)).unwrap();
+        let pyramid =
+            Pyramid::new(&picture, Colorspace::Srgb, Some(0.5), Purpose::Picture).unwrap();
         let wanted = coverage(&pyramid.levels[0], 0.5, 1.0);
         for level in &pyramid.levels[1..] {
             let got = coverage(level, 0.5, 1.0);
@@ -219,7 +238,7 @@ mod tests {
         for y in 0..8 {
             picture.set(7, y, [255; 4]);
         }
-        let p = Pyramid::new(&picture, Colorspace::Srgb, None).unwrap();
+        let p = Pyramid::new(&picture, Colorspace::Srgb, None, Purpose::Picture).unwrap();
         let at = Vec2::new(0.0, 0.5);
         assert!((p.colour(at, 0.0, Edge::Repeat)[0] - 0.5).abs() < 0.01);
         assert!(p.colour(at, 0.0, Edge::Clamp)[0] < 0.01);
@@ -233,7 +252,7 @@ mod tests {
                 picture.set(x, y, [255, 255, 255, 255]);
             }
         }
-        let p = Pyramid::new(&picture, Colorspace::Srgb, None).unwrap();
+        let p = Pyramid::new(&picture, Colorspace::Srgb, None, Purpose::Picture).unwrap();
         assert!(p.colour(Vec2::new(0.5, 0.8), 0.0, Edge::Repeat)[0] > 0.99);
         assert!(p.colour(Vec2::new(0.5, 0.2), 0.0, Edge::Repeat)[0] < 0.01);
         assert!((p.colour(Vec2::new(0.5, 0.5), 0.0, Edge::Repeat)[0] - 0.5).abs() < 0.01);

@@ -20,7 +20,7 @@ pub use name::{identifier, is_identifier};
 pub use prune::LeftOut;
 pub use selection::{Form, Forms, Group, Model, Selection, Tree};
 pub use standing::{OFF_TERRAIN_M, ROOT_TOLERANCE_M};
-pub use statistics::{Statistics, bounds_of, statistics};
+pub use statistics::{Statistics, statistics};
 pub use valid::{SpeciesGroup, ValidScene, Wrap};
 
 use glam::{Vec2, Vec3};

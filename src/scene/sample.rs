@@ -40,6 +40,15 @@ pub fn forest(species: &[&str], per_species: usize, side_m: f32) -> Scene {
     scene
 }
 
+/// The least closed body: three edges of a metre at a corner in the origin.
+pub fn tetrahedron() -> Surface {
+    Surface {
+        position: vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z],
+        index: vec![0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3],
+        ..Surface::default()
+    }
+}
+
 fn add_species(scene: &mut Scene, species: &str, number: usize, trees: usize, side_m: f32) {
     let name = identifier(species);
     let hue = 60 * number as u8;

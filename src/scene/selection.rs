@@ -3,9 +3,7 @@
 
 use glam::Vec3;
 
-use super::{
-    Apart, Collider, Instance, Material, Octahedral, Part, Texture, ValidScene, Wrap, bounds_of,
-};
+use super::{Apart, Collider, Instance, Material, Octahedral, Part, Texture, ValidScene, Wrap};
 
 /// Which forms of the models are shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -190,7 +188,7 @@ impl<'a> Selection<'a> {
     /// finest form, scene metres; `None` for none.
     pub fn bounds_of(&self, trees: &[u32]) -> Option<(Vec3, Vec3)> {
         let instances = trees.iter().map(|&t| self.trees[t as usize].instance);
-        bounds_of(self.scene.prototypes(), instances)
+        self.scene.bounds_of(instances)
     }
 }
 

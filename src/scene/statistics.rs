@@ -48,13 +48,12 @@ pub fn statistics(scene: &ValidScene) -> Statistics {
     }
 }
 
-/// Least and greatest corner of instances of these prototypes; `None` for no instances.
-/// Indices must be in range.
-pub fn bounds_of<'a>(
-    prototypes: &[Prototype],
+/// Least and greatest corner of instances of prototypes with these outlines; `None` for no
+/// instances. Indices must be in range.
+pub(super) fn bounds_of<'a>(
+    outlines: &[Outline],
     instances: impl IntoIterator<Item = &'a Instance>,
 ) -> Option<(Vec3, Vec3)> {
-    let outlines: Vec<Outline> = prototypes.par_iter().map(Outline::of).collect();
     instances
         .into_iter()
         .flat_map(|i| {
@@ -69,13 +68,18 @@ pub fn bounds_of<'a>(
 
 /// The points that can bound a prototype however it is scaled and turned about Z: its convex
 /// hull in plan, and its lowest and highest level.
-struct Outline {
+#[derive(Debug, Clone)]
+pub(super) struct Outline {
     hull: Vec<Vec2>,
     low: f32,
     high: f32,
 }
 
 impl Outline {
+    pub fn of_all(prototypes: &[Prototype]) -> Vec<Outline> {
+        prototypes.par_iter().map(Outline::of).collect()
+    }
+
     fn of(prototype: &Prototype) -> Self {
         const CHUNK: usize = 1 << 15;
         let chunks = prototype.parts.par_iter().flat_map(|p| p.surface.position.par_chunks(CHUNK));
@@ -200,7 +204,7 @@ mod tests {
                 instance.yaw_rad += yaw_rad;
                 instance.scale = Vec3::new(x, y, z);
             }
-            let (lo, hi) = bounds_of(&scene.prototypes, &scene.instances).unwrap();
+            let (lo, hi) = bounds_of(&Outline::of_all(&scene.prototypes), &scene.instances).unwrap();
             let all = scene.instances.iter().flat_map(|i| {
                 let parts = &scene.prototypes[i.prototype as usize].parts;
                 parts.iter().flat_map(|p| &p.surface.position).map(|&p| i.place(p))

@@ -7,9 +7,10 @@ use rayon::prelude::*;
 
 use super::prune::is_degenerate;
 use super::standing::{Standing, standings};
+use super::statistics::{Outline, bounds_of};
 use super::{
     Alpha, Collider, Instance, Material, OFF_TERRAIN_M, Part, Prototype, ROOT_TOLERANCE_M, Scene,
-    Texture, bounds_of, identifier, is_identifier,
+    Texture, identifier, is_identifier,
 };
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
@@ -36,6 +37,8 @@ pub struct ValidScene {
     scene: Scene,
     groups: Vec<SpeciesGroup>,
     wraps: Vec<Wrap>,
+    /// Of every prototype.
+    outlines: Vec<Outline>,
     bounds: (Vec3, Vec3),
 }
 
@@ -104,6 +107,14 @@ impl ValidScene {
         self.bounds
     }
 
+    /// The same of these instances of the scene; `None` for none.
+    pub fn bounds_of<'a>(
+        &self,
+        instances: impl IntoIterator<Item = &'a Instance>,
+    ) -> Option<(Vec3, Vec3)> {
+        bounds_of(&self.outlines, instances)
+    }
+
     /// The terrain, then the parts of every prototype in its finest form.
     pub fn parts(&self) -> impl Iterator<Item = &Part> {
         let finest = self.scene.prototypes.iter().flat_map(|p| &p.parts);
@@ -150,7 +161,8 @@ impl Scene {
         faults.into_result(&self.name)?;
 
         let terrain = self.terrain.as_ref().map(|t| t.surface.bounds());
-        let bounds = match (terrain, bounds_of(&self.prototypes, &self.instances)) {
+        let outlines = Outline::of_all(&self.prototypes);
+        let bounds = match (terrain, bounds_of(&outlines, &self.instances)) {
             (Some(a), Some(b)) => (a.0.min(b.0), a.1.max(b.1)),
             (Some(one), None) | (None, Some(one)) => one,
             (None, None) => return Err(fault(&self.name, "has neither terrain nor trees")),
@@ -159,7 +171,7 @@ impl Scene {
             return Err(fault(&self.name, "has trees too large for 32-bit coordinates"));
         }
         let wraps = self.wraps();
-        Ok(ValidScene { scene: self, groups, wraps, bounds })
+        Ok(ValidScene { scene: self, groups, wraps, outlines, bounds })
     }
 
     fn check_names(&self, faults: &mut Faults) {

@@ -509,7 +509,8 @@ fn pour<T, N: NoUninit>(
 ) -> io::Result<()> {
     // glTF's numbers are little-endian, and so are those of every machine this is built for.
     const { assert!(cfg!(target_endian = "little")) };
-    const ITEMS: usize = 4096;
+    /// Large enough to go to the disk as they are.
+    const ITEMS: usize = 1 << 15;
     let mut block = Vec::with_capacity(ITEMS.min(items.len()));
     for items in items.chunks(ITEMS) {
         block.clear();

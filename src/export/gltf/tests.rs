@@ -9,17 +9,13 @@ use serde_json::Value;
 use super::super::{Format, Job, OutputFile, Pictures, files};
 use super::*;
 use crate::mesh::Surface;
-use crate::scene::sample::forest;
+use crate::scene::sample::{forest, tetrahedron};
 use crate::scene::{Apart, Collider, ColliderShape, Level, Part, ValidScene};
 
 /// Three forms, a collider and wind on every model.
 fn sample() -> ValidScene {
     let mut scene = forest(&["Larix sibirica", "Betula pendula"], 60, 200.0);
-    let body = Surface {
-        position: vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z],
-        index: vec![0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3],
-        ..Surface::default()
-    };
+    let body = tetrahedron();
     for prototype in &mut scene.prototypes {
         prototype.colliders = vec![Collider { shape: ColliderShape::Convex, body: body.clone() }];
         for part in &mut prototype.parts {

@@ -3,44 +3,52 @@
 //! and `integerCoding` read them.
 
 use lz4_flex::block::{compress_into, get_maximum_output_size};
+use rayon::prelude::*;
 
-/// The longest input of one LZ4 block.
-const MOST_IN_BLOCK: usize = 0x7E00_0000;
+/// Longer input is split, so that blocks are compressed on all threads; readers take any length.
+const BLOCK: usize = 1 << 20;
+/// Most blocks: their count is a signed byte.
+const MOST_BLOCKS: usize = 127;
 /// Differences of a smaller size than this are counted for the most common one.
 const COUNTED: i64 = 1 << 15;
+/// Integers coded as one; a multiple of four, whose codes fill a byte.
+const PIECE: usize = 1 << 16;
 
 /// A byte that says how many blocks follow, each after its length; 0 for one block without.
 pub(super) fn compressed(bytes: &[u8]) -> Vec<u8> {
-    in_blocks(bytes, MOST_IN_BLOCK)
+    in_blocks(bytes, BLOCK.max(bytes.len().div_ceil(MOST_BLOCKS)))
 }
 
 fn in_blocks(bytes: &[u8], most: usize) -> Vec<u8> {
-    let is_one = bytes.len() <= most;
-    let count = bytes.len().div_ceil(most);
-    let room = bytes.chunks(most).map(|b| 4 + get_maximum_output_size(b.len())).sum::<usize>();
-    let mut out = vec![0; 1 + room.max(get_maximum_output_size(0))];
-    out[0] = if is_one { 0 } else { count as u8 };
-    let mut at = 1;
-    // Nothing is a block, too.
-    for block in bytes.chunks(most).chain(bytes.is_empty().then_some(bytes)) {
-        let start = if is_one { at } else { at + 4 };
+    let block = |bytes: &[u8], head: usize| {
+        let mut out = vec![0; head + get_maximum_output_size(bytes.len())];
         // Cannot fail: there is room for the longest output.
-        let length = compress_into(block, &mut out[start..]).unwrap_or(0);
-        if !is_one {
-            out[at..start].copy_from_slice(&(length as i32).to_le_bytes());
-        }
-        at = start + length;
+        let length = compress_into(bytes, &mut out[head..]).unwrap_or(0);
+        out.truncate(head + length);
+        out
+    };
+    if bytes.len() <= most {
+        return block(bytes, 1);
     }
-    out.truncate(at);
+    const LENGTH: usize = 4;
+    let with_length = |bytes: &[u8]| {
+        let mut out = block(bytes, LENGTH);
+        let length = (out.len() - LENGTH) as i32;
+        out[..LENGTH].copy_from_slice(&length.to_le_bytes());
+        out
+    };
+    let blocks: Vec<Vec<u8>> = bytes.par_chunks(most).map(with_length).collect();
+    joined(vec![blocks.len() as u8], &blocks)
+}
+
+fn joined(mut out: Vec<u8>, pieces: &[Vec<u8>]) -> Vec<u8> {
+    out.reserve_exact(pieces.iter().map(Vec::len).sum());
+    pieces.iter().for_each(|piece| out.extend_from_slice(piece));
     out
 }
 
 pub(super) fn ints(values: &[i32]) -> Vec<u8> {
-    let differences = || {
-        let before = [0].into_iter().chain(values.iter().copied());
-        values.iter().zip(before).map(|(&v, b)| i64::from(v.wrapping_sub(b)))
-    };
-    compressed(&coded::<4, _>(values.len(), differences))
+    compressed(&coded::<4, _>(values))
 }
 
 pub(super) fn unsigned(values: &[u32]) -> Vec<u8> {
@@ -48,62 +56,107 @@ pub(super) fn unsigned(values: &[u32]) -> Vec<u8> {
 }
 
 pub(super) fn long_ints(values: &[i64]) -> Vec<u8> {
-    let differences = || {
-        let before = [0].into_iter().chain(values.iter().copied());
-        values.iter().zip(before).map(|(&v, b)| v.wrapping_sub(b))
-    };
-    compressed(&coded::<8, _>(values.len(), differences))
+    compressed(&coded::<8, _>(values))
 }
 
 /// `count` times the same.
 pub(super) fn repeated(value: i32, count: usize) -> Vec<u8> {
-    let differences = || std::iter::once(i64::from(value)).chain(std::iter::repeat_n(0, count - 1));
-    if count == 0 { compressed(&[]) } else { compressed(&coded::<4, _>(count, differences)) }
+    /// From here on 0 is the most common difference.
+    const FEW: usize = 4;
+    if count < FEW {
+        return ints(&vec![value; count]);
+    }
+    // The first difference is the value.
+    let mut out = coded::<4, _>(&[value, value, value, value]);
+    let rest = out.split_off(4 + 1);
+    out.resize(4 + count.div_ceil(4), 0);
+    out.extend(rest);
+    compressed(&out)
+}
+
+trait Integer: Copy + Sync {
+    /// The difference, in the integer's own width.
+    fn after(self, before: Self) -> i64;
+    const ZERO: Self;
+}
+
+impl Integer for i32 {
+    fn after(self, before: i32) -> i64 {
+        i64::from(self.wrapping_sub(before))
+    }
+    const ZERO: i32 = 0;
+}
+
+impl Integer for i64 {
+    fn after(self, before: i64) -> i64 {
+        self.wrapping_sub(before)
+    }
+    const ZERO: i64 = 0;
 }
 
 /// The most common difference, two bits a difference, then those that are not the most common in
 /// as few bytes as hold them. `WIDTH`: bytes of the integers.
-fn coded<const WIDTH: usize, I: Iterator<Item = i64>>(
-    count: usize,
-    differences: impl Fn() -> I,
-) -> Vec<u8> {
-    if count == 0 {
+fn coded<const WIDTH: usize, T: Integer>(values: &[T]) -> Vec<u8> {
+    if values.is_empty() {
         return Vec::new();
     }
-    let common = most_common(differences());
-    let codes = count.div_ceil(4);
-    let mut out = vec![0; WIDTH + codes + count * WIDTH];
-    let (head, rest) = out.split_at_mut(WIDTH + codes);
-    head[..WIDTH].copy_from_slice(&common.to_le_bytes()[..WIDTH]);
-    let mut at = 0;
-    for (k, difference) in differences().enumerate() {
-        let (code, bytes) = if difference == common {
-            (0, 0)
-        } else if fits(difference, WIDTH / 4) {
-            (1, WIDTH / 4)
-        } else if fits(difference, WIDTH / 2) {
-            (2, WIDTH / 2)
-        } else {
-            (3, WIDTH)
-        };
-        head[WIDTH + k / 4] |= code << (2 * (k % 4));
-        rest[at..at + bytes].copy_from_slice(&difference.to_le_bytes()[..bytes]);
-        at += bytes;
-    }
-    out.truncate(WIDTH + codes + at);
-    out
+    let common = most_common(values);
+    let piece = |piece: usize| {
+        let (from, to) = (piece * PIECE, values.len().min((piece + 1) * PIECE));
+        let mut codes = vec![0; (to - from).div_ceil(4)];
+        // Eight bytes are stored at a time, of which the next overwrite some.
+        let mut rest = vec![0; (to - from) * WIDTH + 8];
+        let mut at = 0;
+        let mut before = from.checked_sub(1).map_or(T::ZERO, |k| values[k]);
+        for (four, codes) in values[from..to].chunks(4).zip(&mut codes) {
+            for (k, &value) in four.iter().enumerate() {
+                let difference = value.after(before);
+                before = value;
+                let code = code::<WIDTH>(difference, common);
+                *codes |= code << (2 * k);
+                rest[at..at + 8].copy_from_slice(&difference.to_le_bytes());
+                // 0, 1, 2 or 4 quarters.
+                at += WIDTH / 4 * usize::from(code + u8::from(code == 3));
+            }
+        }
+        rest.truncate(at);
+        (codes, rest)
+    };
+    let pieces = (0..values.len().div_ceil(PIECE)).into_par_iter().map(piece);
+    let (codes, rest): (Vec<Vec<u8>>, Vec<Vec<u8>>) = pieces.unzip();
+    joined(joined(common.to_le_bytes()[..WIDTH].to_vec(), &codes), &rest)
 }
 
-fn fits(value: i64, bytes: usize) -> bool {
-    let bits = 8 * bytes as u32 - 1;
-    (-(1i64 << bits)..1i64 << bits).contains(&value)
+/// 0 for the most common, else 1, 2 or 3 for the bytes that hold it. Without branches: which it is
+/// can't be foreseen.
+fn code<const WIDTH: usize>(difference: i64, common: i64) -> u8 {
+    let (short, middle) = match WIDTH {
+        4 => (i64::from(difference as i8), i64::from(difference as i16)),
+        _ => (i64::from(difference as i16), i64::from(difference as i32)),
+    };
+    let bytes = 1 + u8::from(difference != short) + u8::from(difference != middle);
+    bytes * u8::from(difference != common)
 }
 
-/// Of those of fewer than 16 bits; the largest of several.
-fn most_common(differences: impl Iterator<Item = i64>) -> i64 {
+/// Of those of fewer than 16 bits; the largest of several. Long columns are sampled: any will do, and
+/// it only has to be common.
+fn most_common<T: Integer>(values: &[T]) -> i64 {
+    /// Samples, and how many numbers each has.
+    const SAMPLES: usize = 64;
+    const SAMPLE: usize = 1 << 11;
+    let is_short = values.len() <= SAMPLES * SAMPLE;
+    let (step, length) =
+        if is_short { (values.len(), values.len()) } else { (values.len() / SAMPLES, SAMPLE) };
     let mut counts = vec![0u32; 2 * COUNTED as usize];
-    for difference in differences.filter(|d| (-COUNTED..COUNTED).contains(d)) {
-        counts[(difference + COUNTED) as usize] += 1;
+    for (at, sample) in values.chunks(step.max(1)).enumerate() {
+        let mut before = (at * step).checked_sub(1).map_or(T::ZERO, |k| values[k]);
+        for &value in sample.iter().take(length) {
+            let number = value.after(before).wrapping_add(COUNTED) as usize;
+            before = value;
+            if let Some(count) = counts.get_mut(number) {
+                *count += 1;
+            }
+        }
     }
     let best = counts.iter().enumerate().max_by_key(|(_, count)| **count);
     best.map_or(0, |(at, _)| at as i64 - COUNTED)
@@ -172,6 +225,18 @@ mod tests {
             assert_eq!(plain(&in_blocks(&bytes, most), 1000), bytes, "{most}");
         }
         assert_eq!(plain(&compressed(&[]), 10), b"");
+    }
+
+    #[test]
+    fn long_columns_are_as_if_coded_at_once() {
+        let values: Vec<i32> =
+            (0..3 * PIECE as i64 + 5).map(|k| (k / 3 * 70_000 % 991) as i32).collect();
+        let bytes = plain(&ints(&values), 20 * PIECE);
+        let back = decoded::<4>(&bytes, values.len());
+        assert!(back.iter().eq(&values.iter().map(|v| i64::from(*v)).collect::<Vec<_>>()));
+        let noise: Vec<u8> = (0..3 * BLOCK as u64).map(|k| (k.pow(2) / 7) as u8).collect();
+        let packed = compressed(&noise);
+        assert!(packed[0] == 3 && plain(&packed, noise.len()) == noise);
     }
 
     #[test]

@@ -8,18 +8,41 @@ const RGB: &[(&str, &str)] = &[("float3", "outputs:rgb")];
 const RGBA: &[(&str, &str)] = &[("float", "outputs:a"), ("float3", "outputs:rgb")];
 const ORM: &[(&str, &str)] = &[("float", "outputs:g"), ("float", "outputs:r")];
 
+/// A material's own colours, or those of a variant of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Colours {
+    base: [f32; 3],
+    texture: Option<u32>,
+}
+
+impl Colours {
+    pub fn of(material: &Material) -> Colours {
+        Colours { base: material.base_color, texture: material.base_color_texture }
+    }
+
+    /// In the variant of this name; its own where it knows none.
+    pub fn in_variant(material: &Material, name: &str) -> Colours {
+        let variant = material.variants.iter().find(|v| v.name == name);
+        variant.map_or(Colours::of(material), |v| Colours {
+            base: v.base_color,
+            texture: v.base_color_texture,
+        })
+    }
+}
+
 /// `parent` is the path of the prim that it is put in. A tinted texture is read a second time,
 /// untinted, for its alpha: Blender (4.5) takes the tint for the alpha otherwise.
 pub(super) fn material<'a>(
     scene: &'a ValidScene,
     material: &'a Material,
+    colours: Colours,
     parent: &str,
     textures: &TexturePaths,
 ) -> Prim<'a> {
     let path = format!("{parent}/{}", material.name);
     let output = |shader: &str, name: &str| format!("{path}/{shader}.outputs:{name}");
-    let [r, g, b] = material.base_color;
-    let is_tinted = material.base_color != [1.0; 3];
+    let [r, g, b] = colours.base;
+    let is_tinted = colours.base != [1.0; 3];
     let opacity = if is_tinted { "opacity" } else { "base_color" };
     let is_masked = matches!(material.alpha, Alpha::Mask { .. });
 
@@ -28,10 +51,10 @@ pub(super) fn material<'a>(
         "info:id",
         Value::token("UsdPreviewSurface"),
     );
-    surface = match material.base_color_texture {
+    surface = match colours.texture {
         Some(_) => surface.connected("color3f", "inputs:diffuseColor", output("base_color", "rgb")),
         None => {
-            let colour = Value::Float3(material.base_color);
+            let colour = Value::Float3(colours.base);
             surface.attribute("color3f", "inputs:diffuseColor", colour)
         }
     };
@@ -60,7 +83,7 @@ pub(super) fn material<'a>(
         .connected("token", "outputs:surface", output("surface", "surface"))
         .child(surface);
     let mut shaders = Vec::new();
-    if let Some(index) = material.base_color_texture {
+    if let Some(index) = colours.texture {
         let scale = is_tinted.then_some([r, g, b, 1.0]);
         let outputs = if is_masked && !is_tinted { RGBA } else { RGB };
         let texture =

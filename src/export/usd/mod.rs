@@ -16,13 +16,15 @@ mod tests;
 mod usda;
 mod usdc;
 
-use std::io::{self, Seek, SeekFrom, Write};
+use std::io::{self, SeekFrom};
 
 use self::layer::Layer;
 use self::material::TexturePaths;
-use self::package::Package;
+use self::package::{Nowhere, Package};
 use super::pictures::{plain, texture_path};
-use super::{Content, OutputFile, PictureFormat, Pictures};
+use super::{Content, OutputFile, PictureFormat, Pictures, Sink};
+use crate::diagnostic::{Error, Result};
+use crate::mesh::Surface;
 use crate::scene::ValidScene;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,28 +67,87 @@ pub fn layers<'a>(scene: &'a ValidScene, stem: &'a str, encoding: Encoding) -> V
 }
 
 /// `STEM.usdz` with everything in it.
-pub fn package<'a>(scene: &'a ValidScene, pictures: &'a Pictures, stem: &'a str) -> OutputFile<'a> {
-    let content = Content::stream(move |sink| {
-        let layer = stage::scene_layer(scene, &TexturePaths { folder: "", stem }, None);
-        let mut package = Package::new(sink);
-        package.add_written(&format!("{}.usdc", plain(stem)), usdc::HEAD, |body| {
-            usdc::write(&layer, body)
-        })?;
-        for (number, texture) in (0..).zip(scene.textures()) {
-            let png = pictures.of(number, PictureFormat::Png);
-            package.add(&texture_path(stem, &texture.name, PictureFormat::Png), &png)?;
-        }
-        package.finish()
-    });
-    OutputFile { path: format!("{stem}.usdz").into(), content }
+///
+/// # Errors
+/// More than a package holds.
+pub fn package<'a>(
+    scene: &'a ValidScene,
+    pictures: &'a Pictures,
+    stem: &'a str,
+) -> Result<OutputFile<'a>> {
+    package_within(scene, pictures, stem, package::MOST_BYTES)
 }
 
-fn write(layer: &Layer, encoding: Encoding, mut out: impl Write + Seek) -> io::Result<()> {
+fn package_within<'a>(
+    scene: &'a ValidScene,
+    pictures: &'a Pictures,
+    stem: &'a str,
+    most_bytes: u64,
+) -> Result<OutputFile<'a>> {
+    let path = format!("{stem}.usdz");
+    let write = move |sink: &mut dyn Sink| write_package(scene, pictures, stem, most_bytes, sink);
+    // Only what might be too large is encoded twice.
+    let bytes = bytes_at_most(scene, pictures);
+    if bytes > most_bytes && write(&mut Nowhere::default()).is_err() {
+        return Err(Error::new(format!(
+            "needs up to {:.1} GiB, and a package holds less than {:.0}",
+            bytes as f64 / GIB,
+            most_bytes as f64 / GIB
+        ))
+        .in_file(path)
+        .remedy(
+            "write --format usdc, whose files have no such limit, or ask for fewer --triangles",
+        ));
+    }
+    Ok(OutputFile { path: path.into(), content: Content::stream(write) })
+}
+
+const GIB: f64 = (1u64 << 30) as f64;
+
+/// More than a package of this takes.
+fn bytes_at_most(scene: &ValidScene, pictures: &Pictures) -> u64 {
+    /// Every column that there is.
+    const VERTEX: u64 = 64;
+    const CORNER: u64 = 8;
+    const TREE: u64 = 512;
+    /// Names, materials, tables.
+    const REST: u64 = 1 << 20;
+    let surfaces = scene.prototypes().iter().flat_map(|p| p.all_parts());
+    let surfaces = surfaces.chain(scene.terrain()).map(|part| &part.surface);
+    let bodies = scene.colliders().map(|collider| &collider.body);
+    // The coarsest form stands in a variant and as the proxy.
+    let of = |s: &Surface| 2 * (VERTEX * s.position.len() as u64 + CORNER * s.index.len() as u64);
+    let trees = scene.instances().iter().map(|tree| TREE + tree.facts.id.len() as u64);
+    let textures = (0..).zip(scene.textures());
+    let textures = textures.map(|(k, _)| REST + pictures.of(k, PictureFormat::Png).len() as u64);
+    surfaces.chain(bodies).map(of).chain(trees).chain(textures).sum::<u64>() + REST
+}
+
+fn write_package(
+    scene: &ValidScene,
+    pictures: &Pictures,
+    stem: &str,
+    most_bytes: u64,
+    sink: &mut dyn Sink,
+) -> io::Result<()> {
+    let layer = stage::scene_layer(scene, &TexturePaths { folder: "", stem }, None);
+    let mut package = Package::new(sink, most_bytes);
+    package.add_written(&format!("{}.usdc", plain(stem)), usdc::HEAD, |body| {
+        usdc::write(&layer, body)
+    })?;
+    for (number, texture) in (0..).zip(scene.textures()) {
+        let png = pictures.of(number, PictureFormat::Png);
+        package.add(&texture_path(stem, &texture.name, PictureFormat::Png), &png)?;
+    }
+    package.finish()
+}
+
+fn write(layer: &Layer, encoding: Encoding, out: &mut dyn Sink) -> io::Result<()> {
     match encoding {
         Encoding::Text => usda::write(layer, out),
         Encoding::Crate => {
             out.write_all(&[0; usdc::HEAD])?;
-            let head = usdc::write(layer, &mut out)?;
+            let head = usdc::write(layer, &mut *out)?;
             out.seek(SeekFrom::Start(0))?;
             out.write_all(&head)?;
             out.flush()

@@ -8,14 +8,20 @@ use crc32fast::Hasher;
 const ALIGNMENT: u64 = 64;
 /// Local header without name and padding.
 const HEADER: u64 = 30;
+/// The record that ends the archive.
+const END: u64 = 22;
 /// Names the extra field that pads.
 const PADDING: u16 = 0x1986;
 /// The first moment that a zip can tell: 1980-01-01.
 const DATE: u16 = 0x21;
 
+/// What a package's 32-bit lengths can tell; one more means something else.
+pub(super) const MOST_BYTES: u64 = u32::MAX as u64 - 1;
+
 /// An archive on the way; offsets count from where `out` stood at first.
 pub(super) struct Package<W> {
     out: W,
+    most_bytes: u64,
     at: u64,
     entries: Vec<Entry>,
 }
@@ -28,8 +34,9 @@ struct Entry {
 }
 
 impl<W: Write + Seek> Package<W> {
-    pub fn new(out: W) -> Self {
-        Package { out, at: 0, entries: Vec::new() }
+    /// Of so many bytes at most, which are no more than [`MOST_BYTES`].
+    pub fn new(out: W, most_bytes: u64) -> Self {
+        Package { out, most_bytes, at: 0, entries: Vec::new() }
     }
 
     pub fn add(&mut self, name: &str, bytes: &[u8]) -> io::Result<()> {
@@ -40,7 +47,7 @@ impl<W: Write + Seek> Package<W> {
     /// the rest and gives them.
     ///
     /// # Errors
-    /// `FileTooLarge` where the archive passes 4 GiB, besides those of `out`.
+    /// `FileTooLarge` where the archive passes its limit, besides those of `out`.
     pub fn add_written(
         &mut self,
         name: &str,
@@ -62,11 +69,11 @@ impl<W: Write + Seek> Package<W> {
         let entry = Entry {
             name: name.to_owned(),
             crc: crc.finalize(),
-            length: small(head as u64 + length)?,
-            place: small(place)?,
+            length: self.small(head as u64 + length)?,
+            place: self.small(place)?,
         };
         self.at = start + head as u64 + length;
-        let end = small(self.at)?;
+        let end = self.small(self.at)?;
 
         let mut header = b"PK\x03\x04".to_vec();
         header.extend(entry.described(padding));
@@ -97,16 +104,21 @@ impl<W: Write + Seek> Package<W> {
             list.extend(entry.name.as_bytes());
         }
         let count = u16::try_from(self.entries.len()).map_err(|_| too_large())?;
-        let length = small(list.len() as u64)?;
+        self.small(self.at + list.len() as u64 + END)?;
+        let length = list.len() as u32;
         list.extend(b"PK\x05\x06");
         list.extend([0; 4]);
         list.extend(count.to_le_bytes());
         list.extend(count.to_le_bytes());
         list.extend(length.to_le_bytes());
-        list.extend(small(self.at)?.to_le_bytes());
+        list.extend((self.at as u32).to_le_bytes());
         list.extend([0; 2]);
         self.out.write_all(&list)?;
         self.out.flush()
+    }
+
+    fn small(&self, number: u64) -> io::Result<u32> {
+        u32::try_from(number).ok().filter(|_| number <= self.most_bytes).ok_or_else(too_large)
     }
 }
 
@@ -128,12 +140,39 @@ impl Entry {
     }
 }
 
-fn small(number: u64) -> io::Result<u32> {
-    u32::try_from(number).ok().filter(|n| *n < u32::MAX).ok_or_else(too_large)
-}
-
 fn too_large() -> io::Error {
     io::Error::new(io::ErrorKind::FileTooLarge, "a .usdz holds less than 4 GiB")
+}
+
+/// Takes what is written for its length alone.
+#[derive(Default)]
+pub(super) struct Nowhere {
+    at: u64,
+    end: u64,
+}
+
+impl Write for Nowhere {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.at += bytes.len() as u64;
+        self.end = self.end.max(self.at);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Seek for Nowhere {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let at = match to {
+            SeekFrom::Start(at) => Some(at),
+            SeekFrom::Current(by) => self.at.checked_add_signed(by),
+            SeekFrom::End(by) => self.end.checked_add_signed(by),
+        };
+        self.at = at.ok_or(io::ErrorKind::InvalidInput)?;
+        Ok(self.at)
+    }
 }
 
 /// Counts and sums what goes through it.

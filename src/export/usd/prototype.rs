@@ -5,20 +5,28 @@ use std::collections::BTreeSet;
 use glam::Vec3;
 
 use super::layer::{Prim, Property, Value, VariantSet};
-use super::material::{TexturePaths, material};
+use super::material::{Colours, TexturePaths, material};
 use super::stage::extent;
-use crate::scene::{Alpha, Collider, Level, Octahedral, Part, Prototype, SpeciesGroup, ValidScene};
+use crate::scene::{
+    Alpha, Collider, Level, Material, Octahedral, Part, Prototype, SpeciesGroup, ValidScene,
+};
 
 /// The name of the variant that shows the finest form.
 const FINEST: &str = "LOD0";
+/// The variant set of seasons and conditions, and its variant that is as the scene is.
+pub(super) const LOOKS: &str = "look";
+pub(super) const OWN_LOOK: &str = "own";
 
 /// Without coarser forms the surfaces stand in the prototype. With them they are chosen by the
 /// variant set `LOD`, seen by final renderers (purpose `render`), and the coarsest form is what
-/// viewports show (purpose `proxy`). `parent` is the path of the prim that it is put in.
+/// viewports show (purpose `proxy`). Materials that know other seasons and conditions are in the
+/// variant set `look`; `chooses_look`: where nothing stronger chooses. `parent` is the path of the
+/// prim that it is put in.
 pub(super) fn prototype<'a>(
     scene: &'a ValidScene,
     one: &'a Prototype,
     parent: &str,
+    chooses_look: bool,
     textures: &TexturePaths,
 ) -> Prim<'a> {
     let path = format!("{parent}/{}", one.name);
@@ -42,14 +50,27 @@ pub(super) fn prototype<'a>(
         }
         variant
     };
-    let mut used = BTreeSet::new();
-    used.extend(one.all_parts().map(|part| part.material));
-    let mut library = Prim::def("Scope", "materials");
-    for index in used {
-        let shown = &scene.materials()[index as usize];
-        library = library.child(material(scene, shown, &materials, textures));
+    let looks = looks(scene, one);
+    let mut selections = Vec::new();
+    let library = |is_wanted: &dyn Fn(&Material) -> bool, look: &str| {
+        let mut library = Prim::def("Scope", "materials");
+        for shown in materials_of(scene, one).filter(|m| is_wanted(m)) {
+            let colours = Colours::in_variant(shown, look);
+            library = library.child(material(scene, shown, colours, &materials, textures));
+        }
+        library
+    };
+    prim = prim.with(hints(one)).child(library(&|m| m.variants.is_empty(), OWN_LOOK));
+    if !looks.is_empty() {
+        // Whole materials: what stood outside of the variants would be stronger than they.
+        let look =
+            |name: &'a str| Prim::variant(name).child(library(&|m| !m.variants.is_empty(), name));
+        let variants = [OWN_LOOK].into_iter().chain(looks).map(look).collect();
+        if chooses_look {
+            selections.push((LOOKS, OWN_LOOK.to_owned()));
+        }
+        prim.variant_sets.push(VariantSet { name: LOOKS, variants });
     }
-    prim = prim.with(hints(one)).child(library);
     if one.levels.is_empty() {
         prim = chosen(prim, &one.parts);
     } else {
@@ -59,8 +80,11 @@ pub(super) fn prototype<'a>(
             chosen(variant, &level.parts)
         });
         let variants = [finest].into_iter().chain(coarser).collect();
-        prim = prim.meta("variants", Value::Selections(vec![("LOD", FINEST.to_owned())]));
-        prim.variant_sets.push(VariantSet { name: "LOD", variants });
+        selections.insert(0, ("LOD", FINEST.to_owned()));
+        prim.variant_sets.insert(0, VariantSet { name: "LOD", variants });
+    }
+    if !selections.is_empty() {
+        prim = prim.meta("variants", Value::Selections(selections));
     }
     if let Some(level) = proxy {
         let mut shown =
@@ -72,6 +96,26 @@ pub(super) fn prototype<'a>(
         prim = prim.child(collider_mesh(collider, collider.name(&one.name, k)));
     }
     prim
+}
+
+/// Those of all its forms, each once.
+fn materials_of<'a>(
+    scene: &'a ValidScene,
+    one: &Prototype,
+) -> impl Iterator<Item = &'a Material> + use<'a> {
+    let used: BTreeSet<u32> = one.all_parts().map(|part| part.material).collect();
+    used.into_iter().map(|index| &scene.materials()[index as usize])
+}
+
+/// Names of the other looks that its materials know, in the order they first occur.
+pub(super) fn looks<'a>(scene: &'a ValidScene, one: &Prototype) -> Vec<&'a str> {
+    let mut names: Vec<&str> = Vec::new();
+    for variant in materials_of(scene, one).flat_map(|m| &m.variants) {
+        if !names.contains(&variant.name.as_str()) {
+            names.push(&variant.name);
+        }
+    }
+    names
 }
 
 /// The coarsest form that any shader shows rightly.
@@ -169,14 +213,16 @@ pub(super) fn shown_colour(scene: &ValidScene, group: &SpeciesGroup) -> Vec3 {
     let parts = group.prototypes.iter().flat_map(|&p| &scene.prototypes()[p as usize].parts);
     let materials: BTreeSet<u32> = parts.map(|part| part.material).collect();
     let mut of = materials.iter().map(|&m| &scene.materials()[m as usize]);
-    let is_leaf = |m: &&crate::scene::Material| matches!(m.alpha, Alpha::Mask { .. });
+    let is_leaf = |m: &&Material| matches!(m.alpha, Alpha::Mask { .. });
     let Some(material) = of.clone().find(is_leaf).or_else(|| of.next()) else { return Vec3::ONE };
     let base = Vec3::from(material.base_color);
     let Some(texture) = material.base_color_texture else { return base };
     let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
+    let light: [f32; 256] = std::array::from_fn(|srgb| linear(srgb as u8));
+    let linear = |srgb: &u8| light[usize::from(*srgb)];
     for [r, g, b, alpha] in &scene.textures()[texture as usize].image.picture().data {
         let alpha = f32::from(*alpha) / 255.0;
-        sum += alpha * Vec3::new(linear(*r), linear(*g), linear(*b));
+        sum += alpha * Vec3::new(linear(r), linear(g), linear(b));
         weight += alpha;
     }
     base * sum / f32::max(weight, 1e-6)

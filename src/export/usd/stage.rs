@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 
 use glam::Vec3;
 
-use super::layer::{Arc, Layer, Prim, Property, Specifier, Value};
-use super::material::{TexturePaths, material};
-use super::prototype::{hints, mesh, prototype, shown_colour};
+use super::layer::{Arc, Layer, Prim, Property, Specifier, Value, VariantSet};
+use super::material::{Colours, TexturePaths, material};
+use super::prototype::{LOOKS, OWN_LOOK, hints, looks, mesh, prototype, shown_colour};
 use crate::export::GENERATOR;
 use crate::frame::Frame;
-use crate::scene::{Instance, SpeciesGroup, TreeFacts, ValidScene, bounds_of};
+use crate::scene::{Instance, SpeciesGroup, TreeFacts, ValidScene};
 use crate::seed::Seed;
 
 /// A species of more trees than this is split into cells, which viewers cull and artists switch.
@@ -31,8 +31,8 @@ pub(super) fn scene_layer<'a>(
         .with(extent("extentsHint", scene.bounds()));
     if let Some(terrain) = scene.terrain() {
         let parent = format!("/{name}/materials");
-        let shown =
-            material(scene, &scene.materials()[terrain.material as usize], &parent, textures);
+        let shown = &scene.materials()[terrain.material as usize];
+        let shown = material(scene, shown, Colours::of(shown), &parent, textures);
         root = root
             .child(Prim::def("Scope", "materials").child(shown))
             .child(mesh(scene, terrain, &parent).kind("component"));
@@ -42,11 +42,61 @@ pub(super) fn scene_layer<'a>(
         let species = scene.groups().iter().map(|group| species(scene, group, textures, asset));
         trees.children = species.collect();
         root = root.child(trees);
+        root = with_looks(scene, root);
     }
     let mut layer = bare_layer(name);
     layer.metadata.insert(0, ("customLayerData", about(scene)));
     layer.prims.push(root);
     layer
+}
+
+/// Seasons and conditions of all trees at once: a choice for every prototype that knows it.
+fn with_looks<'a>(scene: &'a ValidScene, mut root: Prim<'a>) -> Prim<'a> {
+    let all = scene.prototypes().iter().flat_map(|one| looks(scene, one));
+    let mut names = vec![OWN_LOOK];
+    for name in all {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    if names.len() == 1 {
+        return root;
+    }
+    let over = |name: &'a str| Prim::new(Specifier::Over, "", name);
+    let chosen = |name: &'a str| {
+        let mut trees = over("trees");
+        for group in scene.groups() {
+            let mut held = Vec::new();
+            for &p in &group.prototypes {
+                let one = &scene.prototypes()[p as usize];
+                let known = looks(scene, one);
+                if !known.is_empty() {
+                    let look = if known.contains(&name) { name } else { OWN_LOOK };
+                    let choice = Value::Selections(vec![(LOOKS, look.to_owned())]);
+                    held.push(over(&one.name).meta("variants", choice));
+                }
+            }
+            if held.is_empty() {
+                continue;
+            }
+            let mut species = over(&group.name);
+            if is_celled(group) {
+                let mut prototypes = over("prototypes");
+                prototypes.children = held;
+                held = vec![prototypes];
+            }
+            species.children = held;
+            trees = trees.child(species);
+        }
+        Prim::variant(name).child(trees)
+    };
+    let variants = names.into_iter().map(chosen).collect();
+    root.variant_sets.push(VariantSet { name: LOOKS, variants });
+    root.meta("variants", Value::Selections(vec![(LOOKS, OWN_LOOK.to_owned())]))
+}
+
+fn is_celled(group: &SpeciesGroup) -> bool {
+    group.instances.len() > CELLED_FROM
 }
 
 /// The layer of one prototype, to be opened alone or referred to.
@@ -57,7 +107,7 @@ pub(super) fn prototype_layer<'a>(
 ) -> Layer<'a> {
     let one = &scene.prototypes()[index as usize];
     let mut layer = bare_layer(&one.name);
-    layer.prims.push(prototype(scene, one, "", textures));
+    layer.prims.push(prototype(scene, one, "", true, textures));
     layer
 }
 
@@ -109,7 +159,7 @@ fn species<'a>(
             .map(|&p| {
                 let one = &scene.prototypes()[p as usize];
                 match asset {
-                    None => prototype(scene, one, path, textures),
+                    None => prototype(scene, one, path, false, textures),
                     Some(asset) => {
                         let prim = format!("/{}", one.name);
                         Prim::def("Xform", one.name.as_str())
@@ -120,7 +170,7 @@ fn species<'a>(
             })
             .collect()
     };
-    if all.len() <= CELLED_FROM {
+    if !is_celled(group) {
         let trees: Vec<_> = numbers().collect();
         let mut prim = instancer(scene, group, group.name.clone(), &trees, &path);
         prim.children = within(&path);
@@ -174,7 +224,7 @@ fn instancer<'a>(
         .unzip();
     let ids = trees.iter().map(|(number, _)| i64::from(*number)).collect();
     let mut prim = Prim::def("PointInstancer", name).kind("group");
-    if let Some(bounds) = bounds_of(scene.prototypes(), each()) {
+    if let Some(bounds) = scene.bounds_of(each()) {
         prim = prim.with(extent("extent", bounds));
     }
     let fact = |prim: Prim<'a>, name: &'static str, fact: fn(&TreeFacts) -> f32| {

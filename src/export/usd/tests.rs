@@ -7,9 +7,8 @@ use glam::{Vec2, Vec3};
 use super::layer::{Arc, Content, Layer, Prim, Property, Specifier, Value, VariantSet};
 use super::*;
 use crate::export::{Format, Job, Profile, WindAs, files, write_all};
-use crate::mesh::Surface;
-use crate::scene::sample::forest;
-use crate::scene::{Apart, Collider, ColliderShape, Level, Scene};
+use crate::scene::sample::{forest, tetrahedron};
+use crate::scene::{Apart, Collider, ColliderShape, Level, Scene, Variant};
 use crate::seed::{Draws, Seed};
 
 /// A layer of any structure that the encoders take, and values of every kind and size.
@@ -156,7 +155,7 @@ fn layers_on_disk() {
         for encoding in [Encoding::Text, Encoding::Crate] {
             let name = format!("layer{seed:03}.{}", encoding.extension());
             let file = std::fs::File::create(Path::new(&dir).join(name)).unwrap();
-            write(&layer, encoding, io::BufWriter::new(file)).unwrap();
+            write(&layer, encoding, &mut io::BufWriter::new(file)).unwrap();
         }
     }
 }
@@ -164,11 +163,7 @@ fn layers_on_disk() {
 /// Trees with two coarser forms, colliders and wind.
 fn levelled() -> Scene {
     let mut scene = forest(&["Larix sibirica", "Betula pendula"], 12, 60.0);
-    let body = Surface {
-        position: vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z],
-        index: vec![0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3],
-        ..Surface::default()
-    };
+    let body = tetrahedron();
     for prototype in &mut scene.prototypes {
         prototype.colliders = vec![Collider { shape: ColliderShape::Convex, body: body.clone() }];
         for part in &mut prototype.parts {
@@ -184,6 +179,50 @@ fn levelled() -> Scene {
         }
     }
     scene
+}
+
+/// Larches know an autumn; birches know none.
+#[test]
+fn looks_are_chosen_for_the_scene_or_for_a_model() {
+    let mut scene = forest(&["Larix", "Betula"], 3, 20.0);
+    let leaf = scene.materials.iter_mut().find(|m| m.name == "Larix_leaf").unwrap();
+    leaf.variants.push(Variant {
+        name: "autumn".into(),
+        base_color: [1.0, 0.5, 0.1],
+        base_color_texture: leaf.base_color_texture,
+    });
+    let scene = scene.validate().unwrap();
+    let texts: Vec<(String, String)> = layers(&scene, "wood", Encoding::Text)
+        .into_iter()
+        .map(|f| (f.path.display().to_string(), String::from_utf8(f.into_bytes()).unwrap()))
+        .collect();
+    let times = |text: &str, part: &str| text.matches(part).count();
+    for (path, text) in &texts {
+        let is_larch = path.contains("Larix");
+        let looks = if path == "wood.usda" { 1 } else { usize::from(is_larch) };
+        assert_eq!(times(text, "variantSet \"look\""), looks, "{path}");
+        // The whole leaf in either look, so that nothing outside is stronger; the rest once.
+        assert_eq!(times(text, "def Material \"Larix_leaf\""), 2 * usize::from(is_larch), "{path}");
+        assert_eq!(times(text, "def Material \"Larix_bark\""), usize::from(is_larch), "{path}");
+        assert_eq!(times(text, "(1, 0.5, 0.1, 1)"), usize::from(is_larch), "{path}");
+    }
+    // Own for the scene by default, and in the choice of each of the two larches.
+    let [root, ..] = &texts[..] else { panic!() };
+    assert_eq!(times(&root.1, "string look = \"own\""), 1 + 2);
+    assert_eq!(times(&root.1, "string look = \"autumn\""), 2);
+}
+
+#[test]
+fn a_package_too_large_is_refused_before_it_is_written() {
+    let scene = levelled().validate().unwrap();
+    let pictures = Pictures::encode(&scene, &[PictureFormat::Png]).unwrap();
+    let package = |most| package_within(&scene, &pictures, "forest", most);
+    let bytes = package(package::MOST_BYTES).unwrap().into_bytes().len() as u64;
+    assert!(bytes < bytes_at_most(&scene, &pictures));
+    assert_eq!(package(bytes).unwrap().into_bytes().len() as u64, bytes);
+    let error = package(bytes - 1).err().unwrap();
+    let text = format!("{error:?}");
+    assert!(text.starts_with("forest.usdz: needs up to 0.0 GiB, and a package holds"), "{text}");
 }
 
 /// For `tools/validate.py`, as above: a scene with coarser forms, and one of many trees.

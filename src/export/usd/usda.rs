@@ -3,34 +3,29 @@
 
 use std::io::{self, Write};
 
-use rayon::prelude::*;
-
-use crate::export::number::shortest;
+use crate::export::Sink;
+use crate::export::blocks::Blocks;
+use crate::export::number::{integer, shortest};
 
 use super::layer::{Content, Field, Layer, Prim, Property, Specifier, Value};
 
-/// Arrays longer than this are formatted in blocks of it, in parallel.
-const BLOCK: usize = 1 << 14;
-/// So many blocks are held at a time.
-const BLOCKS: usize = 16;
-
-pub(super) fn write<W: Write>(layer: &Layer, out: W) -> io::Result<()> {
-    let mut text = Text { out, depth: 0 };
+pub(super) fn write(layer: &Layer, out: &mut dyn Sink) -> io::Result<()> {
+    let mut text = Text { out: Blocks::new(out), depth: 0 };
     text.line("#usda 1.0")?;
     text.metadata("", &layer.metadata)?;
     for prim in &layer.prims {
         text.line("")?;
         text.prim(prim)?;
     }
-    text.out.flush()
+    text.out.finish()
 }
 
-struct Text<W> {
-    out: W,
+struct Text<'l, 's> {
+    out: Blocks<'l, 's>,
     depth: usize,
 }
 
-impl<W: Write> Text<W> {
+impl<'l> Text<'l, '_> {
     fn indent(&mut self) -> io::Result<()> {
         for _ in 0..self.depth {
             self.out.write_all(b"    ")?;
@@ -57,7 +52,7 @@ impl<W: Write> Text<W> {
     }
 
     /// `head (`, a line each, `)`; the head alone where there is none.
-    fn metadata(&mut self, head: &str, fields: &[Field]) -> io::Result<()> {
+    fn metadata(&mut self, head: &str, fields: &'l [Field<'l>]) -> io::Result<()> {
         if fields.is_empty() {
             return if head.is_empty() { Ok(()) } else { self.line(head) };
         }
@@ -68,7 +63,7 @@ impl<W: Write> Text<W> {
         self.close(")")
     }
 
-    fn field(&mut self, name: &str, value: &Value) -> io::Result<()> {
+    fn field(&mut self, name: &str, value: &'l Value<'l>) -> io::Result<()> {
         match value {
             Value::Dictionary(entries) => self.dictionary(name, entries),
             Value::Selections(chosen) => {
@@ -97,7 +92,7 @@ impl<W: Write> Text<W> {
     fn dictionary(
         &mut self,
         name: &str,
-        entries: &[(std::borrow::Cow<str>, Value)],
+        entries: &'l [(std::borrow::Cow<'l, str>, Value<'l>)],
     ) -> io::Result<()> {
         self.open(&format!("{name} = {{"))?;
         for (key, value) in entries {
@@ -109,7 +104,7 @@ impl<W: Write> Text<W> {
         self.close("}")
     }
 
-    fn prim(&mut self, prim: &Prim) -> io::Result<()> {
+    fn prim(&mut self, prim: &'l Prim<'l>) -> io::Result<()> {
         let specifier = match prim.specifier {
             Specifier::Def => "def",
             Specifier::Over => "over",
@@ -122,17 +117,21 @@ impl<W: Write> Text<W> {
         self.close("}")
     }
 
-    fn metadata_of(&mut self, head: &str, prim: &Prim) -> io::Result<()> {
+    fn metadata_of(&mut self, head: &str, prim: &'l Prim<'l>) -> io::Result<()> {
         if prim.variant_sets.is_empty() {
             return self.metadata(head, &prim.metadata);
         }
-        let names = prim.variant_sets.iter().map(|set| set.name).collect();
-        let mut metadata = prim.metadata.clone();
-        metadata.push(("variantSets", Value::Prepended(names)));
-        self.metadata(head, &metadata)
+        self.open(&format!("{head} ("))?;
+        for (name, value) in &prim.metadata {
+            self.field(name, value)?;
+        }
+        let names = prim.variant_sets.iter().map(|set| quoted(set.name));
+        let names: Vec<String> = names.collect();
+        self.line(&format!("prepend variantSets = [{}]", names.join(", ")))?;
+        self.close(")")
     }
 
-    fn body(&mut self, prim: &Prim) -> io::Result<()> {
+    fn body(&mut self, prim: &'l Prim<'l>) -> io::Result<()> {
         for property in &prim.properties {
             self.property(property)?;
         }
@@ -161,7 +160,7 @@ impl<W: Write> Text<W> {
         Ok(())
     }
 
-    fn property(&mut self, property: &Property) -> io::Result<()> {
+    fn property(&mut self, property: &'l Property<'l>) -> io::Result<()> {
         self.indent()?;
         match &property.content {
             Content::Relationship(targets) => {
@@ -197,7 +196,7 @@ impl<W: Write> Text<W> {
         }
     }
 
-    fn value(&mut self, value: &Value) -> io::Result<()> {
+    fn value(&mut self, value: &'l Value<'l>) -> io::Result<()> {
         match value {
             Value::Bool(b) => write!(self.out, "{}", u8::from(*b)),
             Value::Int(i) => write!(self.out, "{i}"),
@@ -208,9 +207,9 @@ impl<W: Write> Text<W> {
             Value::Float3(v) => self.tuple(v),
             Value::Float4(v) => self.tuple(v),
             Value::Double3([x, y, z]) => write!(self.out, "({x}, {y}, {z})"),
-            Value::Ints(items) => self.array(items, int),
+            Value::Ints(items) => self.array(items, |out, v| integer(out, *v)),
             Value::Repeated(item, count) => self.repeated(*item, *count),
-            Value::Int64s(items) => self.array(items, int),
+            Value::Int64s(items) => self.array(items, |out, v| integer(out, *v)),
             Value::Floats(items) => self.array(items, |out, v| shortest(out, *v)),
             Value::Float2s(items) => self.array(items, |out, v| tuple(out, &v.to_array())),
             Value::Float3s(items) => self.array(items, |out, v| tuple(out, &v.to_array())),
@@ -237,6 +236,8 @@ impl<W: Write> Text<W> {
     }
 
     fn repeated(&mut self, item: i32, count: usize) -> io::Result<()> {
+        /// Written at a time.
+        const BLOCK: usize = 1 << 14;
         let next = format!(", {item}");
         let block = next.repeat(count.saturating_sub(1).min(BLOCK));
         write!(self.out, "[")?;
@@ -254,25 +255,16 @@ impl<W: Write> Text<W> {
 
     fn array<T: Sync>(
         &mut self,
-        items: &[T],
-        write: impl Fn(&mut Vec<u8>, &T) + Sync,
+        items: &'l [T],
+        write: impl Fn(&mut Vec<u8>, &T) + Copy + Send + Sync + 'l,
     ) -> io::Result<()> {
         self.out.write_all(b"[")?;
-        let mut is_first = true;
-        for window in items.chunks(BLOCK * BLOCKS) {
-            let block = |items: &[T]| {
-                let mut out = Vec::with_capacity(items.len() * 16);
-                join(&mut out, items, &write);
-                out
-            };
-            let blocks: Vec<Vec<u8>> = window.par_chunks(BLOCK).map(block).collect();
-            for block in blocks {
-                if !is_first {
-                    self.out.write_all(b", ")?;
-                }
-                is_first = false;
-                self.out.write_all(&block)?;
-            }
+        if let Some((first, rest)) = items.split_first() {
+            self.bytes_of(|out| write(out, first))?;
+            self.out.rows(rest, move |out, item| {
+                out.extend_from_slice(b", ");
+                write(out, item);
+            })?;
         }
         self.out.write_all(b"]")
     }
@@ -308,25 +300,15 @@ pub(super) fn unorm4(bytes: &[u8; 4]) -> [f32; 4] {
     bytes.map(|v| f32::from(v) / 255.0)
 }
 
-fn int<T: std::fmt::Display>(out: &mut Vec<u8>, value: &T) {
-    // A Vec takes every write.
-    let _ = write!(out, "{value}");
-}
-
 /// `(a, b, …)`.
 fn tuple(out: &mut Vec<u8>, values: &[f32]) {
-    out.push(b'(');
-    join(out, values, &|out: &mut Vec<u8>, v: &f32| shortest(out, *v));
-    out.push(b')');
-}
-
-fn join<T>(out: &mut Vec<u8>, items: &[T], write: &impl Fn(&mut Vec<u8>, &T)) {
-    for (at, item) in items.iter().enumerate() {
-        if at > 0 {
-            out.extend(b", ");
-        }
-        write(out, item);
+    let mut before: &[u8] = b"(";
+    for &value in values {
+        out.extend_from_slice(before);
+        shortest(out, value);
+        before = b", ";
     }
+    out.push(b')');
 }
 
 /// A string literal.
@@ -354,9 +336,9 @@ mod tests {
     use super::*;
 
     fn text_of(prim: Prim) -> String {
-        let mut out = Vec::new();
+        let mut out = io::Cursor::new(Vec::new());
         write(&Layer { metadata: Vec::new(), prims: vec![prim] }, &mut out).unwrap();
-        String::from_utf8(out).unwrap()
+        String::from_utf8(out.into_inner()).unwrap()
     }
 
     #[test]
@@ -402,7 +384,7 @@ def Mesh "a" (
 
     #[test]
     fn arrays_longer_than_a_block_are_joined_without_a_seam() {
-        let count = BLOCK * BLOCKS + BLOCK + 5;
+        let count = 300_005;
         let items: Vec<i32> = (0..count as i32).collect();
         let plain: Vec<String> = items.iter().map(i32::to_string).collect();
         let prim = Prim::def("", "a").attribute("int[]", "n", Value::Ints(items.into())).attribute(

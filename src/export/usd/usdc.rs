@@ -10,6 +10,8 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::io::{self, Write};
 
+use rayon::prelude::*;
+
 use super::coding;
 use super::layer::{Arc, Content, Field, Layer, Prim, Property, Specifier, Value};
 use super::usda::unorm4;
@@ -87,11 +89,62 @@ impl Rep {
     }
 }
 
-/// Writes all of the file but its first [`HEAD`] bytes, and gives these.
-pub(super) fn write<W: Write>(layer: &Layer, out: W) -> io::Result<Vec<u8>> {
+/// Writes all of the file but its first [`HEAD`] bytes, and gives these. Long columns of integers
+/// are coded while those of other numbers, which come first, go to the disk.
+pub(super) fn write<W: Write + Send>(layer: &Layer, out: W) -> io::Result<Vec<u8>> {
     let mut file = Crate::new(out);
+    let mut long = Vec::new();
+    layer.prims.iter().for_each(|prim| long_columns(prim, &mut long));
+    let (integers, others): (Vec<&Value>, Vec<&Value>) = long.into_iter().partition(|value| {
+        matches!(value, Value::Ints(_) | Value::Repeated(..) | Value::Int64s(_))
+    });
+    let (coded, written) = rayon::join(
+        || integers.par_iter().map(|v| Some((place(v), integer_bytes(v)?))).flatten().collect(),
+        || others.into_iter().try_for_each(|value| file.value(value).map(drop)),
+    );
+    written?;
+    file.coded = coded;
     file.root(layer)?;
     file.finish()
+}
+
+/// Those below a prim that are worth a thread.
+fn long_columns<'l>(prim: &'l Prim<'l>, out: &mut Vec<&'l Value<'l>>) {
+    const LONG: usize = 1 << 14;
+    for property in &prim.properties {
+        let Content::Attribute { value: Some(value), source: None, .. } = &property.content else {
+            continue;
+        };
+        let length = match value {
+            Value::Ints(items) => items.len(),
+            Value::Repeated(_, count) => *count,
+            Value::Int64s(items) => items.len(),
+            Value::Floats(items) => items.len(),
+            Value::Float2s(items) => items.len(),
+            Value::Float3s(items) => items.len(),
+            Value::Unorm4s(items) => items.len(),
+            _ => 0,
+        };
+        if length >= LONG {
+            out.push(value);
+        }
+    }
+    let variants = prim.variant_sets.iter().flat_map(|set| &set.variants);
+    prim.children.iter().chain(variants).for_each(|prim| long_columns(prim, out));
+}
+
+/// Tells a value of a layer from all others.
+fn place(value: &Value) -> usize {
+    std::ptr::from_ref(value).addr()
+}
+
+fn integer_bytes(value: &Value) -> Option<Vec<u8>> {
+    match value {
+        Value::Ints(items) => Some(coding::ints(items)),
+        Value::Repeated(item, count) => Some(coding::repeated(*item, *count)),
+        Value::Int64s(items) => Some(coding::long_ints(items)),
+        _ => None,
+    }
 }
 
 struct Crate<'l, W> {
@@ -109,6 +162,8 @@ struct Crate<'l, W> {
     specs: Vec<[u32; 3]>,
     small: HashMap<(Kind, Vec<u8>), Rep>,
     arrays: HashMap<(Kind, u64), Vec<(&'l Value<'l>, Rep)>>,
+    /// By [`place`].
+    coded: HashMap<usize, Vec<u8>>,
 }
 
 impl<'l, W: Write> Crate<'l, W> {
@@ -128,6 +183,7 @@ impl<'l, W: Write> Crate<'l, W> {
             specs: Vec::new(),
             small: HashMap::new(),
             arrays: HashMap::new(),
+            coded: HashMap::new(),
         }
     }
 
@@ -443,7 +499,8 @@ impl<'l, W: Write> Crate<'l, W> {
         }
         let key = (kind, sample(value));
         if let Some(known) = self.arrays.get(&key)
-            && let Some((_, rep)) = known.iter().find(|(other, _)| *other == value)
+            && let Some((_, rep)) =
+                known.iter().find(|(other, _)| std::ptr::eq(*other, value) || *other == value)
         {
             return Ok(*rep);
         }
@@ -456,12 +513,10 @@ impl<'l, W: Write> Crate<'l, W> {
         self.align()?;
         let rep = Rep::array(kind, self.at);
         self.bytes(&(count as u64).to_le_bytes())?;
-        let integers = match value {
+        let integers = match self.coded.remove(&place(value)) {
             _ if count < COMPRESSED_FROM => None,
-            Value::Ints(items) => Some(coding::ints(items)),
-            Value::Repeated(item, count) => Some(coding::repeated(*item, *count)),
-            Value::Int64s(items) => Some(coding::long_ints(items)),
-            _ => None,
+            None => integer_bytes(value),
+            coded => coded,
         };
         if let Some(integers) = integers {
             self.bytes(&(integers.len() as u64).to_le_bytes())?;
@@ -500,9 +555,11 @@ impl<'l, W: Write> Crate<'l, W> {
         items: &[T],
         convert: impl Fn(&T) -> [[u8; B]; 4],
     ) -> io::Result<()> {
+        let mut numbers: Vec<[[u8; B]; 4]> = Vec::new();
         for block in items.chunks(BLOCK / (4 * B)) {
-            let bytes: Vec<u8> = block.iter().flat_map(&convert).flatten().collect();
-            self.bytes(&bytes)?;
+            numbers.clear();
+            numbers.extend(block.iter().map(&convert));
+            self.bytes(numbers.as_flattened().as_flattened())?;
         }
         Ok(())
     }

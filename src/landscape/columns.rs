@@ -1,0 +1,512 @@
+//! A classified scan to columns of voxels (TD17: a voxel's value is its point count; T15: voxels of
+//! at least tr points are vegetation), with the terrain under them and the colours of both.
+//!
+//! A voxel of tr points is full; tr is a quarter of the median count of occupied voxels, so that in
+//! dense scans single stray points make no surface. An empty voxel between two full ones beside it
+//! is half full: a scan shows a crown by samples, with gaps that are none in the crown. Colours
+//! come from the photo, from the points, or from class, height and brightness of the returns, in
+//! this order. Known limits: a column has one colour for its vegetation and one for its ground.
+
+use std::ops::Range;
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::build::{Detail, MOST_VOXELS, Source, Voxel};
+use crate::diagnostic::{Error, Result};
+use crate::ground::{Classified, Kind};
+use crate::raster::{Grid, GridGeometry, inpaint};
+use crate::terrain::Terrain;
+
+/// A scan as columns, in memory.
+#[derive(Debug)]
+pub struct Columns {
+    voxels: [u32; 3],
+    /// The centre of the first voxel, local metres.
+    pub first_m: Vec3,
+    /// Where the voxels of each column begin, and their end.
+    start: Vec<u32>,
+    column: Vec<Voxel>,
+    /// Heights by column, in voxels.
+    height: Vec<f32>,
+    paint: Paint,
+}
+
+/// Colours of ground and vegetation at every `stride`-th column.
+#[derive(Debug)]
+struct Paint {
+    stride: u32,
+    cols: usize,
+    colours: Vec<[[u8; 3]; 2]>,
+}
+
+/// What a photo shows at a place: 0…255, or nothing.
+pub type Seen<'a> = &'a (dyn Fn(Vec2) -> Option<[f32; 3]> + Sync);
+
+/// Where colours came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PaintedFrom {
+    Photo,
+    Points,
+    Heights,
+}
+
+impl PaintedFrom {
+    pub fn text(self) -> &'static str {
+        match self {
+            PaintedFrom::Photo => "the photo",
+            PaintedFrom::Points => "the points",
+            PaintedFrom::Heights => "class, height and intensity",
+        }
+    }
+}
+
+impl Columns {
+    /// Voxels of edge `voxel_m` over a scan and its terrain.
+    ///
+    /// # Errors
+    /// Voxels too small or too large for the extent; no points.
+    pub fn of_scan(
+        classified: &Classified,
+        terrain: &Terrain,
+        photo: Option<Seen<'_>>,
+        voxel_m: f32,
+        detail: &Detail,
+    ) -> Result<(Columns, PaintedFrom)> {
+        let points = &classified.cloud.position;
+        let plane = |p: &Vec3| p.truncate();
+        let fold = |(low, high): (Vec2, Vec2), p: Vec2| (low.min(p), high.max(p));
+        let nothing = || (Vec2::INFINITY, Vec2::NEG_INFINITY);
+        let (low, high) = (points.par_iter().map(plane))
+            .fold(nothing, fold)
+            .reduce(nothing, |a, b| (a.0.min(b.0), a.1.max(b.1)));
+        if !(low.is_finite() && high.is_finite()) {
+            return Err(Error::new("no points to make voxels of"));
+        }
+        // Whole bricks and patches, so that equal parts of scans fall on equal voxels.
+        let tile = detail.height_stride.max(detail.colour_stride);
+        let across = |extent: f32| (f64::from(extent) / f64::from(voxel_m)).ceil() + 2.0;
+        let size = [across(high.x - low.x), across(high.y - low.y)];
+        let first = low - Vec2::splat(0.5 * voxel_m);
+        let too_many = |sides: String| {
+            Error::new(format!("voxels of {voxel_m} m make {sides} of them")).remedy(
+                "at most 1,048,576 fit along x and y and 16,384 along z: give a larger --voxel",
+            )
+        };
+        if size.iter().any(|side| *side > f64::from(MOST_VOXELS[0] - tile))
+            || size[0] * size[1] > MOST_COLUMNS
+        {
+            return Err(too_many(format!("{} × {}", size[0], size[1])));
+        }
+        let [cols, rows] = size.map(|side| (side as u32).next_multiple_of(tile) + 1);
+        let place = |x: u32, y: u32| first + Vec2::new(x as f32, y as f32) * voxel_m;
+        let heights: Vec<f32> = (0..rows)
+            .into_par_iter()
+            .flat_map_iter(|y| (0..cols).map(move |x| place(x, y)))
+            .map(|p| terrain.heights.bilinear(f64::from(p.x), f64::from(p.y)))
+            .collect();
+        let is_above = |i: usize| classified.kind[i] != Kind::Ground;
+        let range = |values: &mut dyn Iterator<Item = f32>| {
+            values.fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), z| (a.min(z), b.max(z)))
+        };
+        let (floor, crest) = range(&mut heights.iter().copied());
+        let (_, top) = range(&mut (0..points.len()).filter(|i| is_above(*i)).map(|i| points[i].z));
+        let base = floor - voxel_m;
+        let tall = (f64::from(crest.max(top) - base) / f64::from(voxel_m)).ceil() + 3.0;
+        if !tall.is_finite() || tall >= f64::from(MOST_VOXELS[2]) {
+            return Err(too_many(format!("{tall} layers")));
+        }
+        let first_m = Vec3::new(first.x, first.y, base);
+        let height: Vec<f32> = heights.into_par_iter().map(|h| (h - base) / voxel_m).collect();
+
+        // Points as sorted keys: column, then layer.
+        let layers = (tall as u32).next_multiple_of(4);
+        let at = |p: Vec3| ((p - first_m) / voxel_m + 0.5).max(Vec3::ZERO);
+        let key = |i: usize| {
+            let q = at(points[i]);
+            let (x, y) = ((q.x as u32).min(cols - 1), (q.y as u32).min(rows - 1));
+            let column = y as usize * cols as usize + x as usize;
+            // What is in the ground can't be seen.
+            let is_seen = is_above(i) && q.z - 0.5 > height[column] + 0.25;
+            is_seen.then_some((column as u64) << 16 | u64::from((q.z as u32).min(layers - 1)))
+        };
+        let mut keys: Vec<u64> = (0..points.len()).into_par_iter().filter_map(key).collect();
+        keys.par_sort_unstable();
+        let counts: Vec<u32> = keys.chunk_by(|a, b| a == b).map(|same| same.len() as u32).collect();
+        keys.dedup();
+        let threshold = {
+            let mut sorted = counts.clone();
+            let middle = sorted.len() / 2;
+            let median = if sorted.is_empty() { 1 } else { *sorted.select_nth_unstable(middle).1 };
+            (median / 4).max(1)
+        };
+        let filled = filled(&keys, &counts, threshold, [cols, rows, layers]);
+        let full = (1u32 << detail.density_bits) - 1;
+        let half = 1u32 << (detail.density_bits - 1);
+        let own = |(key, count): (&u64, &u32)| {
+            let density = if *count >= threshold { full } else { count * half / threshold };
+            (*key, density)
+        };
+        let mut voxels: Vec<(u64, u32)> = keys.iter().zip(&counts).map(own).collect();
+        drop((keys, counts));
+        voxels.extend(filled.into_iter().map(|key| (key, half)));
+        voxels.par_sort_unstable();
+        // Of a voxel that is filled beside its own few points the greater density counts.
+        voxels.dedup_by(|next, kept| {
+            let is_same = next.0 == kept.0;
+            kept.1 = if is_same { kept.1.max(next.1) } else { kept.1 };
+            is_same
+        });
+        voxels.retain(|(_, density)| *density > 0);
+        let mut start = vec![0u32; cols as usize * rows as usize + 1];
+        for (key, _) in &voxels {
+            start[(key >> 16) as usize + 1] += 1;
+        }
+        for i in 1..start.len() {
+            start[i] += start[i - 1];
+        }
+        let column =
+            voxels.iter().map(|(key, d)| Voxel { z: *key as u16, density: *d as u8 }).collect();
+        let mut columns = Columns {
+            voxels: [cols, rows, layers],
+            first_m,
+            start,
+            column,
+            height,
+            paint: Paint { stride: detail.colour_stride, cols: 0, colours: Vec::new() },
+        };
+        let from = columns.paint(classified, terrain, photo, voxel_m);
+        Ok((columns, from))
+    }
+
+    /// Voxels with vegetation.
+    pub fn len(&self) -> usize {
+        self.column.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.column.is_empty()
+    }
+
+    fn range(&self, x: u32, y: u32) -> Range<usize> {
+        let i = y as usize * self.voxels[0] as usize + x as usize;
+        self.start[i] as usize..self.start[i + 1] as usize
+    }
+
+    /// The terrain under a column, in voxels.
+    pub fn ground(&self, x: u32, y: u32) -> f32 {
+        self.height[y as usize * self.voxels[0] as usize + x as usize]
+    }
+
+    fn paint(
+        &mut self,
+        classified: &Classified,
+        terrain: &Terrain,
+        photo: Option<Seen<'_>>,
+        voxel_m: f32,
+    ) -> PaintedFrom {
+        let stride = self.paint.stride;
+        let cell = f64::from(stride) * f64::from(voxel_m);
+        let (cols, rows) = (
+            (self.voxels[0].div_ceil(stride)) as usize + 1,
+            (self.voxels[1].div_ceil(stride)) as usize + 1,
+        );
+        // Cell centres are where samples are; row 0 is the southernmost here.
+        let west = f64::from(self.first_m.x) - 0.5 * cell;
+        let south = f64::from(self.first_m.y) - 0.5 * cell;
+        let geometry = GridGeometry {
+            west,
+            north: south + rows as f64 * cell,
+            cell_x: cell,
+            cell_y: cell,
+            cols,
+            rows,
+        };
+        let cell_of = |p: Vec3| {
+            let i = ((f64::from(p.x) - west) / cell).max(0.0) as usize;
+            let j = ((f64::from(p.y) - south) / cell).max(0.0) as usize;
+            j.min(rows - 1) * cols + i.min(cols - 1)
+        };
+        // What each cell shows: height of the highest point, sums of colour and intensity.
+        let cloud = &classified.cloud;
+        let mut seen = vec![Cell::default(); cols * rows];
+        for (i, p) in cloud.position.iter().enumerate() {
+            let cell = &mut seen[cell_of(*p)];
+            let over = p.z - terrain.heights.bilinear(f64::from(p.x), f64::from(p.y));
+            let of = usize::from(classified.kind[i] != Kind::Ground && over > LEAST_HEIGHT_M);
+            cell.count[of] += 1.0;
+            cell.intensity[of] += f32::from(cloud.intensity[i]);
+            if let Some(rgb) = &cloud.rgb {
+                cell.colour[of] += Vec3::from(rgb[i].map(f32::from));
+            }
+            if of == 0 {
+                cell.low = cell.low.max(cloud.class[i]);
+            } else if over > cell.height {
+                (cell.height, cell.class) = (over, cloud.class[i]);
+            }
+        }
+        let from = if photo.is_some() {
+            PaintedFrom::Photo
+        } else if has_colour(&cloud.rgb) {
+            PaintedFrom::Points
+        } else {
+            PaintedFrom::Heights
+        };
+        let place = |i: usize| {
+            Vec2::new(
+                self.first_m.x + ((i % cols) as f64 * cell) as f32,
+                self.first_m.y + ((i / cols) as f64 * cell) as f32,
+            )
+        };
+        // Eight or sixteen bits, as the file has them.
+        let most = cloud.rgb.iter().flatten().flatten().copied().max().unwrap_or(0);
+        let scale = if most > 255 { 255.0 / 65535.0 } else { 1.0 };
+        let bright = Brightness::of(&seen);
+        let clear = Clear::of((0..cols * rows).step_by(7).filter_map(|i| match (from, photo) {
+            (PaintedFrom::Photo, Some(photo)) => photo(place(i)).map(Vec3::from),
+            (PaintedFrom::Points, _) => seen[i].mean().map(|c| c * scale),
+            _ => None,
+        }));
+        let known = |i: usize, of: usize| -> Option<Vec3> {
+            let cell = &seen[i];
+            match (from, photo) {
+                (PaintedFrom::Photo, Some(photo)) => {
+                    let is_high = cell.height > LEAST_HEIGHT_M;
+                    (is_high == (of == 1)).then(|| photo(place(i)))?.map(|c| clear.seen(c.into()))
+                }
+                (PaintedFrom::Points, _) => {
+                    let mean = || cell.colour[of] * (scale / cell.count[of]);
+                    (cell.count[of] > 0.0).then(|| clear.seen(mean()))
+                }
+                _ => (cell.count[of] > 0.0).then(|| {
+                    let tint = if of == 0 { soil(cell.low) } else { tint(cell.class, cell.height) };
+                    tint * bright.of_cell(cell, of)
+                }),
+            }
+        };
+        let mut colours = vec![[[0u8; 3]; 2]; cols * rows];
+        for of in 0..2 {
+            let values: Vec<Option<Vec3>> =
+                (0..cols * rows).into_par_iter().map(|i| known(i, of)).collect();
+            let is_known: Vec<bool> = values.iter().map(Option::is_some).collect();
+            if !is_known.contains(&true) {
+                let plain = if of == 0 { SOIL } else { tint(5, 10.0) };
+                colours.iter_mut().for_each(|c| c[of] = plain.to_array().map(|v| v as u8));
+                continue;
+            }
+            let channels: Vec<Grid<f32>> = (0..3)
+                .into_par_iter()
+                .map(|channel| {
+                    let data = values.iter().map(|v| v.map_or(0.0, |v| v[channel])).collect();
+                    let mut grid = Grid { geometry, data };
+                    inpaint::fill(&mut grid, &is_known);
+                    grid
+                })
+                .collect();
+            for (i, colour) in colours.iter_mut().enumerate() {
+                colour[of] = [0, 1, 2].map(|c: usize| channels[c].data[i].clamp(0.0, 255.0) as u8);
+            }
+        }
+        self.paint = Paint { stride, cols, colours };
+        from
+    }
+}
+
+/// Columns that are made of one scan, at most: they take 33 bytes each while they are.
+const MOST_COLUMNS: f64 = 5e7;
+/// A point lower than this over the terrain colours the ground.
+const LEAST_HEIGHT_M: f32 = 1.0;
+const SOIL: Vec3 = Vec3::new(126.0, 116.0, 88.0);
+
+fn has_colour(rgb: &Option<Vec<[u16; 3]>>) -> bool {
+    rgb.iter().flatten().any(|c| *c != [0; 3])
+}
+
+/// Colour by class (ASPRS), or by height above the terrain.
+fn tint(class: u8, height_m: f32) -> Vec3 {
+    match class {
+        6 => Vec3::new(150.0, 120.0, 108.0),
+        9 => Vec3::new(70.0, 100.0, 120.0),
+        13..=16 => Vec3::new(120.0, 120.0, 125.0),
+        _ => {
+            let low = Vec3::new(116.0, 126.0, 72.0);
+            let middle = Vec3::new(80.0, 108.0, 54.0);
+            let high = Vec3::new(48.0, 84.0, 48.0);
+            let t = (height_m / 30.0).clamp(0.0, 1.0) * 2.0;
+            if t < 1.0 { low.lerp(middle, t) } else { middle.lerp(high, t - 1.0) }
+        }
+    }
+}
+
+/// Colour of the ground by the class of its points (ASPRS).
+fn soil(class: u8) -> Vec3 {
+    match class {
+        9 => Vec3::new(62.0, 92.0, 108.0),
+        11 => Vec3::new(128.0, 126.0, 122.0),
+        _ => SOIL,
+    }
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Cell {
+    /// Of the ground and of what is above it.
+    count: [f32; 2],
+    intensity: [f32; 2],
+    colour: [Vec3; 2],
+    /// Above the terrain, of the highest point, and its class.
+    height: f32,
+    class: u8,
+    /// The greatest class of the points at the ground.
+    low: u8,
+}
+
+impl Cell {
+    fn mean(&self) -> Option<Vec3> {
+        let count = self.count[0] + self.count[1];
+        (count > 0.0).then(|| (self.colour[0] + self.colour[1]) / count)
+    }
+}
+
+/// Takes off colours what even the darkest places show of the air's own light: the blue of the
+/// darkest tells how much, and a scattering by the square of the wavelength what that is in green and
+/// red (Chavez 1988). Then brings the median to what leaves and soil reflect.
+struct Clear {
+    dark: Vec3,
+    gain: f32,
+}
+
+/// Share of the air's blue light that it has in red, green and blue: (0.45 µm / λ)².
+const SCATTERED: Vec3 = Vec3::new(0.48, 0.67, 1.0);
+/// sRGB of the median after that, and of the brightest hundredth at most.
+const MEDIAN: f32 = 98.0;
+const BRIGHTEST: f32 = 170.0;
+
+impl Clear {
+    fn of(colours: impl Iterator<Item = Vec3>) -> Clear {
+        let colours: Vec<Vec3> = colours.collect();
+        let quantile = |values: &mut dyn Iterator<Item = f32>, share: f32| {
+            let mut values: Vec<f32> = values.collect();
+            values.sort_unstable_by(f32::total_cmp);
+            values.get((values.len() as f32 * share) as usize).copied().unwrap_or(0.0)
+        };
+        let least = [0, 1, 2].map(|c: usize| quantile(&mut colours.iter().map(|v| v[c]), 0.01));
+        // Deep shade is not black.
+        let least = (Vec3::from(least) - 8.0).max(Vec3::ZERO);
+        let dark = (SCATTERED * least.z).min(least);
+        let clear = || colours.iter().map(|v| (*v - dark).max(Vec3::ZERO));
+        let grey = |v: Vec3| v.dot(Vec3::new(0.299, 0.587, 0.114));
+        let median = quantile(&mut clear().map(grey), 0.5);
+        let bright = quantile(&mut clear().map(|v| v.max_element()), 0.99);
+        let gain = (MEDIAN / median.max(1.0)).min(BRIGHTEST / bright.max(1.0));
+        Clear { dark, gain: gain.clamp(0.3, 3.0) }
+    }
+
+    fn seen(&self, colour: Vec3) -> Vec3 {
+        ((colour - self.dark).max(Vec3::ZERO) * self.gain).min(Vec3::splat(255.0))
+    }
+}
+
+/// The middle and the spread of intensities, of the ground and of what is above it.
+struct Brightness([(f32, f32); 2]);
+
+impl Brightness {
+    fn of(cells: &[Cell]) -> Brightness {
+        Brightness([0, 1].map(|of| {
+            let means =
+                cells.iter().filter(|c| c.count[of] > 0.0).map(|c| c.intensity[of] / c.count[of]);
+            let mut means: Vec<f32> = means.collect();
+            means.sort_unstable_by(f32::total_cmp);
+            let at = |share: usize| means.get(means.len() * share / 100).copied().unwrap_or(0.0);
+            (at(50), (at(90) - at(10)).max(1e-6))
+        }))
+    }
+
+    fn of_cell(&self, cell: &Cell, of: usize) -> f32 {
+        let (middle, spread) = self.0[of];
+        1.0 + 0.4 * ((cell.intensity[of] / cell.count[of] - middle) / spread).clamp(-1.0, 1.0)
+    }
+}
+
+/// Voxels that are not vegetation themselves between two on their sides that are; sorted.
+fn filled(
+    keys: &[u64],
+    counts: &[u32],
+    threshold: u32,
+    [cols, rows, layers]: [u32; 3],
+) -> Vec<u64> {
+    let is_full = |(_, count): &(&u64, &u32)| **count >= threshold;
+    let full: Vec<u64> = keys.iter().zip(counts).filter(is_full).map(|(key, _)| *key).collect();
+    let beside = |key: &u64| {
+        let (column, z) = (key >> 16, (key & 0xffff) as u32);
+        let (x, y) = ((column % u64::from(cols)) as u32, (column / u64::from(cols)) as u32);
+        let east = u64::from(cols) << 16;
+        [
+            (x > 0).then(|| key - (1 << 16)),
+            (x + 1 < cols).then(|| key + (1 << 16)),
+            (y > 0).then(|| key - east),
+            (y + 1 < rows).then(|| key + east),
+            (z > 0).then(|| key - 1),
+            (z + 1 < layers).then(|| key + 1),
+        ]
+    };
+    let mut near: Vec<u64> =
+        full.par_iter().flat_map_iter(|key| beside(key).into_iter().flatten()).collect();
+    near.par_sort_unstable();
+    let pairs = near.chunk_by(|a, b| a == b).filter(|same| same.len() > 1).map(|same| same[0]);
+    pairs.filter(|key| full.binary_search(key).is_err()).collect()
+}
+
+impl Source for Columns {
+    fn voxels(&self) -> [u32; 3] {
+        self.voxels
+    }
+
+    fn column(&self, x: u32, y: u32) -> &[Voxel] {
+        &self.column[self.range(x, y)]
+    }
+
+    fn height(&self, x: u32, y: u32) -> Option<f32> {
+        Some(self.ground(x, y))
+    }
+
+    fn colours(&self, x: u32, y: u32) -> [[u8; 3]; 2] {
+        let stride = self.paint.stride;
+        let at = (y / stride) as usize * self.paint.cols + (x / stride) as usize;
+        self.paint.colours.get(at).copied().unwrap_or([[127; 3]; 2])
+    }
+}
+
+/// A source laid side by side with its mirror images over a larger square, without seams.
+#[derive(Debug)]
+pub struct Mirrored<'a, S> {
+    pub tile: &'a S,
+    /// Voxels of the tile that are laid along x and y.
+    pub side: u32,
+    /// Voxels along x, y and z of the whole.
+    pub whole: [u32; 3],
+}
+
+impl<S: Source> Mirrored<'_, S> {
+    fn fold(&self, i: u32) -> u32 {
+        let at = i % (2 * self.side);
+        if at < self.side { at } else { 2 * self.side - 1 - at }
+    }
+}
+
+impl<S: Source> Source for Mirrored<'_, S> {
+    fn voxels(&self) -> [u32; 3] {
+        self.whole
+    }
+
+    fn column(&self, x: u32, y: u32) -> &[Voxel] {
+        self.tile.column(self.fold(x), self.fold(y))
+    }
+
+    fn height(&self, x: u32, y: u32) -> Option<f32> {
+        self.tile.height(self.fold(x), self.fold(y))
+    }
+
+    fn colours(&self, x: u32, y: u32) -> [[u8; 3]; 2] {
+        self.tile.colours(self.fold(x), self.fold(y))
+    }
+}

@@ -1,0 +1,93 @@
+//! From where a landscape is seen.
+
+use glam::{DVec2, DVec3, Vec3};
+
+use super::Landscape;
+use super::trace::Ray;
+use crate::render::Camera;
+
+/// A way to look at a whole landscape.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum View {
+    /// From the south, low over the horizon.
+    North,
+    /// From the south-east, as a bird.
+    Oblique,
+    /// From far above; north is up.
+    Top,
+}
+
+impl View {
+    pub const ALL: [(&'static str, View); 3] =
+        [("north", View::North), ("oblique", View::Oblique), ("top", View::Top)];
+}
+
+/// Vertical angle of view of [`View::Top`]: next to no perspective.
+const TOP_FOV_RAD: f32 = 0.02;
+
+impl Landscape {
+    /// A camera that shows all of it.
+    pub fn camera(&self, view: View, aspect: f32) -> Camera {
+        let [low, high] = self.bounds_m();
+        let corner = |i: u32| {
+            let pick = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
+            Vec3::new(pick(0), pick(1), pick(2))
+        };
+        let corners: Vec<Vec3> = (0..8).map(corner).collect();
+        match view {
+            View::North => Camera::framing(&corners, aspect, 180.0, 14.0, 0.5, 0.97),
+            View::Oblique => Camera::framing(&corners, aspect, 148.0, 36.0, 0.5, 0.97),
+            View::Top => {
+                let middle = (low + high) * 0.5;
+                let size = high - low;
+                let tall = size.y.max(size.x / aspect) * 1.04;
+                let away = 0.5 * tall / (0.5 * TOP_FOV_RAD).tan();
+                let eye = middle.with_z(high.z + away);
+                Camera { eye, target: middle, fov_y_rad: TOP_FOV_RAD }
+            }
+        }
+    }
+
+    /// A camera in voxels, for a picture of `width` × `height` pixels.
+    pub(super) fn lens(&self, camera: &Camera, [width, height]: [u32; 2]) -> Lens {
+        let (eye, target) = (self.to_voxels(camera.eye), self.to_voxels(camera.target));
+        let forward = (target - eye).normalize_or(DVec3::Y);
+        // Straight up or down, north is up.
+        let right = forward.cross(DVec3::Z);
+        let right = if right.length() > 1e-6 { right.normalize() } else { DVec3::X };
+        let pixel = 2.0 * (0.5 * f64::from(camera.fov_y_rad)).tan() / f64::from(height.max(1));
+        Lens {
+            eye,
+            forward,
+            right: right * pixel,
+            down: forward.cross(right) * pixel,
+            middle: DVec2::new(f64::from(width), f64::from(height)) * 0.5,
+            pixel,
+        }
+    }
+}
+
+/// A pinhole camera in voxels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Lens {
+    pub eye: DVec3,
+    /// Of unit length.
+    pub forward: DVec3,
+    /// A pixel to the right and a pixel down, on a plane at a distance of 1.
+    pub right: DVec3,
+    pub down: DVec3,
+    /// The picture's middle, in pixels from its upper left corner.
+    middle: DVec2,
+    /// Breadth of a pixel at a distance of 1.
+    pub pixel: f64,
+}
+
+impl Lens {
+    /// The ray through a place in the picture; its direction has a depth of 1. It is as broad as
+    /// `share` of a pixel.
+    pub fn ray(&self, at: DVec2, share: f64) -> Ray {
+        let off = at - self.middle;
+        let direction = self.forward + self.right * off.x + self.down * off.y;
+        Ray { origin: self.eye, direction, breadth: [0.0, (self.pixel * share) as f32] }
+    }
+}

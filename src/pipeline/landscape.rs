@@ -1,0 +1,157 @@
+//! A scan to its voxel landscape, and that to pictures.
+
+use std::path::Path;
+
+use super::survey::{self, SurveyJob, Whole};
+use super::view::{self, Eye};
+use crate::diagnostic::{Error, Result};
+use crate::frame::Frame;
+use crate::landscape::{self, Columns, Detail, Landscape, Layers, Rays, Shot};
+use crate::raster::Picture;
+use crate::render::Camera;
+use crate::report::{ErrorMeasure, Outcome, Recorder};
+
+/// What is kept of a scan where nothing else is asked for.
+pub const DETAIL: Detail = Detail { density_bits: 2, height_stride: 4, colour_stride: 2 };
+
+/// A scan in columns of voxels, and where it is.
+pub struct Voxelized {
+    pub columns: Columns,
+    pub frame: Frame,
+    pub voxel_m: f32,
+    /// As it was asked for, but heights and colours no closer than what they come from.
+    pub detail: Detail,
+}
+
+/// Scan to columns of voxels. Species and trees are not looked for.
+///
+/// # Errors
+/// Those of [`survey::terrain`]; an unreadable photo; voxels too small or too large.
+pub fn voxelize(job: &SurveyJob, detail: &Detail, run: &mut Recorder) -> Result<Voxelized> {
+    let raster = job.photo.as_deref().map(survey::photo_raster).transpose()?;
+    let scan = survey::read(job, run)?;
+    let frame = scan.cloud.frame.clone();
+    let photo = survey::place_photo(job, run, raster, &frame, scan.bounds)?;
+    let Whole { classified, density_per_m2, .. } = survey::classify(job, scan, run)?;
+    let terrain = survey::build_terrain(job, &classified, run)?;
+    let voxel_m = survey::voxel_m(job, density_per_m2);
+    let colour_m = photo.as_ref().map_or(density_per_m2.max(1e-3).sqrt().recip(), |p| p.pixel_m());
+    let within = |source_m: f32| {
+        let voxels = (source_m / voxel_m).clamp(1.0, 64.0) as u32;
+        1 << voxels.ilog2()
+    };
+    let detail = &Detail {
+        height_stride: within(terrain.heights.geometry.cell_x as f32).max(detail.height_stride),
+        colour_stride: within(colour_m).max(detail.colour_stride),
+        ..*detail
+    };
+    run.stage("voxels", |_| {
+        let sample = photo.as_ref().map(|photo| move |p| photo.sample(p));
+        let seen = sample.as_ref().map(|sample| sample as landscape::Seen<'_>);
+        let (columns, from) = Columns::of_scan(&classified, &terrain, seen, voxel_m, detail)
+            .map_err(|e| e.in_file(&job.scans[0]))?;
+        let outcome = Outcome::items(classified.cloud.len(), "points", columns.len(), "voxels")
+            .note(format!("colours from {}", from.text()));
+        Ok((Voxelized { columns, frame, voxel_m, detail: *detail }, outcome))
+    })
+}
+
+/// Scan to landscape.
+///
+/// # Errors
+/// Those of [`voxelize`].
+pub fn build(job: &SurveyJob, detail: &Detail, run: &mut Recorder) -> Result<Landscape> {
+    let Voxelized { columns, frame, voxel_m, detail } = voxelize(job, detail, run)?;
+    run.stage("landscape", |_| {
+        let (scene, tally) = Landscape::build(&columns, &detail, frame, columns.first_m, voxel_m)?;
+        let memory = scene.memory();
+        let off = landscape::surface_error(&scene, &columns);
+        let outcome = Outcome::items(tally.bricks as usize, "bricks", memory.total(), "bytes")
+            .error(ErrorMeasure::new("ground off its terrain, RMS", off.ground_rms_m, "m"))
+            .error(ErrorMeasure::new("ground off its terrain, worst", off.ground_worst_m, "m"))
+            .note(format!("{} of {voxel_m:.2} m", sides(scene.voxels())))
+            .note(format!(
+                "{:.2} MB: voxels {:.2}, heights {:.2}, colours {:.2}",
+                megabytes(memory.total()),
+                megabytes(memory.voxels),
+                megabytes(memory.heights),
+                megabytes(memory.colours)
+            ));
+        Ok((scene, outcome))
+    })
+}
+
+/// Reads a landscape that was saved.
+///
+/// # Errors
+/// A file that is none, or is broken.
+pub fn load(path: &Path, run: &mut Recorder) -> Result<Landscape> {
+    run.stage("landscape", |_| {
+        let scene = Landscape::read(path)?;
+        let voxels = scene.voxels().map(|side| side as usize).iter().product();
+        let outcome = Outcome::items(1, "files", voxels, "voxels")
+            .note(format!("{} of {:.2} m", sides(scene.voxels()), scene.voxel_m()))
+            .note(format!("{:.2} MB", megabytes(scene.memory().total())));
+        Ok((scene, outcome))
+    })
+}
+
+/// A camera in the scan's own coordinates, in those of the landscape.
+pub fn camera(scene: &Landscape, eye: &Eye) -> Camera {
+    view::camera(&scene.frame, eye)
+}
+
+/// Draws, showing each pass to `progress`.
+///
+/// # Errors
+/// Those of [`landscape::draw`].
+pub fn draw(
+    scene: &Landscape,
+    shot: &Shot,
+    run: &mut Recorder,
+    progress: impl FnMut(&Picture, u32) -> Result<bool>,
+) -> Result<Picture> {
+    run.stage("picture", |_| {
+        let started = std::time::Instant::now();
+        let (picture, Rays { primary }) = landscape::draw(scene, shot, progress)?;
+        let rate = primary as f64 / started.elapsed().as_secs_f64().max(1e-9) / 1e6;
+        let [width, height] = shot.size.map(|side| side as usize);
+        let outcome = Outcome::items(width * height, "pixels", primary as usize, "rays")
+            .note(format!("{rate:.2} million rays/s from the camera, with light"));
+        Ok((picture, outcome))
+    })
+}
+
+/// Depth, normals and classes of a picture's pixels.
+///
+/// # Errors
+/// Those of [`landscape::layers`].
+pub fn layers(scene: &Landscape, shot: &Shot, run: &mut Recorder) -> Result<Layers> {
+    run.stage("layers", |_| {
+        let layers = landscape::layers(scene, shot)?;
+        let seen = layers.class.iter().filter(|class| **class != 0).count();
+        Ok((layers, Outcome::items(seen, "pixels", 3, "layers")))
+    })
+}
+
+/// Whether the scans named are a saved landscape.
+///
+/// # Errors
+/// A saved landscape among scans.
+pub fn is_saved(scans: &[std::path::PathBuf]) -> Result<bool> {
+    match scans.iter().find(|path| Landscape::is_stored(path)) {
+        Some(_) if scans.len() == 1 => Ok(true),
+        Some(path) => Err(Error::new("a saved landscape beside other files")
+            .in_file(path)
+            .remedy("give one saved landscape, or scans only")),
+        None => Ok(false),
+    }
+}
+
+fn sides([x, y, z]: [u32; 3]) -> String {
+    format!("{x} × {y} × {z} voxels")
+}
+
+fn megabytes(bytes: usize) -> f64 {
+    bytes as f64 / 1e6
+}
