@@ -48,7 +48,8 @@ const GUTTER: usize = 8;
 pub(super) const FRAMES: u32 = 8;
 
 /// Bakes a model, whose extent is `bounds` (tree-local metres). `size_px`: texels
-/// along the longer side of a sheet, or along the side of an octahedral picture.
+/// along the longer side of a sheet and its gutters, or along the side of an octahedral picture;
+/// powers of two are best.
 ///
 /// # Errors
 /// Bounds that are not finite.
@@ -94,7 +95,8 @@ fn cross(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impos
     };
     let sheets = [upright(Vec3::Y, Vec3::X, span.x), upright(-Vec3::X, Vec3::Y, span.y)];
     let longest = sheets.iter().map(|s| s.size.max_element()).fold(0.0, f32::max);
-    let texel_m = longest / size_px as f32;
+    // With its gutters, the longer side of a sheet is that of the picture or less.
+    let texel_m = longest / size_px.saturating_sub(GUTTER).max(8) as f32;
     let views: Vec<Frame> = sheets
         .par_iter()
         .map(|s| {
@@ -102,10 +104,11 @@ fn cross(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impos
             Frame::take(of, s.centre, s.forward, texel_m, [w, h])
         })
         .collect::<Result<_>>()?;
-    // Side by side, at the bottom of the picture.
-    let width = views.iter().map(|v| v.size[0] + GUTTER).sum::<usize>().next_multiple_of(4);
+    // Side by side, at the bottom of a picture whose sides are powers of two, as graphics cards
+    // compress and shrink them best.
+    let width = views.iter().map(|v| v.size[0] + GUTTER).sum::<usize>().next_power_of_two();
     let height = views.iter().map(|v| v.size[1]).fold(0, usize::max) + GUTTER;
-    let height = height.next_multiple_of(4);
+    let height = height.next_power_of_two();
     let mut board = Board::new(width, height);
     let mut surface = Surface::default();
     let mut left = GUTTER / 2;
@@ -129,7 +132,7 @@ fn cross(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impos
 fn octahedral(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Result<Impostor> {
     let centre = 0.5 * (lo + hi);
     let radius_m = (0.5 * (hi - lo).length()).max(1e-3);
-    let side = ((size_px / FRAMES).max(8)) as usize;
+    let side = (size_px / FRAMES).max(8).next_power_of_two() as usize;
     let texel_m = 2.0 * radius_m / side as f32;
     let cells: Vec<(u32, u32)> =
         (0..FRAMES).flat_map(|row| (0..FRAMES).map(move |col| (col, row))).collect();

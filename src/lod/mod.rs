@@ -6,7 +6,7 @@ pub mod impostor;
 pub mod silhouette;
 
 pub use impostor::{Impostor, Kind};
-pub use silhouette::{Silhouettes, Views};
+pub use silhouette::{Silhouettes, Views, cover};
 
 #[cfg(test)]
 mod tests;

@@ -50,32 +50,12 @@ impl Silhouettes {
         bounds: (Vec3, Vec3),
         views: Views,
     ) -> Result<Silhouettes> {
-        let (lo, hi) = bounds;
-        let span = hi - lo;
-        let wide_m = span.truncate().length();
-        let sample_m = wide_m.max(span.z).max(1e-3) / SAMPLES as f32;
-        let samples = |m: f32| (m / sample_m).ceil() as usize + 2;
-        let level = [samples(wide_m), samples(span.z)];
-        let centre = 0.5 * (lo + hi);
-        let windows: Vec<Window> = (0..SIDES)
-            .map(|k| {
-                // Off the axes, along which cards and walls may lie.
-                let turn = (k as f32 + 0.37) / SIDES as f32 * std::f32::consts::TAU;
-                let (sin, cos) = turn.sin_cos();
-                Window { centre, forward: Vec3::new(cos, sin, 0.0), sample_m, size: level }
-            })
-            .chain((views == Views::All).then_some(Window {
-                centre,
-                forward: -Vec3::Z,
-                sample_m,
-                size: [samples(wide_m); 2],
-            }))
-            .collect();
+        let windows = windows(bounds, views, SIDES, SAMPLES);
         let masks = windows
             .par_iter()
             .map(|w| Ok(Mask::new(w.size[0], sitter.silhouette(model, w)?)))
             .collect::<Result<_>>()?;
-        Ok(Silhouettes { sample_m, masks })
+        Ok(Silhouettes { sample_m: windows.first().map_or(0.0, |w| w.sample_m), masks })
     }
 
     /// Both ways, over the views that both have; infinite where one of the two covers nothing and the
@@ -98,6 +78,42 @@ impl Silhouettes {
             rms_m: (sum / count.max(1) as f64).sqrt() as f32 * self.sample_m,
         }
     }
+}
+
+/// Windows on what is within bounds, from sides about Z and from above; so many samples along the
+/// longer side.
+fn windows((lo, hi): (Vec3, Vec3), views: Views, sides: usize, samples: usize) -> Vec<Window> {
+    let span = hi - lo;
+    let wide_m = span.truncate().length();
+    let sample_m = wide_m.max(span.z).max(1e-3) / samples as f32;
+    let samples = |m: f32| (m / sample_m).ceil() as usize + 2;
+    let level = [samples(wide_m), samples(span.z)];
+    let centre = 0.5 * (lo + hi);
+    let side = |k: usize| {
+        // Off the axes, along which cards and walls may lie.
+        let (sin, cos) = ((k as f32 + 0.37) / sides as f32 * std::f32::consts::TAU).sin_cos();
+        Window { centre, forward: Vec3::new(cos, sin, 0.0), sample_m, size: level }
+    };
+    let above = Window { centre, forward: -Vec3::Z, sample_m, size: [samples(wide_m); 2] };
+    (0..sides).map(side).chain((views == Views::All).then_some(above)).collect()
+}
+
+/// How many samples a model within `bounds` covers, seen from each of `sides` and, last, from
+/// above; give a sitter for covers ([`Sitter::covers`]), and the same bounds for what is compared.
+///
+/// # Errors
+/// Bounds that are not finite.
+pub fn cover(
+    sitter: &Sitter<'_>,
+    model: u32,
+    bounds: (Vec3, Vec3),
+    sides: usize,
+    samples: usize,
+) -> Result<Vec<usize>> {
+    windows(bounds, Views::All, sides, samples)
+        .par_iter()
+        .map(|w| Ok(sitter.silhouette(model, w)?.into_iter().filter(|c| *c).count()))
+        .collect()
 }
 
 impl Mask {

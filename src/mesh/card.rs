@@ -2,7 +2,7 @@
 //! the midrib or crossed with a second card, sagging towards its tip. A single leaf is the same,
 //! small, from a cell that shows one leaf.
 
-use glam::Vec3;
+use glam::{Quat, Vec3};
 
 use super::piece::{Piece, Room};
 use super::spot::Pose;
@@ -16,22 +16,29 @@ pub enum Shape {
     Folded { rows: usize },
     /// Two flat cards that share the midrib.
     Crossed { rows: usize },
+    /// Four corners.
+    Flat,
 }
 
 impl Shape {
     pub fn rows(self) -> usize {
         match self {
             Shape::Folded { rows } | Shape::Crossed { rows } => rows.max(2),
+            Shape::Flat => 2,
         }
     }
 
     pub fn room(self) -> Room {
         let rows = self.rows();
-        let vertices = match self {
-            Shape::Folded { .. } => 3 * rows,
-            Shape::Crossed { .. } => 4 * rows,
+        let (columns, sheets) = match self {
+            Shape::Folded { .. } => (3, 1),
+            Shape::Crossed { .. } => (2, 2),
+            Shape::Flat => (2, 1),
         };
-        Room { vertices, triangles: 4 * (rows - 1) }
+        Room {
+            vertices: columns * sheets * rows,
+            triangles: 2 * (columns - 1) * sheets * (rows - 1),
+        }
     }
 }
 
@@ -55,6 +62,13 @@ pub fn emit(
             let left = (across * -cos - facing * sin, facing * cos - across * sin);
             let right = (across * cos - facing * sin, facing * cos + across * sin);
             sheet(pose, cell, outline, &[left, right], Some(facing), out);
+        }
+        Shape::Flat => {
+            // One sheet for two halves lies as the one or the other does.
+            let turn = if pose.mirrored { fold_rad } else { -fold_rad };
+            let turn = Quat::from_axis_angle(pose.heading, turn);
+            let (facing, across) = (turn * facing, turn * across);
+            sheet(pose, cell, outline, &[(-across, facing), (across, facing)], None, out);
         }
         Shape::Crossed { .. } => {
             sheet(pose, cell, outline, &[(-across, facing), (across, facing)], None, out);

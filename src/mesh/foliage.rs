@@ -48,6 +48,8 @@ const MOST_SHELL: usize = 400;
 /// How far twigs may grow to make up for those left out: in general, and at the sparse level.
 const MOST_ENLARGED: f32 = 2.4;
 const MOST_ENLARGED_SPARSE: f32 = 6.0;
+/// … and whatever is asked for.
+const MOST_SCALE: f32 = 24.0;
 
 /// What one tree's foliage is made of.
 pub struct Order<'a> {
@@ -60,16 +62,25 @@ pub struct Order<'a> {
     pub detail: bool,
     /// Of the places for leaves, those that bear them.
     pub share: f32,
+    /// How much larger than in nature twigs are; as their number asks where `None`.
+    pub twig_scale: Option<f32>,
     /// Asked for as vertex colours; a shell has none.
     pub wind: Option<&'a Wind>,
     pub seed: Seed,
+}
+
+/// Foliage, and how much larger than in nature its twigs are (0 where there are none).
+#[derive(Debug, Default, PartialEq)]
+pub struct Foliage {
+    pub surface: Surface,
+    pub twig_scale: f32,
 }
 
 /// Foliage for a tree.
 ///
 /// # Errors
 /// A model of the user's that alone exceeds the budget.
-pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Surface> {
+pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let Order { species, atlas, level, seed, .. } = *order;
     let f = &species.foliage;
     let mut spots = if level == FoliageLevel::None {
@@ -78,7 +89,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Surface> {
         spots(skeleton, &skeleton.axes(), species)
     };
     if spots.is_empty() {
-        return Ok(Surface::default());
+        return Ok(Foliage::default());
     }
     // The crown is that of all spots, however few bear leaves; the same ones at any budget.
     let hull = Hull::around(&spots);
@@ -86,20 +97,25 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Surface> {
     if share < 1.0 {
         spots.retain(|s| seed.derive("borne", s.key).draws().unit() < share);
         if spots.is_empty() {
-            return Ok(Surface::default());
+            return Ok(Foliage::default());
         }
     }
     let budget = order.budget.unwrap_or(MOST_TRIANGLES).min(MOST_TRIANGLES);
     if level == FoliageLevel::Shell {
         let margin_m = 0.5 * f.twig_length_m.min(hull.half.max_element());
         let most = budget.min(MOST_SHELL);
-        return Ok(shell::shell(&spots, &hull, margin_m, atlas.fill(), most));
+        let surface = shell::shell(&spots, &hull, margin_m, atlas.fill(), most);
+        return Ok(Foliage { surface, twig_scale: 0.0 });
     }
     let is_sparse = level == FoliageLevel::Sparse;
     // Finer cards where there are triangles for all of them; else rather more cards.
     let fine = shape_of(f.shape, true);
     let is_fine = order.detail && !is_sparse && fine.room().triangles * spots.len() <= budget;
-    let shape = if is_fine { fine } else { shape_of(f.shape, false) };
+    let shape = match level {
+        FoliageLevel::Sparse => Shape::Flat,
+        _ if is_fine => fine,
+        _ => shape_of(f.shape, false),
+    };
     // A picture of the user's has no leaves to tell apart.
     let twig = (level == FoliageLevel::Geometry && species.own_picture.is_none())
         .then(|| Twig::new(f, atlas, spots.len(), budget));
@@ -120,10 +136,11 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Surface> {
     let most = budget / room.triangles.max(1);
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
     let all = spots.len();
-    let wanted = wanted(&hull, species, atlas, all.min(most), all, share);
     let limit = if is_sparse { MOST_ENLARGED_SPARSE } else { MOST_ENLARGED };
-    let enlarge = wanted.clamp(1.0, limit);
-    let kept = thinned(spots, &hull, most, enlarge);
+    let usual = wanted(&hull, species, atlas, all.min(most), all, share).clamp(1.0, limit);
+    let enlarge = order.twig_scale.map_or(usual, |scale| scale.clamp(0.05, MOST_SCALE));
+    // The same twigs at any scale.
+    let kept = thinned(spots, &hull, most, usual);
     let outlines: Vec<_> = atlas.cells().iter().map(|c| c.outline(shape.rows())).collect();
     let fold = stance(f.shape).fold;
     let mut surface = fill(kept.len(), room, |k, out| {
@@ -145,7 +162,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Surface> {
     if let Some(wind) = order.wind {
         surface.wind = swaying(wind, &kept, &surface, room.vertices);
     }
-    Ok(surface)
+    Ok(Foliage { surface, twig_scale: enlarge })
 }
 
 /// The wind of every vertex of twigs that take so many vertices each.

@@ -27,10 +27,11 @@ fn leaves(
         budget,
         detail: true,
         share: 1.0,
+        twig_scale: None,
         wind: None,
         seed: Seed::new(1),
     };
-    foliage(skeleton, &order).unwrap()
+    foliage(skeleton, &order).unwrap().surface
 }
 
 /// Least cosine between a corner's normal and the front of its triangle.
@@ -166,6 +167,7 @@ fn a_user_s_model_stands_where_twigs_stand() {
         budget: Some(0),
         detail: false,
         share: 1.0,
+        twig_scale: None,
         wind: None,
         seed: Seed::new(1),
     };

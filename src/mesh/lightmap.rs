@@ -146,6 +146,8 @@ pub fn lay_flat(surface: &mut Surface) {
 
 #[cfg(all(test, feature = "atlas"))]
 mod tests {
+    use std::collections::HashMap;
+
     use super::super::{MeshOptions, TreeMesh, build};
     use super::*;
     use crate::seed::Seed;
@@ -189,7 +191,16 @@ mod tests {
             let mut map = vec![u32::MAX; w * h];
             let (mut charts, mut twice, mut covered) = (0, 0, 0);
             for s in [&tree.wood, &tree.upper_wood, &tree.twig_wood, &tree.foliage] {
-                let mut root: Vec<u32> = (0..s.position.len() as u32).collect();
+                // What meets in one place of both tree and map is one chart: a bark's seam.
+                let mut known = HashMap::new();
+                let mut root: Vec<u32> = (0u32..)
+                    .zip(s.position.iter().zip(&s.lightmap_uv))
+                    .map(|(v, (p, m))| {
+                        let place =
+                            (p.to_array().map(f32::to_bits), m.to_array().map(f32::to_bits));
+                        *known.entry(place).or_insert(v)
+                    })
+                    .collect();
                 for t in s.index.chunks_exact(3) {
                     for k in 1..3 {
                         let (a, b) = (find(&mut root, t[0]), find(&mut root, t[k]));

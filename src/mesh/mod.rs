@@ -88,6 +88,8 @@ pub struct TreeMesh {
     /// Those of them that have no mesh: they never clear their parent's bark, or there was no room
     /// for their foot.
     pub unmeshed_axes: usize,
+    /// How much larger than in nature twigs are, to make up for those left out; 0 without any.
+    pub twig_scale: f32,
 }
 
 impl TreeMesh {
@@ -212,6 +214,8 @@ pub struct MeshOptions {
     pub wind: Option<WindProfile>,
     /// Share of the places for leaves that bear them, 0…1.
     pub leaf_share: f32,
+    /// How much larger than in nature twigs are; as their number asks where `None`.
+    pub twig_scale: Option<f32>,
     /// Buttresses at the ground, cards of more rows.
     pub detail: bool,
     pub junctions: Junctions,
@@ -235,6 +239,7 @@ impl MeshOptions {
         foliage: FoliageLevel::Cards,
         wind: None,
         leaf_share: 1.0,
+        twig_scale: None,
         detail: false,
         junctions: Junctions::Welded,
     };
@@ -245,6 +250,7 @@ impl MeshOptions {
         foliage: FoliageLevel::Cards,
         wind: None,
         leaf_share: 1.0,
+        twig_scale: None,
         detail: true,
         junctions: Junctions::Welded,
     };
@@ -252,6 +258,7 @@ impl MeshOptions {
 
 /// Share of a budget that the wood of a leafy tree may take.
 const WOOD_SHARE: f32 = 0.36;
+const WOOD_SHARE_SPARSE: f32 = 0.24;
 
 /// Meshes a skeleton. `atlas` says where the twigs lie in the species' leaf picture. Same
 /// arguments, same bytes.
@@ -279,6 +286,8 @@ pub fn build(
     let level = options.foliage;
     let wood_budget = options.triangle_budget.map(|b| match level {
         FoliageLevel::None => b,
+        // Little wood shows from afar.
+        FoliageLevel::Sparse => (b as f32 * WOOD_SHARE_SPARSE) as usize,
         _ => (b as f32 * WOOD_SHARE) as usize,
     });
     let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
@@ -288,21 +297,51 @@ pub fn build(
         return Err(Error::new(format!("a skeleton of {} nodes has no wood", skeleton.len()))
             .remedy("give the species a greater height"));
     }
-    let budget = options.triangle_budget.map(|b| b.saturating_sub(triangles));
-    let order = foliage::Order {
+    let order = order(species, atlas, options, triangles, wind.as_ref(), seed);
+    let foliage::Foliage { surface: foliage, twig_scale } = foliage::foliage(skeleton, &order)?;
+    let [wood, upper_wood, twig_wood] = made.surface;
+    let wood::Count { axes, without: unmeshed_axes } = made.count;
+    Ok(TreeMesh { wood, upper_wood, twig_wood, foliage, axes, unmeshed_axes, twig_scale })
+}
+
+/// The foliage alone of what [`build`] makes of the same arguments, beside a wood of so many
+/// triangles.
+///
+/// # Errors
+/// A model of the user's own that alone exceeds the budget.
+pub fn leaves(
+    skeleton: &Skeleton,
+    species: &Species,
+    atlas: &Atlas,
+    options: &MeshOptions,
+    wood_triangles: usize,
+    seed: Seed,
+) -> Result<Surface> {
+    let seed = seed.derive("mesh", 0);
+    let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
+    let order = order(species, atlas, options, wood_triangles, wind.as_ref(), seed);
+    Ok(foliage::foliage(skeleton, &order)?.surface)
+}
+
+fn order<'a>(
+    species: &'a Species,
+    atlas: &'a Atlas,
+    options: &MeshOptions,
+    wood_triangles: usize,
+    wind: Option<&'a Wind>,
+    seed: Seed,
+) -> foliage::Order<'a> {
+    foliage::Order {
         species,
         atlas,
-        level,
-        budget,
+        level: options.foliage,
+        budget: options.triangle_budget.map(|b| b.saturating_sub(wood_triangles)),
         detail: options.detail,
         share: options.leaf_share,
-        wind: wind.as_ref(),
+        twig_scale: options.twig_scale,
+        wind,
         seed,
-    };
-    let foliage = foliage::foliage(skeleton, &order)?;
-    let [wood, upper_wood, twig_wood] = made.surface;
-    let wood::Count { axes, without } = made.count;
-    Ok(TreeMesh { wood, upper_wood, twig_wood, foliage, axes, unmeshed_axes: without })
+    }
 }
 
 #[cfg(test)]

@@ -182,6 +182,11 @@ pub fn stance(shape: LeafShape) -> Stance {
     }
 }
 
+/// Twigs enlarged more than so many times stand for boughs, which end where twigs do: the share of
+/// what they are longer that lies further in.
+const BOUGH_FROM: f32 = 2.4;
+const INWARD: f32 = 0.75;
+
 /// How one twig stands.
 #[derive(Debug, Clone, Copy)]
 pub struct Pose {
@@ -231,25 +236,38 @@ impl Pose {
         };
         let angle = if spot.is_tip { 0.0 } else { stance.angle * draws.between(0.75, 1.2) };
         let mut heading = shoot * angle.cos() + side * angle.sin();
-        heading += draws.direction() * 0.14 + outward * 0.2;
+        // A card as large as a bough hangs out of the crown as boughs do.
+        let beyond = (enlarge / BOUGH_FROM - 1.0).clamp(0.0, 2.0);
+        heading += draws.direction() * 0.14 + outward * (0.2 + 0.3 * beyond);
         let droop = (f.droop * draws.between(0.7, 1.15)).clamp(-0.95, 0.95);
         heading = heading.normalize_or(shoot);
         heading = (heading * (1.0 - droop.abs()) - Vec3::Z * droop).normalize_or(heading);
-        let light = Vec3::Z * stance.from_above + outward * (1.0 - stance.from_above);
+        let roll = draws.between(-stance.roll, stance.roll);
+        let twig_m = f.twig_length_m.min(0.6 * hull.half.max_element()).clamp(1e-3, 20.0)
+            * draws.between(0.8, 1.2);
+        // Never longer than boughs may be.
+        let most_m = (1.5 * hull.half.truncate().max_element()).max(BOUGH_FROM * twig_m);
+        let size_m = (twig_m * hull.scale(spot.at, enlarge)).min(most_m);
+        let reach_m = (twig_m * hull.scale(spot.at, enlarge.min(BOUGH_FROM))).min(size_m);
+        // The outer part sinks under its weight, except where it stands.
+        let sag = if f.droop >= 0.0 { draws.between(0.05, 0.28) } else { 0.0 };
+        // What would hang into the ground lies on it.
+        let lowest = (sag - spot.at.z / size_m).min(0.5);
+        if spot.at.z > 0.0 && heading.z < lowest {
+            heading = heading.with_z(lowest).try_normalize().unwrap_or(Vec3::Z);
+        }
+        // Boughs turn to the side from where the tree is seen.
+        let from_above = stance.from_above * (1.0 - 0.4 * beyond.min(1.0));
+        let light = Vec3::Z * from_above + outward * (1.0 - from_above);
         let facing = light - heading * light.dot(heading);
         let facing = facing.try_normalize().unwrap_or_else(|| heading.any_orthonormal_vector());
-        let roll = draws.between(-stance.roll, stance.roll);
         let facing = Quat::from_axis_angle(heading, roll) * facing;
-        let size_m = f.twig_length_m.min(0.6 * hull.half.max_element()).clamp(1e-3, 20.0)
-            * draws.between(0.8, 1.2)
-            * hull.scale(spot.at, enlarge);
         Pose {
-            base: spot.at - heading * (0.04 * size_m),
+            base: spot.at - heading * (0.04 * size_m + INWARD * (size_m - reach_m)),
             heading,
             facing,
             size_m,
-            // The outer part sinks under its weight, except where it stands.
-            sag: if f.droop >= 0.0 { draws.between(0.05, 0.28) } else { 0.0 },
+            sag,
             mirrored: draws.unit() < 0.5,
             outward,
             crown: hull.centre,

@@ -415,15 +415,16 @@ fn speed() {
         budget: None,
         detail: true,
         share: 1.0,
+        twig_scale: None,
         wind: None,
         seed,
     };
     let cards = foliage::foliage(&skeleton, &order).unwrap();
     println!(
         "foliage: {} triangles in {:?}: {:.1} M/s",
-        cards.triangles(),
+        cards.surface.triangles(),
         start.elapsed(),
-        rate(cards.triangles(), start.elapsed())
+        rate(cards.surface.triangles(), start.elapsed())
     );
     let start = std::time::Instant::now();
     for _ in 0..20 {

@@ -166,7 +166,7 @@ impl Canvas {
 }
 
 /// Smaller versions that count: halves, quarters …
-const HALVINGS: usize = 4;
+const HALVINGS: usize = 6;
 /// Most alpha that a pixel gets which is not seen.
 const MOST_HIDDEN: f32 = 0.8;
 

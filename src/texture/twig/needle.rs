@@ -70,7 +70,9 @@ impl Painter<'_> {
     /// Larch: rosettes on short shoots along few thin, long, hanging twigs, apart from each other.
     pub(super) fn tufts(&mut self, main: Shoot, bough: bool) {
         let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.006, 0.3);
-        let mut shoots = self.laterals(&main, if bough { 0.075 } else { 0.11 }, 0.4, 0.7);
+        // A bough is seen from afar: it fills its cell, and its tufts hold together.
+        let (gap, reach, angle) = if bough { (0.075, 0.62, 0.85) } else { (0.11, 0.4, 0.7) };
+        let mut shoots = self.laterals(&main, gap, reach, angle);
         if bough {
             let mut fine = Vec::new();
             for lateral in shoots.iter().filter(|l| l.length > 0.12) {
@@ -80,7 +82,7 @@ impl Painter<'_> {
         }
         shoots.push(main);
         let half = 0.5 * self.share(self.species.foliage.leaf_width_m);
-        let half = half.max(0.5 * self.canvas.pixel());
+        let half = half.max(0.5 * self.canvas.pixel()) * if bough { 2.2 } else { 1.0 };
         let rays = if bough { 11 } else { 15 };
         for shoot in shoots {
             self.wood(&shoot, 0.003, 0.0012);
