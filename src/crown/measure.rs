@@ -9,6 +9,7 @@
 use glam::{Vec2, Vec3};
 
 use super::{Crown, outline};
+use crate::raster::polygon::contains;
 use crate::terrain::Terrain;
 
 /// T15: the layer of the root is five to six voxels thick.
@@ -123,7 +124,7 @@ fn root_place(
     let mass = (sum / best.len().max(1) as f64).as_vec2();
     let middle = outline::centroid(outline);
     let near = middle + (mass - middle).clamp_length_max(0.25 * diameter_m);
-    if outline::contains(outline, near) { near } else { middle }
+    if contains(outline, near) { near } else { middle }
 }
 
 /// Directions and heights at which the solid of a crown is sampled.

@@ -70,19 +70,6 @@ pub(super) fn spread_m(polygon: &[Vec2]) -> f32 {
     0.5 * (longest.length() + (high - low).max(0.0))
 }
 
-/// Whether the polygon holds the point (even-odd rule).
-pub(super) fn contains(polygon: &[Vec2], p: Vec2) -> bool {
-    let mut inside = false;
-    for (i, &b) in polygon.iter().enumerate() {
-        let a = polygon[(i + polygon.len() - 1) % polygon.len()];
-        if (a.y > p.y) != (b.y > p.y) {
-            let t = f64::from(p.y - a.y) / f64::from(b.y - a.y);
-            inside ^= f64::from(p.x - a.x) < t * f64::from(b.x - a.x);
-        }
-    }
-    inside
-}
-
 /// Whether no two sides touch but neighbours at their corner. Quadratic: outlines are short.
 pub(super) fn is_simple(polygon: &[Vec2]) -> bool {
     let n = polygon.len();
@@ -175,6 +162,7 @@ fn convex_hull(mut points: Vec<Vec2>) -> Vec<Vec2> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::raster::polygon::contains;
     use proptest::prelude::*;
 
     #[test]

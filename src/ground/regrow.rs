@@ -5,10 +5,12 @@
 //! Known limits: a smooth mound of dense undergrowth can be climbed; a crest sharper than the cell
 //! stays rounded.
 
+use std::ops::Range;
+
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use crate::raster::Grid;
+use crate::raster::{Grid, GridGeometry};
 
 /// Cells either way that the ground's direction is taken from.
 const REACH: usize = 2;
@@ -20,8 +22,10 @@ const MOST_ROUNDS: usize = 40;
 /// Marks cells of `low` (infinite where there is no point) that lie within `tolerance_m` of the
 /// plane through the ground cells around them.
 pub fn regrow(low: &Grid<f32>, is_ground: &mut [bool], tolerance_m: f32) {
-    let mut open: Vec<usize> =
-        (0..is_ground.len()).filter(|&i| !is_ground[i] && low.data[i].is_finite()).collect();
+    let mut open: Vec<usize> = (0..is_ground.len())
+        .into_par_iter()
+        .filter(|&i| !is_ground[i] && low.data[i].is_finite())
+        .collect();
     for _ in 0..MOST_ROUNDS {
         let seen: &[bool] = is_ground;
         let grown: Vec<usize> = open
@@ -32,11 +36,28 @@ pub fn regrow(low: &Grid<f32>, is_ground: &mut [bool], tolerance_m: f32) {
         if grown.is_empty() {
             break;
         }
-        for i in grown {
+        for &i in &grown {
             is_ground[i] = true;
         }
-        open.retain(|&i| !is_ground[i]);
+        // The others see the ground that they have been judged by.
+        let g = &low.geometry;
+        open = grown
+            .par_iter()
+            .flat_map_iter(|&i| {
+                around(g, i).flat_map(|(row, cols)| cols.map(move |c| g.index(c, row)))
+            })
+            .filter(|&i| !is_ground[i] && low.data[i].is_finite())
+            .collect();
+        open.par_sort_unstable();
+        open.dedup();
     }
+}
+
+/// Rows and columns within reach of a cell.
+fn around(g: &GridGeometry, i: usize) -> impl Iterator<Item = (usize, Range<usize>)> {
+    let (row, col) = (i / g.cols, i % g.cols);
+    let cols = col.saturating_sub(REACH)..(col + REACH + 1).min(g.cols);
+    (row.saturating_sub(REACH)..(row + REACH + 1).min(g.rows)).map(move |r| (r, cols.clone()))
 }
 
 /// Height of a cell above the least-squares plane of the ground cells around it, `None` where
@@ -45,8 +66,8 @@ fn above_plane(low: &Grid<f32>, is_ground: &[bool], i: usize) -> Option<f32> {
     let g = &low.geometry;
     let (row, col) = (i / g.cols, i % g.cols);
     let (mut n, mut m, mut b) = (0, DMat3::ZERO, DVec3::ZERO);
-    for r in row.saturating_sub(REACH)..(row + REACH + 1).min(g.rows) {
-        for c in col.saturating_sub(REACH)..(col + REACH + 1).min(g.cols) {
+    for (r, cols) in around(g, i) {
+        for c in cols {
             let k = g.index(c, r);
             if is_ground[k] {
                 n += 1;

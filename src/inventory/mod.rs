@@ -4,6 +4,7 @@
 mod fgb;
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
 use crate::crown::Crown;
@@ -121,16 +122,17 @@ pub fn to_geojson(trees: &[Tree], frame: &Frame) -> Vec<u8> {
         out += &format!("\"crs\":{crs},");
     }
     out += "\"features\":[";
-    for (i, tree) in trees.iter().enumerate() {
+    let feature = |tree: &Tree| {
         let feature = json!({
             "type": "Feature",
             "id": tree.id,
             "properties": columns(tree, frame),
             "geometry": {"type": "Polygon", "coordinates": [ring(tree, frame)]},
         });
-        out += if i == 0 { "\n" } else { ",\n" };
-        out += &feature.to_string();
-    }
+        format!("\n{feature}")
+    };
+    let features: Vec<String> = trees.par_iter().map(feature).collect();
+    out += &features.join(",");
     out += "\n]}\n";
     out.into_bytes()
 }

@@ -6,6 +6,7 @@
 use glam::Vec2;
 use rayon::prelude::*;
 
+use crate::raster::polygon::contains;
 use crate::raster::{Grid, GridGeometry, Picture, inpaint};
 use crate::seed::Seed;
 use crate::species::photo::Photo;
@@ -98,18 +99,6 @@ fn under_crowns(geometry: &GridGeometry, outlines: &[&[Vec2]]) -> Vec<bool> {
         }
     }
     is_under
-}
-
-/// Even–odd rule.
-fn contains(polygon: &[Vec2], p: Vec2) -> bool {
-    let mut inside = false;
-    for (a, b) in polygon.iter().zip(polygon.iter().cycle().skip(1)) {
-        if (a.y > p.y) != (b.y > p.y) {
-            let x = a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x);
-            inside ^= p.x < x;
-        }
-    }
-    inside
 }
 
 /// Brightness of a forest floor at a place, 1 on average.

@@ -11,6 +11,7 @@ pub mod inpaint;
 mod lzw;
 mod pad;
 pub mod picture;
+pub mod polygon;
 pub mod scatter;
 pub mod trend;
 mod webp;

@@ -8,10 +8,10 @@
 use glam::Vec2;
 use rayon::prelude::*;
 
-use super::photo::contains;
 use crate::crown::Crown;
 use crate::ground::{Classified, Kind};
 use crate::raster::Groups;
+use crate::raster::polygon::contains;
 use crate::terrain::Terrain;
 
 /// Returns lower than this above the ground say nothing of a crown, metres.

@@ -6,6 +6,7 @@ use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::raster::GridGeometry;
 use crate::raster::geotiff::{Raster, Samples};
+use crate::raster::polygon::contains;
 
 /// Greatest number of samples along a side of a crown.
 const SAMPLES: usize = 32;
@@ -186,22 +187,6 @@ fn scale(raster: &Raster) -> f32 {
         .find(|full| most <= full * 1.001 && (is_float || *full > 1.0))
         .unwrap_or(most);
     255.0 / full
-}
-
-/// Whether a point lies inside a polygon (even-odd rule).
-pub(super) fn contains(polygon: &[Vec2], p: Vec2) -> bool {
-    let mut inside = false;
-    let mut previous = polygon.last().copied().unwrap_or_default();
-    for &corner in polygon {
-        if (corner.y > p.y) != (previous.y > p.y) {
-            let t = (p.y - corner.y) / (previous.y - corner.y);
-            if p.x < corner.x + t * (previous.x - corner.x) {
-                inside = !inside;
-            }
-        }
-        previous = corner;
-    }
-    inside
 }
 
 #[cfg(test)]
