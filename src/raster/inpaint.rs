@@ -143,7 +143,7 @@ fn refine(coarse: &Level, fine: &mut Level) {
 
 /// Rows that one thread takes at a time, at least: small grids are done sooner than handed out.
 fn rows_together(cols: usize) -> usize {
-    (1 << 15) / cols.max(1) + 1
+    (1 << 13) / cols.max(1) + 1
 }
 
 /// Gauss–Seidel with over-relaxation, alternating the colours of a chessboard. Cells of one colour

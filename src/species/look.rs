@@ -20,7 +20,7 @@ const LOW_M: f32 = 1.0;
 const LEAST_RETURNS: u32 = 5;
 const LEAST_FIRSTS: u32 = 20;
 /// Side of the cells in which points are looked up, metres.
-const CELL_M: f64 = 2.0;
+const CELL_M: f64 = 1.0;
 
 /// One crown by its returns.
 #[derive(Debug, Clone, Copy, PartialEq)]
