@@ -140,7 +140,10 @@ fn paired<'a>(trees: &'a [Tree], found: &'a [Crown]) -> Vec<(&'a Tree, &'a Crown
     trees
         .iter()
         .filter_map(|t| {
-            found.iter().find(|c| super::outline::contains(&c.outline, t.at)).map(|c| (t, c))
+            found
+                .iter()
+                .find(|c| crate::raster::polygon::contains(&c.outline, t.at))
+                .map(|c| (t, c))
         })
         .collect()
 }

@@ -5,7 +5,7 @@
 //! Limits: ground that hardly returns (water, wet asphalt) or returns more than any (snow) shifts
 //! every intensity alike; a crown over another's undergrowth seems deeper than it is.
 
-use glam::Vec2;
+use glam::{DVec2, Vec2};
 use rayon::prelude::*;
 
 use crate::crown::Crown;
@@ -19,7 +19,7 @@ const LOW_M: f32 = 1.0;
 /// Fewer returns show no shape, fewer first returns no slope.
 const LEAST_RETURNS: u32 = 5;
 const LEAST_FIRSTS: u32 = 20;
-/// Side of the cells in which points are looked up, metres.
+/// Side of the cells in which crowns are looked up, metres, at least.
 const CELL_M: f64 = 1.0;
 
 /// One crown by its returns.
@@ -54,86 +54,122 @@ impl Looks {
 }
 
 /// Looks at every crown through the vegetation's returns inside its outline, in the crowns' order.
+/// Sums are of whole millimetres: they are the same in whatever order the returns come.
 pub fn measure(crowns: &[Crown], classified: &Classified, terrain: &Terrain) -> Looks {
-    let places = Places::new(classified);
-    let of_crown = crowns
-        .par_iter()
-        .map(|c| look(&c.outline, classified, terrain, places.as_ref()?))
-        .collect();
-    Looks { of_crown, ground_intensity: ground_intensity(classified) }
-}
-
-fn look(
-    outline: &[Vec2],
-    classified: &Classified,
-    terrain: &Terrain,
-    places: &Places,
-) -> Option<Look> {
+    let intensity = ground_intensity(classified);
+    let Some(places) = Places::new(crowns) else {
+        return Looks { of_crown: vec![None; crowns.len()], ground_intensity: intensity };
+    };
     let cloud = &classified.cloud;
-    let (mut count, mut sum, mut sum_sq, mut top) = (0u32, 0.0f64, 0.0f64, 0.0f64);
-    let (mut firsts, mut light) = (0u32, 0.0f64);
-    let mut slope = Slope::default();
-    let (low, high) = bounds(outline);
-    let middle = 0.5 * (low + high);
-    for i in places.inside(outline) {
-        let i = i as usize;
-        let p = *cloud.position.get(i)?;
-        let at = p.truncate();
-        let is_in_box = at.cmpge(low).all() && at.cmple(high).all();
-        if !(is_in_box && contains(outline, at)) {
-            continue;
-        }
-        let height = p.z - terrain.height_at(at);
-        if height < LOW_M {
-            continue;
-        }
-        let height = f64::from(height);
-        count += 1;
-        sum += height;
-        sum_sq += height * height;
-        top = top.max(height);
-        if cloud.return_number.get(i) == Some(&1) {
-            firsts += 1;
-            slope.add(p.truncate().distance(middle).into(), height);
-            light += f64::from(*cloud.intensity.get(i)?);
-        }
-    }
-    if count < LEAST_RETURNS {
-        return None;
-    }
-    let mean = sum / f64::from(count);
-    let spread = (sum_sq / f64::from(count) - mean * mean).max(0.0).sqrt();
-    Some(Look {
-        mean_height: (mean / top) as f32,
-        height_spread: (spread / top) as f32,
-        steepness: if firsts < LEAST_FIRSTS { 0.0 } else { -slope.value() as f32 },
-        intensity: (firsts > 0).then(|| (light / f64::from(firsts)) as f32),
-    })
+    let together = cloud.len().div_ceil(rayon::current_num_threads()).max(1 << 14);
+    let sums = (cloud.position.par_chunks(together).enumerate())
+        .map(|(run, points)| {
+            let mut sums = vec![Sums::default(); crowns.len()];
+            for (i, &p) in (run * together..).zip(points) {
+                if classified.kind.get(i) != Some(&Kind::Vegetation) {
+                    continue;
+                }
+                let at = p.truncate();
+                let mut height_m = None;
+                for &crown in places.near(at) {
+                    let Span { low, high } = places.span[crown as usize];
+                    let is_in_box = at.cmpge(low).all() && at.cmple(high).all();
+                    if !(is_in_box && contains(&crowns[crown as usize].outline, at)) {
+                        continue;
+                    }
+                    let height_m = *height_m.get_or_insert_with(|| p.z - terrain.height_at(at));
+                    if height_m >= LOW_M {
+                        let first = (cloud.return_number.get(i) == Some(&1))
+                            .then(|| (at.distance(0.5 * (low + high)), cloud.intensity.get(i)));
+                        sums[crown as usize].add(height_m, first);
+                    }
+                }
+            }
+            sums
+        })
+        .reduce_with(|mut all, run| {
+            all.iter_mut().zip(run).for_each(|(sum, more)| sum.join(&more));
+            all
+        });
+    let of_crown = sums.unwrap_or_default().iter().map(Sums::look).collect();
+    Looks { of_crown, ground_intensity: intensity }
 }
 
-/// Linear regression, point by point.
-#[derive(Default)]
-struct Slope {
-    n: f64,
-    x: f64,
-    y: f64,
-    xx: f64,
-    xy: f64,
+/// Longer lengths are cut to this, so that no sum overflows: no tree is so tall.
+const LONGEST_M: f32 = 200.0;
+
+/// Of the returns of one crown; lengths in millimetres.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    count: u64,
+    height: u64,
+    height_sq: u64,
+    top: u64,
+    /// Of the first returns: number, intensity, height, distance from the middle.
+    firsts: u64,
+    light: u64,
+    first_height: u64,
+    away: u64,
+    away_sq: u64,
+    away_height: u64,
 }
 
-impl Slope {
-    fn add(&mut self, x: f64, y: f64) {
-        self.n += 1.0;
-        self.x += x;
-        self.y += y;
-        self.xx += x * x;
-        self.xy += x * y;
+impl Sums {
+    /// `first`: of a first return, the distance from the middle and the intensity.
+    fn add(&mut self, height_m: f32, first: Option<(f32, Option<&u16>)>) {
+        let mm = |m: f32| (m.min(LONGEST_M) * 1000.0).round() as u64;
+        let height = mm(height_m);
+        self.count += 1;
+        self.height += height;
+        self.height_sq += height * height;
+        self.top = self.top.max(height);
+        if let Some((away_m, intensity)) = first {
+            let away = mm(away_m);
+            self.firsts += 1;
+            self.light += u64::from(intensity.copied().unwrap_or(0));
+            self.first_height += height;
+            self.away += away;
+            self.away_sq += away * away;
+            self.away_height += away * height;
+        }
     }
 
-    /// 0 where all points are at one place.
-    fn value(&self) -> f64 {
-        let spread = self.n * self.xx - self.x * self.x;
-        if spread > 1e-6 { (self.n * self.xy - self.x * self.y) / spread } else { 0.0 }
+    fn join(&mut self, more: &Sums) {
+        self.count += more.count;
+        self.height += more.height;
+        self.height_sq += more.height_sq;
+        self.top = self.top.max(more.top);
+        self.firsts += more.firsts;
+        self.light += more.light;
+        self.first_height += more.first_height;
+        self.away += more.away;
+        self.away_sq += more.away_sq;
+        self.away_height += more.away_height;
+    }
+
+    fn look(&self) -> Option<Look> {
+        if self.count < u64::from(LEAST_RETURNS) {
+            return None;
+        }
+        let (n, top) = (self.count as f64, self.top as f64);
+        let mean = self.height as f64 / n;
+        let spread = (self.height_sq as f64 / n - mean * mean).max(0.0).sqrt();
+        let is_sloped = self.firsts >= u64::from(LEAST_FIRSTS);
+        Some(Look {
+            mean_height: (mean / top) as f32,
+            height_spread: (spread / top) as f32,
+            steepness: if is_sloped { -self.slope() as f32 } else { 0.0 },
+            intensity: (self.firsts > 0).then(|| (self.light as f64 / self.firsts as f64) as f32),
+        })
+    }
+
+    /// Of the first returns' height over their distance from the middle, by linear regression; 0
+    /// where all are as far.
+    fn slope(&self) -> f64 {
+        let n = self.firsts as f64;
+        let (x, y) = (self.away as f64 / n, self.first_height as f64 / n);
+        let spread = self.away_sq as f64 / n - x * x;
+        if spread > 1.0 { (self.away_height as f64 / n - x * y) / spread } else { 0.0 }
     }
 }
 
@@ -175,49 +211,61 @@ fn ground_intensity(classified: &Classified) -> Option<f32> {
     counts.median()
 }
 
-/// Vegetation points by cell, in their order.
+/// Bounding box of an outline.
+#[derive(Clone, Copy)]
+struct Span {
+    low: Vec2,
+    high: Vec2,
+}
+
+/// Which crowns may hold a place: by the cells that their bounding boxes touch.
 struct Places {
     low: Vec2,
     cell: f32,
     cols: usize,
     rows: usize,
-    points: Groups,
+    crowns: Groups,
+    /// Of each crown.
+    span: Vec<Span>,
 }
 
 impl Places {
-    /// `None` without vegetation.
-    fn new(classified: &Classified) -> Option<Places> {
-        let points = || classified.cloud.position.par_iter().zip(&classified.kind);
-        let add = |a: (Vec2, Vec2, usize), b: (Vec2, Vec2, usize)| {
-            (a.0.min(b.0), a.1.max(b.1), a.2 + b.2)
+    /// `None` without crowns.
+    fn new(crowns: &[Crown]) -> Option<Places> {
+        let span: Vec<Span> = (crowns.iter())
+            .map(|c| bounds(&c.outline))
+            .map(|(low, high)| Span { low, high })
+            .collect();
+        let (low, high) =
+            span.iter().map(|s| (s.low, s.high)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
+        // Cells and entries in proportion to the crowns, however large and far apart those are.
+        let area = |low: Vec2, high: Vec2| {
+            let size = (high - low).as_dvec2().max(DVec2::splat(CELL_M));
+            size.x * size.y
         };
-        let (low, high, count) = points()
-            .filter(|(_, k)| **k == Kind::Vegetation)
-            .map(|(p, _)| (p.truncate(), p.truncate(), 1))
-            .reduce_with(add)?;
-        let size = (high - low).as_dvec2();
-        // No more cells than points, however far apart those lie.
-        let least = (size.x.max(CELL_M) * size.y.max(CELL_M) / count as f64).sqrt();
-        let cell = CELL_M.max(least) as f32;
-        let cols = ((high.x - low.x) / cell) as usize + 1;
-        let rows = ((high.y - low.y) / cell) as usize + 1;
+        let most = 64.0 * crowns.len() as f64 + 65_536.0;
+        let all = span.iter().map(|s| area(s.low, s.high)).sum::<f64>().max(area(low, high));
+        let cell = CELL_M.max((all / most).sqrt()) as f32;
+        let count = |from: f32, to: f32| ((to - from) / cell) as usize + 1;
+        let (cols, rows) = (count(low.x, high.x), count(low.y, high.y));
         let place = |p: Vec2| place(p, low, cell, (cols, rows));
-        let cell_of = points().map(|(p, k)| {
-            let (col, row) = place(p.truncate());
-            if *k == Kind::Vegetation { (row * cols + col) as u32 } else { u32::MAX }
+        let mut touched: Vec<(u32, u32)> = Vec::new();
+        for (crown, s) in (0u32..).zip(&span) {
+            let [(west, south), (east, north)] = [s.low, s.high].map(place);
+            for row in south..=north {
+                touched.extend((west..=east).map(|col| ((row * cols + col) as u32, crown)));
+            }
+        }
+        let crowns = Groups::new(cols * rows, touched.par_iter().map(|(cell, _)| *cell), |i| {
+            touched[i as usize].1
         });
-        let points = Groups::new(cols * rows, cell_of, |i| i);
-        Some(Places { low, cell, cols, rows, points })
+        Some(Places { low, cell, cols, rows, crowns, span })
     }
 
-    /// Points in the cells that a polygon's bounding box touches.
-    fn inside(&self, outline: &[Vec2]) -> impl Iterator<Item = u32> + '_ {
-        let (low, high) = bounds(outline);
-        let [(west, south), (east, north)] =
-            [low, high].map(|p| place(p, self.low, self.cell, (self.cols, self.rows)));
-        (south..=north)
-            .flat_map(move |row| (west..=east).map(move |col| row * self.cols + col))
-            .flat_map(|cell| self.points.of(cell).iter().copied())
+    /// Crowns that may hold a place.
+    fn near(&self, p: Vec2) -> &[u32] {
+        let (col, row) = place(p, self.low, self.cell, (self.cols, self.rows));
+        self.crowns.of(row * self.cols + col)
     }
 }
 
