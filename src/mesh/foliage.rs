@@ -48,6 +48,8 @@ const MOST_SHELL: usize = 400;
 /// How far twigs may grow to make up for those left out: in general, and at the sparse level.
 const MOST_ENLARGED: f32 = 2.4;
 const MOST_ENLARGED_SPARSE: f32 = 6.0;
+/// With a smaller share of their leaves twigs are bare: they hide no crown.
+const LEAST_KEPT: f32 = 0.5;
 /// … and whatever is asked for.
 const MOST_SCALE: f32 = 24.0;
 
@@ -101,18 +103,19 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         }
     }
     let budget = order.budget.unwrap_or(MOST_TRIANGLES).min(MOST_TRIANGLES);
-    if level == FoliageLevel::Shell {
+    // Bare twigs hide nothing.
+    if level == FoliageLevel::Shell && f.kept >= LEAST_KEPT {
         let margin_m = 0.5 * f.twig_length_m.min(hull.half.max_element());
         let most = budget.min(MOST_SHELL);
         let surface = shell::shell(&spots, &hull, margin_m, atlas.fill(), most);
         return Ok(Foliage { surface, twig_scale: 0.0 });
     }
-    let is_sparse = level == FoliageLevel::Sparse;
+    let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);
     // Finer cards where there are triangles for all of them; else rather more cards.
     let fine = shape_of(f.shape, true);
     let is_fine = order.detail && !is_sparse && fine.room().triangles * spots.len() <= budget;
     let shape = match level {
-        FoliageLevel::Sparse => Shape::Flat,
+        _ if is_sparse => Shape::Flat,
         _ if is_fine => fine,
         _ => shape_of(f.shape, false),
     };
@@ -178,7 +181,7 @@ fn swaying(wind: &Wind, spots: &[Spot], surface: &Surface, vertices: usize) -> V
 }
 
 /// How much larger than a twig cards are, so that the leaves cover as much of the crown's hull as
-/// the species' do; bounded by what thinning took away.
+/// the species' do; bounded by what thinning took away. Bare twigs keep the sum of their areas.
 fn wanted(
     hull: &Hull,
     species: &Species,
@@ -189,11 +192,14 @@ fn wanted(
 ) -> f32 {
     let cells = atlas.cells();
     let coverage = cells.iter().map(|c| c.coverage).sum::<f32>() / cells.len() as f32;
+    let thinned = all as f32 / kept.max(1) as f32;
+    if species.foliage.kept < LEAST_KEPT {
+        return thinned.sqrt();
+    }
     let twig = species.foliage.twig_length_m.max(1e-3);
     let one = coverage.max(0.05) * twig * twig * 0.8;
     let cover = share * species.foliage.cover.clamp(0.0, 1.0);
     let wanted = cover * hull.area_sq_m() / (kept.max(1) as f32 * one);
-    let thinned = all as f32 / kept.max(1) as f32;
     wanted.min(thinned.max(3.0) * 2.0).max(1.0).sqrt()
 }
 

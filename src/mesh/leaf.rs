@@ -107,8 +107,10 @@ impl<'a> Twig<'a> {
             _ => 2.4,
         };
         let length = foliage.twig_length_m / foliage.leaf_length_m.max(1e-4) * (1.0 - from);
-        let full =
-            [length, length * side_length * 0.75].map(|l| (l * density).clamp(1.0, MOST_PLACES));
+        let kept = foliage.kept.clamp(0.0, 1.0);
+        let full = [length, length * side_length * 0.75]
+            .map(|l| (l * density).clamp(1.0, MOST_PLACES) * kept);
+        let least = usize::from(kept > 0.0);
         let outlines = |rows| atlas.leaves().iter().map(|c| c.outline(rows)).collect();
         let mut twig = Twig {
             foliage,
@@ -120,21 +122,21 @@ impl<'a> Twig<'a> {
             side_length,
             from,
             opening,
-            places: full.map(|n| n.round() as usize),
+            places: full.map(|n| (n.round() as usize).max(least)),
             widened: Vec2::ONE,
         };
         let wood = twig.wood_room().triangles;
         let each = budget / spots.max(1);
         let whole = twig.room().triangles;
         if each < whole {
-            let least = LEAST_SHARE[usize::from(!is_needle)];
+            let fewest = LEAST_SHARE[usize::from(!is_needle)];
             let share = each.saturating_sub(wood) as f32 / (whole - wood).max(1) as f32;
-            let share = share.clamp(least, 1.0);
+            let share = share.clamp(fewest, 1.0);
             // Of tufts some needles go, and some places.
             let [fewer, sparser] =
                 if twig.cluster > 3 { [share.sqrt(), share.sqrt()] } else { [1.0, share] };
             twig.cluster = ((twig.cluster as f32 * fewer) as usize).max(1);
-            twig.places = full.map(|n| ((n * sparser) as usize).max(1));
+            twig.places = full.map(|n| ((n * sparser) as usize).max(least));
             let wide = (1.0 / share).min(MOST_WIDENED);
             twig.widened = if is_needle { Vec2::new(1.0, wide) } else { Vec2::splat(wide.sqrt()) };
         }

@@ -57,7 +57,8 @@ pub(super) fn leaf_variants(
     let mut variants = Vec::new();
     for (name, state) in seasons.into_iter().chain(conditions) {
         let look = state.look(species, seed);
-        if look.foliage != own {
+        // Twigs in leaf don't fit the cards of bare ones.
+        if look.foliage != own && look.foliage.kept == own.kept {
             variants.push((name, leaf(&look, size_px, seed, cache)?));
         }
     }

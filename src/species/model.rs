@@ -254,6 +254,13 @@ pub struct Foliage {
     #[serde(default)]
     #[schemars(extend("examples" = ["twig.png"]))]
     pub picture: Option<String>,
+    /// Share of a twig's leaves that still hang, 0…1. The season's, not the rule file's.
+    #[serde(skip, default = "all")]
+    pub kept: f32,
+}
+
+fn all() -> f32 {
+    1.0
 }
 
 /// What the seasons do to the leaves.

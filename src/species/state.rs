@@ -4,6 +4,9 @@
 //! from healthy to old dead; shares of foliage and of dead branches are chosen within the bounds
 //! these give (dead branches: up to a quarter in II, up to two thirds in III, more in IV).
 //!
+//! In winter the twigs of trees that shed are seen without the leaves that have fallen; in spring and
+//! autumn twigs are bare or in full leaf.
+//!
 //! Limits: leaves of one tree turn all at once; flowers, fruit and snow are not shown.
 
 use std::str::FromStr;
@@ -105,14 +108,15 @@ const AUTUMN: [u8; 3] = [206, 164, 56];
 const FROSTED: [u8; 3] = [74, 82, 62];
 
 impl State {
-    /// Share of the leaves of a healthy tree in summer that hang on the branches that live, 0…1.
+    /// Share of the twigs of a healthy tree in summer that are seen on the branches that live, 0…1.
     pub fn leaf_share(self, species: &Species) -> f32 {
-        let Seasons { winter_leaves, autumn_leaves, .. } = species.season;
-        let winter = winter_leaves.unwrap_or(evergreen_share(species.kind));
+        let Seasons { autumn_leaves, .. } = species.season;
+        let winter = winter_share(species);
         let of_season = match self.season {
             Season::Spring => winter.max(0.85),
             Season::Summer => 1.0,
             Season::Autumn => winter.max(autumn_leaves),
+            Season::Winter if bares_twigs(species) => 1.0,
             Season::Winter => winter,
         };
         let of_condition = match self.condition {
@@ -141,7 +145,7 @@ impl State {
     /// What the leaves of one of many trees are multiplied by, linear, at most 1: no two trees turn
     /// alike in autumn. `look`: of [`State::look_of_many`].
     pub fn tint(self, species: &Species, look: &Species, seed: Seed) -> [f32; 3] {
-        let winter = species.season.winter_leaves.unwrap_or(evergreen_share(species.kind));
+        let winter = winter_share(species);
         if self.season != Season::Autumn || winter > 0.5 || self.condition >= Condition::FreshDead {
             return [1.0; 3];
         }
@@ -159,8 +163,11 @@ impl State {
     fn look_by(self, species: &Species, pick: impl Fn(&[[u8; 3]]) -> [u8; 3]) -> Species {
         let mut out = species.clone();
         let summer = species.foliage.colour;
-        let winter = species.season.winter_leaves.unwrap_or(evergreen_share(species.kind));
+        let winter = winter_share(species);
         let sheds = 1.0 - winter;
+        if self.season == Season::Winter && bares_twigs(species) {
+            out.foliage.kept = winter;
+        }
         let of_season = match self.season {
             Season::Summer => summer,
             Season::Spring => {
@@ -197,9 +204,17 @@ impl State {
     }
 }
 
-/// Conifers keep their needles, unless their file says otherwise.
-fn evergreen_share(kind: Kind) -> f32 {
-    if kind == Kind::Conifer { 1.0 } else { 0.0 }
+/// Share of the leaves that hang on through the winter. Conifers keep their needles, unless their
+/// file says otherwise.
+fn winter_share(species: &Species) -> f32 {
+    let usual = if species.kind == Kind::Conifer { 1.0 } else { 0.0 };
+    species.season.winter_leaves.unwrap_or(usual)
+}
+
+/// Whether the twigs show without their leaves in winter: no picture or model of the user's can.
+fn bares_twigs(species: &Species) -> bool {
+    let is_own = species.own_picture.is_some() || species.own_model.is_some();
+    winter_share(species) < 1.0 && !is_own
 }
 
 fn mixed(a: [u8; 3], b: [u8; 3], share: f32) -> [u8; 3] {
@@ -241,13 +256,21 @@ mod tests {
     #[test]
     fn larch_and_broadleaves_are_bare_in_winter_and_spruce_is_not() {
         let share = |name: &str, season| state("I", season).leaf_share(&load(name).unwrap());
+        let kept =
+            |species: &Species, season| state("I", season).look(species, Seed::new(1)).foliage.kept;
         for name in ["larix_sibirica", "larix_decidua", "betula_pendula", "populus_tremula"] {
-            assert_eq!(share(name, "winter"), 0.0, "{name}");
+            let mut species = load(name).unwrap();
+            assert_eq!((share(name, "winter"), kept(&species, "winter")), (1.0, 0.0), "{name}");
+            assert_eq!(kept(&species, "autumn"), 1.0, "{name}");
+            species.own_picture = Some(crate::raster::Picture::filled(8, 8, [9; 4]).into());
+            let winter = state("I", "winter");
+            assert_eq!((winter.leaf_share(&species), kept(&species, "winter")), (0.0, 1.0));
             assert!(share(name, "autumn") < 1.0 && share(name, "autumn") > 0.3, "{name}");
         }
         for name in ["picea_abies", "pinus_sylvestris", "abies_sibirica"] {
             for season in ["spring", "summer", "autumn", "winter"] {
                 assert_eq!(share(name, season), 1.0, "{name}");
+                assert_eq!(kept(&load(name).unwrap(), season), 1.0, "{name}");
             }
         }
     }

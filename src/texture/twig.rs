@@ -94,7 +94,10 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
             }
         }
     }
-    match_colour(&mut picture, f.colour);
+    // Of bare twigs the mean is that of their bark.
+    if f.kept >= 1.0 {
+        match_colour(&mut picture, f.colour);
+    }
     let [wood, fill] = plain(&mut picture, species, quarter);
     finish(&mut picture);
     let atlas = Atlas::new(cells, leaves, wood, fill).unwrap_or_else(|| Atlas::whole(twig_m));
@@ -290,6 +293,12 @@ impl Painter<'_> {
         ([colour[0] * (1.0 + 0.5 * warm), colour[1] * (1.0 + 0.12 * warm), colour[2]], light)
     }
 
+    /// Whether the next leaf is one of those that do not hang any more.
+    fn has_fallen(&mut self) -> bool {
+        let kept = self.species.foliage.kept;
+        kept < 1.0 && self.draws.unit() >= kept
+    }
+
     fn spent(&mut self) -> bool {
         self.painted += 1;
         self.painted > PAINT_LIMIT
@@ -436,6 +445,9 @@ impl Painter<'_> {
         for k in 0..=count {
             if self.spent() {
                 return;
+            }
+            if self.has_fallen() {
+                continue;
             }
             let t = (0.12 + 0.88 * k as f32 / count as f32).min(1.0);
             let last = k == count;

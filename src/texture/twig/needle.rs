@@ -5,6 +5,9 @@ use glam::Vec2;
 use super::super::canvas::Stroke;
 use super::{GOLDEN_RAD, Painter, Shoot};
 
+/// Length and width of a larch's short shoot, metres.
+const SPUR_M: [f32; 2] = [0.006, 0.004];
+
 impl Painter<'_> {
     /// Needles along a stretch of a shoot. `spread`: angles to the shoot, `from`: where they begin.
     fn needles(
@@ -21,6 +24,9 @@ impl Painter<'_> {
         for k in 0..count {
             if self.spent() {
                 return;
+            }
+            if self.has_fallen() {
+                continue;
             }
             let t = from + (1.0 - from) * (k as f32 + self.draws.unit()) / count as f32;
             let angle = k as f32 * GOLDEN_RAD;
@@ -94,6 +100,10 @@ impl Painter<'_> {
                 let heading = shoot.angle + shoot.bend * t + side * 0.9;
                 let base = shoot.at(t);
                 let large = self.draws.between(0.65, 1.0);
+                if self.has_fallen() {
+                    self.spur(base, heading);
+                    continue;
+                }
                 for n in 0..rays {
                     if self.spent() {
                         return;
@@ -117,6 +127,20 @@ impl Painter<'_> {
                 }
             }
         }
+    }
+
+    /// The short shoot that a larch's needles have left.
+    fn spur(&mut self, base: Vec2, heading: f32) {
+        let out = Vec2::new(heading.sin(), heading.cos()) * self.share(SPUR_M[0]);
+        let half = (0.5 * self.share(SPUR_M[1])).max(0.5 * self.canvas.pixel());
+        let colour = super::twig_colour(&self.species.bark);
+        self.canvas.stroke(&Stroke {
+            from: base,
+            to: base + out,
+            half: [half; 2],
+            colour,
+            light: [0.8; 2],
+        });
     }
 
     /// Pine: long needles crowded towards the ends of few stout shoots.
