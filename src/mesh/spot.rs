@@ -39,19 +39,50 @@ impl Spot {
 pub struct Hull {
     pub centre: Vec3,
     pub half: Vec3,
+    /// The highest place for a twig.
+    pub apex: Vec3,
+    /// How far the crown's top reaches sideways for each metre below the apex.
+    pub tip_slope: f32,
 }
+
+/// Share of the crown's height that counts as its top.
+const TOP: f32 = 0.1;
+/// Twigs at the apex of a spire are so long, as a share of their usual length, and its leader.
+const TIP_TWIG: f32 = 0.3;
+const LEADER: f32 = 0.85;
 
 impl Hull {
     pub fn around(spots: &[Spot]) -> Hull {
         let mut lo = Vec3::splat(f32::INFINITY);
         let mut hi = Vec3::splat(f32::NEG_INFINITY);
+        let mut apex = Vec3::NEG_INFINITY;
         for s in spots {
             lo = lo.min(s.at);
             hi = hi.max(s.at);
+            if s.at.z > apex.z {
+                apex = s.at;
+            }
         }
+        let top_m = (TOP * (hi.z - lo.z)).max(0.05);
+        let in_top = spots.iter().filter(|s| s.at.z >= apex.z - top_m);
+        let reach_m = in_top.map(|s| (s.at - apex).truncate().length()).fold(0.0, f32::max);
         let centre =
             Vec3::new(0.5 * (lo.x + hi.x), 0.5 * (lo.y + hi.y), lo.z + 0.35 * (hi.z - lo.z));
-        Hull { centre, half: ((hi - lo) * Vec3::new(0.5, 0.5, 0.65)).max(Vec3::splat(0.05)) }
+        Hull {
+            centre,
+            half: ((hi - lo) * Vec3::new(0.5, 0.5, 0.65)).max(Vec3::splat(0.05)),
+            apex,
+            tip_slope: reach_m / top_m,
+        }
+    }
+
+    /// How much shorter a twig of a given length is, so that a spire narrows to its leader.
+    fn tapered(&self, spot: &Spot, twig_m: f32) -> f32 {
+        if spot.at == self.apex {
+            return LEADER;
+        }
+        let room_m = (self.apex.z - spot.at.z) * self.tip_slope;
+        (room_m / twig_m + TIP_TWIG).min(1.0)
     }
 
     /// Unit direction outwards at a place, and how far out that is (1 at the hull).
@@ -143,7 +174,8 @@ pub fn thinned(spots: Vec<Spot>, hull: &Hull, most: usize, enlarge: f32) -> Vec<
     let mut kept: Vec<Spot> = spots
         .into_iter()
         .filter(|s| {
-            due += (weight(s) * rate).min(1.0);
+            // The leader always.
+            due += if s.at == hull.apex { 1.0 } else { (weight(s) * rate).min(1.0) };
             let is_due = due >= 1.0;
             due -= f64::from(u8::from(is_due));
             is_due
@@ -245,6 +277,7 @@ impl Pose {
         let roll = draws.between(-stance.roll, stance.roll);
         let twig_m = f.twig_length_m.min(0.6 * hull.half.max_element()).clamp(1e-3, 20.0)
             * draws.between(0.8, 1.2);
+        let twig_m = twig_m * hull.tapered(spot, twig_m);
         // Never longer than boughs may be.
         let most_m = (1.5 * hull.half.truncate().max_element()).max(BOUGH_FROM * twig_m);
         let size_m = (twig_m * hull.scale(spot.at, enlarge)).min(most_m);

@@ -308,7 +308,8 @@ impl Painter<'_> {
         let leafy = self.species.foliage.colour.map(f32::from);
         let tone = twig_colour(&self.species.bark);
         let colour = [0, 1, 2].map(|c| 0.78 * tone[c] + 0.1 * leafy[c]);
-        let least = 0.45 * self.canvas.pixel();
+        // Bare twigs are all there is to see: thinner ones would come out dotted at the cutoff.
+        let least = if self.species.foliage.kept < 1.0 { 0.75 } else { 0.45 } * self.canvas.pixel();
         let steps = 10;
         for k in 0..steps {
             let (a, b) = (k as f32 / steps as f32, (k + 1) as f32 / steps as f32);
