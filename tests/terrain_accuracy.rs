@@ -9,8 +9,9 @@ use std::time::Instant;
 
 use glam::{DVec3, Vec2, Vec3};
 use larix::ground::{self, GroundOptions, Method};
+use larix::pipeline::survey::READ;
 use larix::raster::geotiff;
-use larix::scan::{self, PointCloud, ReadOptions};
+use larix::scan::{self, PointCloud};
 use larix::seed::Seed;
 use larix::simulate::{self, Landform, ScannerOptions, StandOptions};
 use larix::species::{self, Species};
@@ -32,7 +33,7 @@ fn real(
     limit_m: f64,
     truth: impl Fn(&PointCloud) -> Vec<Vec3>,
 ) -> Option<Scene> {
-    let scan = scan::read(&[data(name)?], &ReadOptions::default()).unwrap().value;
+    let scan = scan::read(&[data(name)?], &READ).unwrap().value;
     let name = name.split('/').next_back()?;
     Some(Scene { name, truth: truth(&scan.cloud), cloud: scan.cloud, limit_m })
 }
@@ -287,7 +288,7 @@ fn normalised_scans_are_told_from_absolute_ones() {
         ("idtrees/las/OSBS_10.las", false),
     ] {
         let Some(path) = data(name) else { continue };
-        let scan = scan::read(&[path], &ReadOptions::default()).unwrap().value;
+        let scan = scan::read(&[path], &READ).unwrap().value;
         let found = ground::classify(scan.cloud, &GroundOptions::default()).unwrap();
         assert_eq!(found.value.is_normalised, is_normalised, "{name}");
         assert_eq!(found.warnings.len(), usize::from(is_normalised), "{name}");
@@ -300,7 +301,7 @@ fn normalised_scans_are_told_from_absolute_ones() {
 fn meshes_of_real_terrain_keep_their_error() {
     for name in ["pycrown/POINTS_abs.laz", "lidR/Topography.laz", "lasR/bcts_1.laz"] {
         let Some(path) = data(name) else { continue };
-        let scan = scan::read(&[path], &ReadOptions::default()).unwrap().value;
+        let scan = scan::read(&[path], &READ).unwrap().value;
         let classified = ground::classify(scan.cloud, &GroundOptions::default()).unwrap().value;
         let options = TerrainOptions { cell_m: Some(1.0), ..TerrainOptions::default() };
         let terrain = terrain::build(&classified, &options).unwrap().value;

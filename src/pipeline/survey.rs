@@ -59,7 +59,7 @@ pub struct Survey {
 
 /// Work goes on in a frame in which no grid depends on the extent of the scan; what comes out
 /// stands near its origin.
-pub(super) const READ: ReadOptions =
+pub const READ: ReadOptions =
     ReadOptions { drop_noise_classes: true, drop_isolated: true, is_aligned: true };
 
 /// A frame with its origin near the least corner of a scan, and the way there.

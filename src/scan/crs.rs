@@ -210,6 +210,7 @@ pub(super) fn degrees_error(middle: DVec3) -> Error {
     let error = Error::new("its coordinates are degrees, not lengths");
     let (longitude, latitude) = (middle.x, middle.y);
     if !(longitude.abs() <= 180.0 && latitude.abs() <= 90.0) {
+        let error = Error::new("its coordinate system is geographic or geocentric");
         return error.remedy(
             "reproject it to a metric system, e.g. a UTM zone, with PDAL's filters.reprojection",
         );

@@ -112,6 +112,10 @@ fn read_inner(path: &Path, options: &ReadOptions, sink: Option<Sink<'_>>) -> Res
         let repaired = decoded.all.repaired;
         warnings.push(format!("{repaired} return numbers outside 1..=count were repaired"));
     }
+    if layout.scale.min_element() < 0.0 {
+        let scale = layout.scale.to_array();
+        warnings.push(format!("its scale {scale:?} is negative: coordinates are mirrored"));
+    }
     let bounds = decoded.bounds();
     if bounds.is_some_and(|bounds| bounds_are_wrong(&header, &layout, bounds)) {
         warnings.push("the bounds in its header are wrong; those of its points are used".into());

@@ -125,7 +125,7 @@ pub(super) fn frame(
     let extent_m = (max_m - min_m).max_element();
     if extent_m > MAX_EXTENT_M {
         return Err(named(
-            Error::new(format!("the points span {:.0} km", extent_m / 1000.0)).remedy(format!(
+            Error::new(format!("the points span {} km", kilometres(extent_m))).remedy(format!(
                 "give scans within {:.0} km of each other; a single far point or a wrong scale in \
                  a header does this too",
                 MAX_EXTENT_M / 1000.0
@@ -139,6 +139,11 @@ pub(super) fn frame(
     };
     let crs = parts.first().and_then(|part| part.crs.clone());
     Ok((Frame { origin, crs }, (min_m, max_m)))
+}
+
+fn kilometres(length_m: f64) -> String {
+    let km = length_m / 1000.0;
+    if km < 1e9 { format!("{km:.0}") } else { format!("{km:.0e}") }
 }
 
 /// Whether every file has colours; with a warning where only some have.
@@ -206,9 +211,8 @@ fn refuse_degrees(part: &Part) -> Result<()> {
     let Some((min, max)) = part.bounds else { return Ok(()) };
     let extent = max - min;
     let breadth = extent.truncate().max_element();
-    // Without a stated system: a place on the globe, far higher than it is wide.
-    let seems_degrees = part.crs.is_none()
-        && min.x >= -180.0
+    // Whatever system is stated: a place on the globe, far higher than it is wide.
+    let seems_degrees = min.x >= -180.0
         && max.x <= 180.0
         && min.y >= -90.0
         && max.y <= 90.0

@@ -399,6 +399,12 @@ fn bad_files_give_one_clear_error() {
         ),
         ("tree.e57", b"ASTM-E57".to_vec(), "files of type \"e57\" are not read"),
         ("wide.xyz", b"0 0 0\n1e7 0 0\n".to_vec(), "the points span 10000 km"),
+        ("widest.xyz", b"0 0 0\n1e300 0 0\n".to_vec(), "the points span 1e297 km"),
+        (
+            "commas.xyz",
+            b"x y z\n470654,320 5523010,1 -12,0 7\n".to_vec(),
+            "has decimal commas: \"470654,320 5523010,1 -12,0 7\"",
+        ),
     ] {
         let error = error_of(&write_file(&folder, name, &bytes));
         assert_eq!(error.message(), message, "{name}");
@@ -428,6 +434,15 @@ fn degrees_are_refused_with_a_zone() {
         Some("GEOGCS[\"WGS 84\",UNIT[\"degree\",0.0174],AUTHORITY[\"EPSG\",\"4326\"]]".into());
     let error = error_of(&write_file(&folder, "degrees.laz", &encode_laz(&cloud).unwrap()));
     assert!(error.remedy_text().unwrap().contains("UTM zone"), "{error:?}");
+
+    // Though metres are stated.
+    let mut cloud = sample(10, Some(wkt_crs()), false);
+    cloud.frame.origin = DVec3::new(-105.0, 40.0, 0.0);
+    for (k, p) in cloud.position.iter_mut().enumerate() {
+        *p = glam::Vec3::new(1e-3 * k as f32, 2e-3 * k as f32, 30.0 * k as f32);
+    }
+    let error = error_of(&write_file(&folder, "stated.laz", &encode_laz(&cloud).unwrap()));
+    assert_eq!(error.message(), "its coordinates are degrees, not lengths");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //! are spaces, tabs, commas or semicolons; `#` and `//` begin comments.
 //!
 //! The first line may be a header of names or, as in PTS files, the number of points.
-//! Decimal commas are not understood.
+//! Decimal commas are refused.
 
 use std::fs::File;
 use std::io::Read;
@@ -64,6 +64,7 @@ fn read_inner(path: &Path) -> Result<Part> {
         let mut start = 0;
         if is_first {
             start = heading_bytes(text)?;
+            refuse_decimal_commas(&text[start..])?;
             is_first = false;
         }
         let pieces = pieces(&text[start..]);
@@ -115,6 +116,36 @@ fn count_lines(text: &[u8]) -> usize {
 
 fn fields(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(|b| b.is_ascii_whitespace() || *b == b',' || *b == b';').filter(|f| !f.is_empty())
+}
+
+/// By the first line of the points.
+fn refuse_decimal_commas(text: &[u8]) -> Result<()> {
+    let line = text.split(|b| *b == b'\n').next().unwrap_or_default();
+    if !has_decimal_commas(line) {
+        return Ok(());
+    }
+    let shown: String = String::from_utf8_lossy(line.trim_ascii())
+        .chars()
+        .filter(|c| !c.is_control())
+        .take(40)
+        .collect();
+    Err(Error::new(format!("has decimal commas: \"{shown}\""))
+        .remedy("write decimal points, e.g. with: tr , . < IN > OUT"))
+}
+
+/// Whether spaces or semicolons part three numbers with one comma each, among digits.
+fn has_decimal_commas(line: &[u8]) -> bool {
+    let is_number = |field: &[u8]| {
+        let digits = |part: &[u8]| {
+            let part = part.strip_prefix(b"-").unwrap_or(part);
+            !part.is_empty() && part.iter().all(u8::is_ascii_digit)
+        };
+        let parts: Vec<&[u8]> = field.split(|b| *b == b',').collect();
+        parts.len() == 2 && parts.iter().all(|part| digits(part))
+    };
+    let fields = line.split(|b| b.is_ascii_whitespace() || *b == b';').filter(|f| !f.is_empty());
+    let first: Vec<bool> = fields.take(3).map(is_number).collect();
+    first == [true; 3]
 }
 
 fn is_comment(line: &[u8]) -> bool {
