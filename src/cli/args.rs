@@ -67,6 +67,11 @@ pub enum Command {
                       larix landscape scan.voxels --view north --fog 400 -o fog.png"
     )]
     Landscape(super::landscape::Landscape),
+    /// What accuracy costs, what converges, what stays stable, what is left out, how it grows: one
+    /// page, measured on the spot.
+    #[command(after_help = "Examples:\n  larix report\n  larix report --quick -o out\n  \
+                            larix report scan.laz --photo ortho.tif -o out")]
+    Report(super::report::Report),
     /// Write rule files: begin one, check it, see it, derive it; list those built in.
     #[command(after_help = "Example:\n  larix species new my_birch --from betula_pendula\n  \
                       larix species check --watch my_birch.toml")]
@@ -165,6 +170,13 @@ fn unique(text: &str) -> Result<Unique, String> {
             Ok(n @ 1..=1000) => Ok(Unique::Shared(n)),
             _ => Err("give `all` or a number of models a species from 1 to 1000".into()),
         },
+    }
+}
+
+fn texture_px(text: &str) -> Result<u32, String> {
+    match text.parse::<u32>() {
+        Ok(px) if px == 0 || (64..=4096).contains(&px) => Ok(px),
+        _ => Err("give a number of pixels from 64 to 4096, or 0 for none".into()),
     }
 }
 
@@ -370,8 +382,8 @@ pub struct SceneArgs {
     /// How near the terrain's triangles keep to its heights, in metres.
     #[arg(long, value_name = "M", default_value = "0.05", allow_negative_numbers = true, value_parser = positive)]
     pub terrain_error: f32,
-    /// Side of the tree textures in pixels.
-    #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
+    /// Side of the tree textures in pixels; 0 for none: bark and leaves in a colour each.
+    #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = texture_px)]
     pub texture: u32,
     #[command(flatten)]
     pub state: StateArgs,

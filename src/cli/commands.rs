@@ -53,6 +53,7 @@ pub fn run(cli: &Cli) -> Result<()> {
         Command::Terrain(a) => terrain(a, &mut run)?,
         Command::Tree(a) => tree(a, cache, &mut run)?,
         Command::Landscape(a) => super::landscape::run(a, &mut run)?,
+        Command::Report(a) => super::report::run(a, cli.quiet)?,
         Command::Species(a) => return super::species::run(&a.command, cli, &mut run),
     };
     if !cli.quiet {
@@ -83,7 +84,7 @@ fn seed(value: u64) -> Seed {
     Seed::new(value)
 }
 
-fn load_species(names: &[String]) -> Result<Vec<Species>> {
+pub(super) fn load_species(names: &[String]) -> Result<Vec<Species>> {
     let names: Vec<&str> = if names.is_empty() {
         DEFAULT_MIX.to_vec()
     } else {

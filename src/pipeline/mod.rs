@@ -11,6 +11,7 @@ pub mod landscape;
 pub mod left_out;
 pub mod levels;
 mod light;
+pub mod measure;
 mod paint;
 pub mod rules;
 pub mod sheet;

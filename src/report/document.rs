@@ -110,6 +110,8 @@ pub enum Truth {
     Simulated,
     /// Points of the scan that were not used.
     HeldOut,
+    /// All points of the scan, those that were used among them.
+    Cloud,
     /// A finer result of the same program.
     Finer,
     /// The numbers before they were written.
@@ -121,6 +123,7 @@ impl Truth {
         match self {
             Truth::Simulated => "against the known truth of the simulated survey",
             Truth::HeldOut => "against points of the scan that were held out",
+            Truth::Cloud => "against all points of the scan, those it was made from among them",
             Truth::Finer => "against a finer result of the program itself",
             Truth::Exact => "against the scene as it was before it was written",
         }
@@ -162,8 +165,7 @@ pub struct Point {
 impl Front {
     /// Marks the settings that none undercuts in seconds and error.
     pub fn marked(mut self) -> Front {
-        let pairs: Vec<[f64; 2]> =
-            self.points.iter().map(|p| [p.time.median_s, p.error]).collect();
+        let pairs: Vec<[f64; 2]> = self.points.iter().map(|p| [p.time.median_s, p.error]).collect();
         for (point, is_on) in self.points.iter_mut().zip(stats::pareto(&pairs)) {
             point.is_on_front = is_on;
         }
@@ -216,7 +218,8 @@ impl Ladder {
     /// Fits the rungs and judges them.
     pub fn judged(mut self) -> Ladder {
         let points: Vec<[f64; 2]> = self.rungs.iter().map(|r| [r.step, r.error]).collect();
-        self.fit = stats::order(&points).map(|Order { order, floor, off }| Fit { order, floor, off });
+        self.fit =
+            stats::order(&points).map(|Order { order, floor, off }| Fit { order, floor, off });
         let least = self.rungs.iter().map(|r| r.error).fold(f64::INFINITY, f64::min);
         let fall = self.rungs.first().map_or(0.0, |r| r.error / least);
         let unit = &self.error.unit;

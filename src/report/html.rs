@@ -13,7 +13,8 @@ const STYLE: &str = include_str!("page.css");
 
 /// The page.
 pub fn page(document: &Document) -> String {
-    let mut out = String::from("<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n");
+    let mut out =
+        String::from("<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n");
     out.push_str("<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n");
     let _ = writeln!(out, "<title>Larix report</title>\n<style>\n{STYLE}</style>\n</head>\n<body>");
     head(&mut out, document);
@@ -114,7 +115,8 @@ fn plots<'a>(out: &mut String, plots: impl IntoIterator<Item = &'a Plot>) {
     out.push_str("<div class=\"plots\">");
     for plot in plots {
         let (id, title) = (escaped(&plot.id), escaped(&plot.title));
-        let svg = plot.svg.replacen("<svg ", &format!("<svg role=\"img\" aria-label=\"{title}\" "), 1);
+        let svg =
+            plot.svg.replacen("<svg ", &format!("<svg role=\"img\" aria-label=\"{title}\" "), 1);
         let _ = writeln!(out, "<figure id=\"plot-{id}\">{svg}</figure>");
     }
     out.push_str("</div>\n");
@@ -174,7 +176,8 @@ fn stability(out: &mut String, findings: &[Finding]) {
     let rows: Vec<(Vec<String>, &str)> = findings
         .iter()
         .map(|f| {
-            let happened = if f.passes { f.happened.clone() } else { format!("MISSED: {}", f.happened) };
+            let happened =
+                if f.passes { f.happened.clone() } else { format!("MISSED: {}", f.happened) };
             let cells = vec![
                 f.stage.clone(),
                 f.input.clone(),
@@ -193,8 +196,14 @@ fn omissions(out: &mut String, omissions: &Omissions) {
     out.push_str("<section>\n");
     heading(out, &omissions.subject, &[]);
     let heads = [
-        "left out", "removed", "MB saved", "s with", "s without", "peak MB saved",
-        "work counted with → without", "proved",
+        "left out",
+        "removed",
+        "MB saved",
+        "s with",
+        "s without",
+        "peak MB saved",
+        "work counted with → without",
+        "proved",
     ]
     .map(String::from);
     let row = |o: &Omission| {

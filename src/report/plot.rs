@@ -91,11 +91,9 @@ fn front_chart(
         let mark = Mark { at, spread, is_default: p.is_default };
         match groups.iter_mut().find(|g| g.name == p.group) {
             Some(group) => group.marks.push(mark),
-            None => groups.push(Group {
-                name: p.group.clone(),
-                marks: vec![mark],
-                is_joined: false,
-            }),
+            None => {
+                groups.push(Group { name: p.group.clone(), marks: vec![mark], is_joined: false })
+            }
         }
     }
     let is_on = stats::pareto(&pairs);
@@ -190,8 +188,11 @@ impl Chart {
 
     /// What is drawn how.
     fn legend(&self) -> Vec<(&str, Sign)> {
-        let marks =
-            self.groups.iter().enumerate().map(|(k, g)| (g.name.as_str(), Sign::Mark(k, g.is_joined)));
+        let marks = self
+            .groups
+            .iter()
+            .enumerate()
+            .map(|(k, g)| (g.name.as_str(), Sign::Mark(k, g.is_joined)));
         let is_default = self.groups.iter().flat_map(|g| &g.marks).any(|m| m.is_default);
         let ring = is_default.then_some(("default", Sign::Ring));
         let line = self.line.iter().map(|l| (l.0.as_str(), Sign::Line));

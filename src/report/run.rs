@@ -142,6 +142,11 @@ impl<'a> Recorder<'a> {
     }
 }
 
+/// Heap bytes that the process holds now; 0 where the allocator does not count.
+pub fn heap_bytes() -> u64 {
+    peak_alloc::PeakAlloc.current_usage() as u64
+}
+
 /// A table of the stages for a terminal, 100 columns wide.
 pub fn table(stages: &[StageRecord]) -> String {
     use std::fmt::Write;

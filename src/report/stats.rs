@@ -17,11 +17,8 @@ pub fn spread(values: &[f64]) -> Option<Spread> {
     sorted.sort_by(f64::total_cmp);
     let (least, most) = (*sorted.first()?, *sorted.last()?);
     let half = sorted.len() / 2;
-    let median = if sorted.len() % 2 == 1 {
-        sorted[half]
-    } else {
-        0.5 * (sorted[half - 1] + sorted[half])
-    };
+    let median =
+        if sorted.len() % 2 == 1 { sorted[half] } else { 0.5 * (sorted[half - 1] + sorted[half]) };
     Some(Spread { median, least, most })
 }
 
@@ -90,7 +87,8 @@ pub fn order(points: &[[f64; 2]]) -> Option<Order> {
 fn with_order(points: &[[f64; 2]], order: f64) -> Order {
     // Rows: h^2p / e² · f² + 1 / e² · g² = 1. Steps are taken over the greatest, lest powers vanish.
     let widest = points.iter().map(|p| p[0]).fold(0.0, f64::max);
-    let rows = points.iter().map(|&[h, e]| [(h / widest).powf(2.0 * order), 1.0].map(|v| v / e / e));
+    let rows =
+        points.iter().map(|&[h, e]| [(h / widest).powf(2.0 * order), 1.0].map(|v| v / e / e));
     let (mut aa, mut ab, mut bb, mut a1, mut b1) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for [a, b] in rows.clone() {
         aa += a * a;
