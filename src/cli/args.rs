@@ -194,6 +194,13 @@ pub(super) fn positive(text: &str) -> Result<f32, String> {
     }
 }
 
+fn seconds(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
+        _ => Err("give a number of seconds greater than 0".into()),
+    }
+}
+
 fn years(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
@@ -446,9 +453,25 @@ pub struct Forest {
     pub tree: TreeArgs,
     #[command(flatten)]
     pub scene: SceneArgs,
+    #[command(flatten)]
+    pub goal: GoalArgs,
     /// Folder for everything written; `output/` and the scan's name where absent.
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
+}
+
+/// What a run is to reach; settings follow from a measured front.
+#[derive(Debug, Args)]
+pub struct GoalArgs {
+    /// The cheapest settings whose terrain (held out) and crowns (points to wood, mean) are off by no
+    /// more than this, in metres.
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive,
+        conflicts_with_all = ["time", "effort", "tolerance", "triangles", "unique", "scene_triangles"])]
+    pub error: Option<f32>,
+    /// The settings with the least such error that take no longer than this, in seconds.
+    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = seconds,
+        conflicts_with_all = ["effort", "tolerance", "triangles", "unique", "scene_triangles"])]
+    pub time: Option<f32>,
 }
 
 #[derive(Debug, Args)]

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use super::commands::{Told, load_species};
+use super::commands::{Told, load_species, place};
 use super::progress::Bar;
 use crate::diagnostic::{Error, Result};
 use crate::export::{self, OutputFile};
@@ -32,6 +32,9 @@ pub struct Report {
     pub species: Vec<String>,
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Measure instead the front that `larix forest --error` and `--time` choose on, into this file.
+    #[arg(long, value_name = "FILE", hide = true, conflicts_with_all = ["scans", "quick"])]
+    pub write_front: Option<PathBuf>,
     /// Folder for report.html, report.json with its schema, and the plots.
     #[arg(short, long, value_name = "DIR", default_value = "output/report")]
     pub output: PathBuf,
@@ -41,7 +44,9 @@ pub struct Report {
 const USUAL_S: [f64; 2] = [240.0, 40.0];
 
 pub(super) fn run(a: &Report, is_quiet: bool) -> Result<Told> {
-    export::check_writable(&a.output)?;
+    if a.write_front.is_none() {
+        export::check_writable(&a.output)?;
+    }
     let scratch = tempfile::tempdir().map_err(|e| {
         Error::new(format!("no temporary folder can be made: {e}"))
             .remedy("set TMPDIR to one with room")
@@ -54,6 +59,14 @@ pub(super) fn run(a: &Report, is_quiet: bool) -> Result<Told> {
         is_quick: a.quick,
         scratch: scratch.path().to_path_buf(),
     };
+    if let Some(path) = &a.write_front {
+        let front = measure::reference(&job)?;
+        let (dir, name) = place(path)?;
+        let json = json(&front)?;
+        export::write_all(&dir, vec![OutputFile::new(name, json)])?;
+        let lines = vec![format!("written to {}", path.display())];
+        return Ok(Told { lines, json: json!(front) });
+    }
     let document = {
         let bar = Bar::new(USUAL_S[usize::from(a.quick)], is_quiet);
         measure::report(&job, &bar)?
@@ -64,16 +77,16 @@ pub(super) fn run(a: &Report, is_quiet: bool) -> Result<Told> {
     Ok(Told { lines, json: json!(document) })
 }
 
+fn json(value: &impl serde::Serialize) -> Result<String> {
+    let text = serde_json::to_string_pretty(value);
+    text.map(|t| t + "\n").map_err(|e| Error::new(format!("what was measured is no JSON: {e}")))
+}
+
 fn files(document: &Document) -> Result<Vec<OutputFile<'static>>> {
-    let text = |value: &dyn Fn() -> serde_json::Result<String>| {
-        value().map_err(|e| Error::new(format!("the report can't be put into JSON: {e}")))
-    };
-    let report = text(&|| serde_json::to_string_pretty(document))?;
-    let schema = text(&|| serde_json::to_string_pretty(&document::schema()))?;
     let mut files = vec![
         OutputFile::new("report.html", html::page(document)),
-        OutputFile::new("report.json", report + "\n"),
-        OutputFile::new("report.schema.json", schema + "\n"),
+        OutputFile::new("report.json", json(document)?),
+        OutputFile::new("report.schema.json", json(&document::schema())?),
     ];
     let plots = plot::all(document).into_iter();
     files.extend(plots.map(|p| OutputFile::new(format!("plots/{}.svg", p.id), p.svg)));

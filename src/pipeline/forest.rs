@@ -10,6 +10,7 @@ use rstar::primitives::GeomWithData;
 
 use super::cover::Subject;
 use super::drape::drape;
+use super::fit;
 use super::levels::{self, LevelsJob};
 use super::light;
 use super::paint::{leaf_variants, paint};
@@ -72,6 +73,8 @@ pub struct ForestJob {
     pub has_variants: bool,
     /// The terrain's triangles keep this near to its heights, as far as their number allows.
     pub terrain_error_m: f32,
+    /// Whether it is measured how far the points of trees are from the wood that stands for them.
+    pub tells_fit: bool,
     /// Identifier of the scene.
     pub name: String,
 }
@@ -94,6 +97,7 @@ impl ForestJob {
             state: State::default(),
             has_variants: false,
             terrain_error_m: 0.05,
+            tells_fit: false,
             name: "forest".into(),
         }
     }
@@ -121,6 +125,8 @@ pub struct Forest {
     /// Trees outside the box that was asked for.
     pub clipped: usize,
     pub pruned: LeftOut,
+    /// From the points of trees to the wood of their models in place, mean, metres; where asked for.
+    pub crown_error_m: Option<f64>,
     pub survey: Survey,
 }
 
@@ -169,6 +175,22 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     let facets = survey.terrain.facets(job.terrain_error_m, TERRAIN_TRIANGLES);
     let Assembled { mut scene, looks, stretch } =
         assemble(job, &survey, &facets, &models, finest, textures);
+    let mut crown_error_m = None;
+    if job.tells_fit {
+        crown_error_m = run.stage("fit", |_| {
+            let (trees, models) = (scene.instances.len(), scene.prototypes.len());
+            let mean_m = fit::in_place_m(&survey, &scene, &skeletons);
+            let outcome = Outcome::items(trees, "trees", models, "models");
+            let measure = |m| ErrorMeasure::new("points to wood in place, mean", m, "m");
+            Ok((
+                mean_m,
+                match mean_m {
+                    Some(m) => outcome.error(measure(m)),
+                    None => outcome,
+                },
+            ))
+        })?;
+    }
     if let Some(kind) = job.levels.collision {
         for (prototype, skeleton) in scene.prototypes.iter_mut().zip(&skeletons) {
             prototype.colliders = collision(skeleton, kind);
@@ -217,7 +239,7 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
         }
         Ok(((scene, left_out), outcome))
     })?;
-    Ok(Forest { scene, rows, chosen, clipped, pruned, survey })
+    Ok(Forest { scene, rows, chosen, clipped, pruned, crown_error_m, survey })
 }
 
 fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {

@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
+use super::super::fit::total_m;
 use super::Bench;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
@@ -155,7 +156,7 @@ fn steps(bench: &Bench<'_>) -> Result<Ladder> {
         tree.parent = vec![NO_PARENT];
         tree.position.extend(grown.position);
         tree.parent.extend(grown.parent);
-        let error = super::growth::total_m(&tree, &cloud) / BALL as f64;
+        let error = total_m(&tree, &cloud) / BALL as f64;
         Rung { step: step_m.into(), error }
     });
     let (step, error) = (Quantity::new("D", "m"), Quantity::new("points to wood, mean", "m"));

@@ -2,8 +2,8 @@
 
 use glam::Vec3;
 use rayon::prelude::*;
-use rstar::RTree;
 
+use super::super::fit::total_m;
 use super::Bench;
 use crate::crown::{self, Crown, CrownOptions};
 use crate::diagnostic::Result;
@@ -125,18 +125,4 @@ fn point(
     let error = sum / count.max(1) as f64;
     let group = group.into();
     Ok(Point { group, setting, error, cost: None, time, is_default, is_on_front: false })
-}
-
-/// Distances from points to the middle of the wood, together.
-pub(super) fn total_m(tree: &Skeleton, points: &[Vec3]) -> f64 {
-    const SAMPLE_M: f32 = 0.05;
-    let mut wood: Vec<[f32; 3]> = tree.position.iter().map(Vec3::to_array).collect();
-    for i in 1..tree.len() {
-        let (from, to) = (tree.position[tree.parent[i] as usize], tree.position[i]);
-        let steps = (from.distance(to) / SAMPLE_M).ceil() as usize;
-        wood.extend((1..steps).map(|k| from.lerp(to, k as f32 / steps as f32).to_array()));
-    }
-    let wood = RTree::bulk_load(wood);
-    let near = |p: &Vec3| wood.nearest_neighbor(p.to_array()).map(|q| p.distance(Vec3::from(*q)));
-    points.iter().filter_map(near).map(f64::from).sum()
 }

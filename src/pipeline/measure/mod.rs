@@ -13,11 +13,13 @@ mod place;
 mod scale;
 pub mod stability;
 mod terrain;
+mod whole;
 
 use std::path::PathBuf;
 use std::time::Instant;
 
 use place::Place;
+pub use whole::reference;
 
 use crate::diagnostic::Result;
 use crate::report::document::{About, Document, Machine, SCHEMA, Timing};
@@ -90,12 +92,13 @@ fn repeats(is_quick: bool, spent_s: f64) -> usize {
 type Task = fn(&mut Bench<'_>, &mut Document) -> Result<()>;
 
 /// The tasks, with about the share of the time that each takes.
-const TASKS: [(&str, f64, Task); 9] = [
+const TASKS: [(&str, f64, Task); 10] = [
     ("terrain", 0.04, |b, d| add(&mut d.fronts, terrain::front(b))),
     ("crowns", 0.05, |b, d| extend(&mut d.fronts, crowns::fronts(b))),
     ("growth", 0.05, |b, d| extend(&mut d.fronts, growth::fronts(b))),
     ("models", 0.16, |b, d| extend(&mut d.fronts, models::fronts(b))),
     ("files", 0.1, |b, d| extend(&mut d.fronts, files::fronts(b))),
+    ("whole run", 0.1, |b, d| add(&mut d.fronts, whole::front(b))),
     ("convergence", 0.08, |b, d| extend(&mut d.convergence, convergence::ladders(b))),
     ("stability", 0.15, |_, d| extend(&mut d.stability, Ok(stability::run()))),
     ("what is left out", 0.15, |b, d| extend(&mut d.left_out, omissions::all(b))),

@@ -162,7 +162,7 @@ fn planted(survey: &Survey, count: usize) -> Survey {
         let at = side * Vec3::new((copy % across) as f32, (copy / across) as f32, 0.0);
         tree.crown = tree.crown.moved(at.with_z(-survey.trees[of].crown.root.z));
         tree.crown.key = tree.crown.key.wrapping_add((copy as u64) << 40);
-        tree.id = format!("{}-{copy}", tree.id);
+        tree.id = format!("{}_{copy}", tree.id);
         trees.push(tree);
         species.push(survey.species[of]);
     }
