@@ -204,6 +204,8 @@ pub struct Rung {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Fit {
     pub order: f64,
+    /// c.
+    pub factor: f64,
     pub floor: f64,
     /// RMS of the errors over the fit, minus one.
     pub off: f64,
@@ -218,8 +220,12 @@ impl Ladder {
     /// Fits the rungs and judges them.
     pub fn judged(mut self) -> Ladder {
         let points: Vec<[f64; 2]> = self.rungs.iter().map(|r| [r.step, r.error]).collect();
-        self.fit =
-            stats::order(&points).map(|Order { order, floor, off }| Fit { order, floor, off });
+        self.fit = stats::order(&points).map(|Order { order, factor, floor, off }| Fit {
+            order,
+            factor,
+            floor,
+            off,
+        });
         let least = self.rungs.iter().map(|r| r.error).fold(f64::INFINITY, f64::min);
         let fall = self.rungs.first().map_or(0.0, |r| r.error / least);
         let unit = &self.error.unit;

@@ -70,17 +70,35 @@ fn head(out: &mut String, document: &Document) {
     let short = document.convergence.iter().filter(|l| !l.converges).count();
     let unproved: usize =
         document.left_out.iter().flat_map(|o| &o.rows).filter(|r| !r.is_proved).count();
-    let tally = |bad: usize, all: usize, what: &str| match bad {
-        0 => format!("<li>All {all} {what}.</li>"),
-        n => format!("<li class=\"miss\">{n} of {all} {what} do not.</li>"),
+    let tally = |bad: usize, all: usize, [good_text, bad_text]: [&str; 2]| match bad {
+        0 => format!("<li>{all} of {all} {good_text}.</li>"),
+        n => format!("<li class=\"miss\">{n} of {all} {bad_text}.</li>"),
     };
     let rows = document.left_out.iter().map(|o| o.rows.len()).sum();
     let _ = writeln!(
         out,
         "<ul>{}{}{}</ul>",
-        tally(misses, document.stability.len(), "stability cases meet what is expected of them"),
-        tally(short, document.convergence.len(), "errors fall at their stated order"),
-        tally(unproved, rows, "things left out are proved not to have been computed"),
+        tally(
+            misses,
+            document.stability.len(),
+            [
+                "extreme and stiff cases meet what is expected of them",
+                "extreme and stiff cases miss what is expected of them",
+            ]
+        ),
+        tally(
+            short,
+            document.convergence.len(),
+            ["errors fall at their stated order", "errors do not fall at their stated order",]
+        ),
+        tally(
+            unproved,
+            rows,
+            [
+                "things left out are proved not to have been computed",
+                "things left out are not proved not to have been computed",
+            ]
+        ),
     );
     for warning in warnings {
         let _ = writeln!(out, "<p class=\"warning\">Warning: {}</p>", escaped(warning));

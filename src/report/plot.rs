@@ -14,7 +14,7 @@ const WIDTH: u32 = 520;
 const HEIGHT: u32 = 340;
 /// Of one row of the legend.
 const ROW: u32 = 20;
-const FONT: (&str, i32) = ("sans-serif", 13);
+const FONT: (&str, i32) = ("sans-serif", 15);
 
 /// Told apart by any eye (Okabe & Ito 2008); marks differ too.
 const COLOURS: [RGBColor; 6] = [
@@ -118,12 +118,10 @@ pub fn of_ladder(ladder: &Ladder) -> Plot {
         is_default: false,
     };
     let marks: Vec<Mark> = ladder.rungs.iter().map(mark).collect();
-    let line = ladder.fit.and_then(|f| {
-        let widest = ladder.rungs.iter().max_by(|a, b| a.step.total_cmp(&b.step))?;
-        let fallen_sq = (widest.error.powi(2) - f.floor.powi(2)).max(0.0);
-        let at = |step: f64| (fallen_sq.sqrt() * (step / widest.step).powf(f.order)).hypot(f.floor);
+    let line = ladder.fit.map(|f| {
+        let at = |step: f64| (f.factor * step.powf(f.order)).hypot(f.floor);
         let line = ladder.rungs.iter().map(|r| [r.step, at(r.step)]).collect();
-        Some((format!("order {:.2}", f.order), line))
+        (format!("order {:.2}", f.order), line)
     });
     let group = Group { name: "measured".into(), marks, is_joined: false };
     Chart {
@@ -218,7 +216,7 @@ impl Chart {
                 Sign::Ring => lower.draw(&Circle::new((x + 9, y), 7, BLACK.stroke_width(2)))?,
                 Sign::Line => lower.draw(&PathElement::new(way, FRONT.stroke_width(1)))?,
             }
-            lower.draw(&Text::new(name.to_owned(), (x + 26, y - 7), FONT))?;
+            lower.draw(&Text::new(name.to_owned(), (x + 26, y - 8), FONT))?;
         }
         root.present()
     }
@@ -232,12 +230,15 @@ impl Chart {
         let y = decades(at.map(|p| p[1]).chain(spread(1)));
         let place = |[px, py]: [f64; 2]| (px.max(x.start), py.max(y.start));
         let mut chart = ChartBuilder::on(area)
-            .caption(&self.title, ("sans-serif", 15))
+            .caption(&self.title, ("sans-serif", 17))
             .margin(10)
             .margin_right(24)
-            .x_label_area_size(40)
-            .y_label_area_size(64)
-            .build_cartesian_2d(x.clone().log_scale(), y.clone().log_scale())?;
+            .x_label_area_size(44)
+            .y_label_area_size(70)
+            .build_cartesian_2d(
+                x.clone().log_scale().with_key_points(ticks(&x)),
+                y.clone().log_scale().with_key_points(ticks(&y)),
+            )?;
         chart
             .configure_mesh()
             .x_desc(&self.x)
@@ -321,6 +322,18 @@ fn decades(values: impl Iterator<Item = f64>) -> Range<f64> {
     if high / low < 4.0 { low / 2.0..high * 2.0 } else { low..high }
 }
 
+/// 1, 2 and 5 times powers of ten within a range; powers alone where those are many.
+fn ticks(range: &Range<f64>) -> Vec<f64> {
+    const MANY: usize = 8;
+    let (low, high) = (range.start.log10().floor() as i32, range.end.log10().ceil() as i32);
+    let of = |parts: &[f64]| -> Vec<f64> {
+        let all = (low..=high).flat_map(|k| parts.iter().map(move |p| p * 10f64.powi(k)));
+        all.filter(|t| range.contains(t)).collect()
+    };
+    let fine = of(&[1.0, 2.0, 5.0]);
+    if fine.len() > MANY { of(&[1.0]) } else { fine }
+}
+
 /// Plain where it is short, else with a power of ten.
 fn number(value: f64) -> String {
     match value.abs() {
@@ -346,6 +359,16 @@ mod tests {
         let r = decades([0.0, 2.0, 2.0].into_iter());
         assert!(r.start <= 0.5 && r.end > 2.0);
         assert!(decades(std::iter::empty()).start > 0.0);
+    }
+
+    #[test]
+    fn there_are_ticks_in_every_range_and_not_too_many() {
+        assert_eq!(ticks(&(0.9..6.0)), [1.0, 2.0, 5.0]);
+        assert_eq!(ticks(&(0.5..5e3)), [1.0, 10.0, 100.0, 1000.0]);
+        for k in 0..40 {
+            let low = 1e-3 * 1.7f64.powi(k);
+            assert!((1..=8).contains(&ticks(&(low..4.1 * low)).len()), "{low}");
+        }
     }
 
     #[test]

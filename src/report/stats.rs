@@ -62,6 +62,7 @@ pub fn power(points: &[[f64; 2]]) -> Option<Power> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Order {
     pub order: f64,
+    pub factor: f64,
     /// What is left however small the step.
     pub floor: f64,
     /// RMS of the errors over the fit, minus one.
@@ -108,7 +109,8 @@ fn with_order(points: &[[f64; 2]], order: f64) -> Order {
         .map(|[a, b]| ((a * factor_sq + b * floor_sq).max(0.0).sqrt() - 1.0).powi(2))
         .sum::<f64>()
         / points.len() as f64;
-    Order { order, floor: floor_sq.max(0.0).sqrt(), off: off_sq.sqrt() }
+    let factor = factor_sq.max(0.0).sqrt() / widest.powf(order);
+    Order { order, factor, floor: floor_sq.max(0.0).sqrt(), off: off_sq.sqrt() }
 }
 
 #[cfg(test)]
@@ -149,6 +151,7 @@ mod tests {
                 steps.map(|h| [h, (0.3 * h.powf(order_of)).hypot(floor)]).into();
             let found = order(&points).unwrap();
             assert!((found.order - order_of).abs() < 0.02, "{order_of} {floor}: {found:?}");
+            assert!((found.factor - 0.3).abs() < 0.01, "{found:?}");
             assert!((found.floor - floor).abs() <= 0.02 * floor + 1e-6, "{floor}: {found:?}");
             assert!(found.off < 1e-3, "{found:?}");
         }

@@ -190,7 +190,7 @@ fn tolerances(bench: &Bench<'_>) -> Result<Ladder> {
     };
     let finest = volume(2e-5)?;
     let mut rungs = Vec::new();
-    for tolerance_m in halved(0.032, 7) {
+    for tolerance_m in halved(0.016, 7) {
         let error = 100.0 * (volume(tolerance_m)? / finest - 1.0).abs();
         rungs.push(Rung { step: f64::from(tolerance_m) * 1e3, error });
     }

@@ -58,20 +58,28 @@ pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
         heights.push(point(&s, rmse_m, time));
     }
     let truth = if halves.is_some() { Truth::HeldOut } else { Truth::Simulated };
-    let note = match truth {
+    let how = match truth {
         Truth::HeldOut => {
             "Trees found in one half of the points beside those found in the other half: how far the \
              setting agrees with itself, which is not how right it is. Seconds are of the whole scan."
         }
-        _ => "Missed and invented trees: 1 − F1. Seconds are of terrain and crowns.",
+        _ => "Seconds are of terrain and crowns.",
     };
-    let front = |id: &str, title: &str, error: Quantity, points| {
-        let (id, title, stage) = (id.into(), title.into(), "crown".into());
-        Front { id, stage, title, error, truth, cost: None, note: note.into(), points }.marked()
+    let front = |id: &str, title: &str, error: Quantity, what: &str, points| Front {
+        id: id.into(),
+        stage: "crown".into(),
+        title: title.into(),
+        error,
+        truth,
+        cost: None,
+        note: format!("{what} {how}"),
+        points,
     };
+    let f1 = (Quantity::new("1 − F1", "%"), "Missed and invented trees.");
+    let height = (Quantity::new("height RMSE", "m"), "Of the trees that were found.");
     Ok(vec![
-        front("crowns", "Crowns: trees found", Quantity::new("1 − F1", "%"), missed),
-        front("heights", "Crowns: heights", Quantity::new("height RMSE", "m"), heights),
+        front("crowns", "Crowns: trees found", f1.0, f1.1, missed).marked(),
+        front("heights", "Crowns: heights", height.0, height.1, heights).marked(),
     ])
 }
 

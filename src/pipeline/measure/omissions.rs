@@ -14,7 +14,7 @@ use crate::lod;
 use crate::mesh::WindProfile;
 use crate::report::document::{Counted, Omission, Omissions, Timing};
 use crate::report::{Outcome, Recorder, Silent};
-use crate::scene::{self, ColliderShape};
+use crate::scene::{ColliderShape, Texture, ValidScene};
 use crate::work::{self, Work};
 
 /// One thing: how it is asked for, how it is left out, whose work it is.
@@ -132,20 +132,41 @@ fn row(thing: &Thing, with: &Measured, without: &Measured) -> Omission {
     }
 }
 
-/// What the scene holds more with it than without, in words.
+/// What the scene holds only with it, in words; and what it holds only without it.
 fn removed(with: &Measured, without: &Measured) -> String {
-    let counts = [
-        ("texture pixels", with.texture_bytes as i64 / 4 - without.texture_bytes as i64 / 4),
-        ("triangles in files", with.triangles as i64 - without.triangles as i64),
-        ("models", with.models as i64 - without.models as i64),
-        ("trees", with.trees as i64 - without.trees as i64),
-    ];
-    let words = counts.iter().filter(|c| c.1 != 0).map(|&(of, n)| match n {
-        n if n > 0 => format!("{n} {of}"),
-        n => format!("{of} grow by {}", -n),
-    });
-    let words: Vec<String> = words.collect();
-    if words.is_empty() { "attributes of vertices".into() } else { words.join(", ") }
+    let counts: Vec<(i64, &str)> = (with.holds.iter().zip(&without.holds))
+        .map(|((of, a), (_, b))| (*a as i64 - *b as i64, *of))
+        .filter(|c| c.0 != 0)
+        .collect();
+    let words = |sign: i64| -> Vec<String> {
+        let of = counts.iter().filter(|c| c.0 * sign > 0);
+        of.map(|(n, of)| format!("{} {of}", n.abs())).collect()
+    };
+    match (words(1), words(-1)) {
+        (more, less) if less.is_empty() => more.join(", "),
+        (more, less) if more.is_empty() => format!("nothing; it spares {}", less.join(", ")),
+        (more, less) => format!("{}; it spares {}", more.join(", "), less.join(", ")),
+    }
+}
+
+/// What a scene holds in all its forms.
+fn holds(scene: &ValidScene) -> Vec<(&'static str, u64)> {
+    let (mut triangles, mut wind, mut forms, mut bodies) = (0, 0, 0, 0);
+    for p in scene.prototypes() {
+        triangles += p.all_parts().map(|q| q.surface.triangles() as u64).sum::<u64>();
+        wind += p.all_parts().map(|q| q.surface.wind.len() as u64).sum::<u64>();
+        forms += 1 + p.levels.len() as u64;
+        bodies += p.colliders.len() as u64;
+    }
+    let texels = |t: &Texture| u64::from(t.image.width()) * u64::from(t.image.height());
+    vec![
+        ("texture pixels", scene.textures().iter().map(texels).sum()),
+        ("triangles", triangles),
+        ("forms of models", forms),
+        ("vertices with wind", wind),
+        ("bodies for collisions", bodies),
+        ("trees", scene.instances().len() as u64),
+    ]
 }
 
 /// Over the south-western corner, looking at the middle of the scene from above its trees.
@@ -167,10 +188,7 @@ struct Measured {
     time: Timing,
     peak_bytes: u64,
     work: [u64; Work::ALL.len()],
-    triangles: u64,
-    texture_bytes: u64,
-    models: usize,
-    trees: usize,
+    holds: Vec<(&'static str, u64)>,
 }
 
 /// A forest built and written as GLB.
@@ -194,16 +212,12 @@ fn measured(bench: &Bench<'_>, job: &ForestJob) -> Result<Measured> {
         seconds.push(run.seconds());
         peaks.push(run.peak_bytes() as f64);
         let after = work::done();
-        let stats = scene::statistics(&forest.scene);
         last = Some(Measured {
             bytes,
             time: Timing::of(&seconds),
             peak_bytes: crate::report::stats::spread(&peaks).map_or(0, |s| s.median as u64),
             work: std::array::from_fn(|k| after[k] - before[k]),
-            triangles: stats.unique_triangles,
-            texture_bytes: stats.texture_bytes,
-            models: stats.prototypes,
-            trees: stats.trees,
+            holds: holds(&forest.scene),
         });
     }
     last.ok_or_else(|| crate::diagnostic::Error::new("nothing was measured"))

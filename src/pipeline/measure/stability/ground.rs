@@ -92,6 +92,10 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
             ),
         ),
         ("terrain", case("10,000 points/m²", "the plane they lie on", (0.01, "m"), dense)),
+        (
+            "terrain",
+            case("a plot of 5 m on a slope", "the plane it lies on", (0.05, "m"), small_plot),
+        ),
         ("terrain", case("0.01 points/m²", "the plane they lie on", (0.05, "m"), sparse)),
         (
             "terrain",
@@ -302,7 +306,12 @@ fn steep() -> Result<f64> {
 }
 
 fn dense() -> Result<f64> {
-    let terrain = built(&found(on(slope, 5.0, 250_000))?, Some(0.25))?;
+    let terrain = built(&found(on(slope, 12.0, 1_440_000))?, Some(0.25))?;
+    Ok(worst(&terrain, slope, 12.0, |_| true))
+}
+
+fn small_plot() -> Result<f64> {
+    let terrain = built(&found(on(slope, 5.0, 2_500))?, Some(0.25))?;
     Ok(worst(&terrain, slope, 5.0, |_| true))
 }
 
