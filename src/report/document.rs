@@ -114,8 +114,10 @@ pub enum Truth {
     Cloud,
     /// A finer result of the same program.
     Finer,
-    /// The numbers before they were written.
+    /// The numbers before they were written, or a closed form.
     Exact,
+    /// Nothing: it is counted.
+    Counted,
 }
 
 impl Truth {
@@ -125,7 +127,8 @@ impl Truth {
             Truth::HeldOut => "against points of the scan that were held out",
             Truth::Cloud => "against all points of the scan, those it was made from among them",
             Truth::Finer => "against a finer result of the program itself",
-            Truth::Exact => "against the scene as it was before it was written",
+            Truth::Exact => "against what is known exactly",
+            Truth::Counted => "as written to the disk",
         }
     }
 }

@@ -56,7 +56,7 @@ pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
         stage: "export".into(),
         title: "Files: size and seconds to write".into(),
         error: Quantity::new("size", "MB"),
-        truth: Truth::Exact,
+        truth: Truth::Counted,
         cost: None,
         note:
             "Pictures coded anew each time, written to the disk and flushed. OBJ writes every tree \
