@@ -32,3 +32,4 @@ pub mod species;
 pub mod terrain;
 pub mod texture;
 pub mod voxel;
+pub mod work;

@@ -477,3 +477,70 @@ fn a_box_and_a_camera_leave_out_what_they_do_not_show() {
     refused(&["demo", "--clip", "5,0,1,1"], &["WEST,SOUTH,EAST,NORTH"]);
     refused(&["demo", "--camera", "1,2,3,1,2,3"], &["looks at itself"]);
 }
+
+#[test]
+fn a_goal_chooses_settings_and_says_what_was_reached() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name).to_string_lossy().into_owned();
+    let small = ["--trees", "12", "--texture", "64", "--triangles", "400", "--format", "glb"];
+    let demo = larix(&[&["demo", "--quiet", "-o", &at("demo")][..], &small].concat());
+    assert!(demo.status.success(), "{}", text(&demo.stderr));
+    let scan = at("demo/scan.laz");
+    let run = |goal: [&str; 2], out: &str| {
+        let to = at(out);
+        let usual = ["forest", &scan, "--texture", "64", "--format", "glb", "--json", "-o", &to];
+        let out = larix(&[&usual[..], &goal].concat());
+        let said = text(&out.stderr);
+        assert!(out.status.success() && fs::exists(format!("{to}/forest.glb")).unwrap(), "{said}");
+        let report: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+        (report["goal"].clone(), said)
+    };
+    let (coarse, said) = run(["--error", "9"], "coarse");
+    assert!(said.contains("chosen: ") && !said.contains("warning: --error"), "{said}");
+    let (fine, said) = run(["--error", "0.001"], "fine");
+    assert!(
+        said.contains("warning: --error 0.001: the finest setting that was tried reaches"),
+        "{said}"
+    );
+    let error = |goal: &serde_json::Value| goal["crown_error_m"].as_f64().unwrap();
+    assert!(error(&fine) < 0.7 * error(&coarse), "{fine} {coarse}");
+    let (hurried, said) = run(["--time", "0.001"], "hurried");
+    assert_eq!(hurried["setting"], coarse["setting"], "{said}");
+    assert!(said.contains("warning: --time 0.001: it took"), "{said}");
+    // There is time enough for the most right of all.
+    let (patient, _) = run(["--time", "100000"], "patient");
+    assert!(error(&patient) <= error(&fine), "{patient} {fine}");
+}
+
+#[test]
+fn goals_go_with_none_of_the_options_that_they_decide() {
+    for decided in
+        [["--effort", "best"], ["--tolerance", "0.1"], ["--triangles", "500"], ["--unique", "all"]]
+    {
+        for goal in [["--error", "0.25"], ["--time", "10"]] {
+            let args = [&["forest", "x.laz"][..], &goal, &decided].concat();
+            refused(&args, &["cannot be used with", goal[0], decided[0]]);
+        }
+    }
+    refused(&["forest", "x.laz", "--error", "1", "--time", "1"], &["cannot be used with"]);
+    refused(&["forest", "x.laz", "--error", "-1"], &["greater than 0"]);
+    refused(&["forest", "x.laz", "--time", "soon"], &["greater than 0"]);
+}
+
+#[test]
+fn a_forest_without_textures_has_colours_and_no_pictures_of_trees() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name).to_string_lossy().into_owned();
+    let small = ["--trees", "6", "--triangles", "400", "--format", "gltf", "--quiet"];
+    let textures = |px: &str, out: &str| {
+        let to = at(out);
+        let run = larix(&[&["demo", "--texture", px, "-o", &to][..], &small].concat());
+        assert!(run.status.success(), "{}", text(&run.stderr));
+        let json = fs::read_to_string(format!("{to}/forest.gltf")).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+        json["textures"].as_array().map_or(0, Vec::len)
+    };
+    assert_eq!(textures("0", "plain"), 1, "the terrain's alone");
+    assert!(textures("64", "pictured") > 10);
+    refused(&["demo", "--texture", "63"], &["from 64 to 4096, or 0"]);
+}

@@ -4,14 +4,15 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Rooms that each room may name. Everyone may use the four at the bottom.
-const BOTTOM: [&str; 4] = ["frame", "seed", "diagnostic", "raster"];
+/// Rooms that each room may name. Everyone may use those at the bottom.
+const BOTTOM: [&str; 5] = ["frame", "seed", "diagnostic", "raster", "work"];
 
 fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
     BTreeMap::from([
         ("frame", &[][..]),
         ("seed", &[]),
         ("diagnostic", &[]),
+        ("work", &[]),
         ("cache", &[]),
         ("raster", &[]),
         ("scan", &["voxel"]),
@@ -38,7 +39,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 27] = [
+const HOMES: [(&str, &[&str]); 28] = [
     ("hashbrown", &["landscape"]),
     ("ab_glyph", &["render"]),
     ("blake3", &["cache"]),
@@ -59,7 +60,8 @@ const HOMES: [(&str, &[&str]); 27] = [
     ("flate2", &["raster", "landscape"]),
     ("webp", &["raster"]),
     ("weezl", &["raster"]),
-    ("schemars", &["species"]),
+    ("schemars", &["species", "report"]),
+    ("plotters", &["report"]),
     ("meshopt", &["export"]),
     ("itoa", &["export"]),
     ("zmij", &["export"]),

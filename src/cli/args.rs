@@ -67,6 +67,11 @@ pub enum Command {
                       larix landscape scan.voxels --view north --fog 400 -o fog.png"
     )]
     Landscape(super::landscape::Landscape),
+    /// What accuracy costs, what converges, what stays stable, what is left out, how it grows: one
+    /// page, measured on the spot.
+    #[command(after_help = "Examples:\n  larix report\n  larix report --quick -o out\n  \
+                            larix report scan.laz --photo ortho.tif -o out")]
+    Report(super::report::Report),
     /// Write rule files: begin one, check it, see it, derive it; list those built in.
     #[command(after_help = "Example:\n  larix species new my_birch --from betula_pendula\n  \
                       larix species check --watch my_birch.toml")]
@@ -168,6 +173,13 @@ fn unique(text: &str) -> Result<Unique, String> {
     }
 }
 
+fn texture_px(text: &str) -> Result<u32, String> {
+    match text.parse::<u32>() {
+        Ok(px) if px == 0 || (64..=4096).contains(&px) => Ok(px),
+        _ => Err("give a number of pixels from 64 to 4096, or 0 for none".into()),
+    }
+}
+
 fn tolerance(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(v) if (1e-5..=1.0).contains(&v) => Ok(v),
@@ -179,6 +191,13 @@ pub(super) fn positive(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
         _ => Err("give a number greater than 0, in metres".into()),
+    }
+}
+
+fn seconds(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
+        _ => Err("give a number of seconds greater than 0".into()),
     }
 }
 
@@ -370,8 +389,8 @@ pub struct SceneArgs {
     /// How near the terrain's triangles keep to its heights, in metres.
     #[arg(long, value_name = "M", default_value = "0.05", allow_negative_numbers = true, value_parser = positive)]
     pub terrain_error: f32,
-    /// Side of the tree textures in pixels.
-    #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
+    /// Side of the tree textures in pixels; 0 for none: bark and leaves in a colour each.
+    #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = texture_px)]
     pub texture: u32,
     #[command(flatten)]
     pub state: StateArgs,
@@ -434,9 +453,25 @@ pub struct Forest {
     pub tree: TreeArgs,
     #[command(flatten)]
     pub scene: SceneArgs,
+    #[command(flatten)]
+    pub goal: GoalArgs,
     /// Folder for everything written; `output/` and the scan's name where absent.
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
+}
+
+/// What a run is to reach; settings follow from a measured front.
+#[derive(Debug, Args)]
+pub struct GoalArgs {
+    /// The cheapest settings whose terrain (held out) and crowns (points to wood, mean) are off by no
+    /// more than this, in metres.
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive,
+        conflicts_with_all = ["time", "effort", "tolerance", "triangles", "unique", "scene_triangles"])]
+    pub error: Option<f32>,
+    /// The settings with the least such error that take no longer than this, in seconds.
+    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = seconds,
+        conflicts_with_all = ["effort", "tolerance", "triangles", "unique", "scene_triangles"])]
+    pub time: Option<f32>,
 }
 
 #[derive(Debug, Args)]

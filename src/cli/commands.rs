@@ -13,6 +13,7 @@ use crate::export::{self, Format, OutputFile, Pictures, Profile, Staged, WindAs}
 use crate::ground::Method;
 use crate::lod;
 use crate::mesh::{FoliageLevel, Junctions, WindProfile, lightmap};
+use crate::pipeline::goal::Goal;
 use crate::pipeline::left_out::{self, Saved};
 use crate::pipeline::tree::Grown;
 use crate::pipeline::{
@@ -53,6 +54,7 @@ pub fn run(cli: &Cli) -> Result<()> {
         Command::Terrain(a) => terrain(a, &mut run)?,
         Command::Tree(a) => tree(a, cache, &mut run)?,
         Command::Landscape(a) => super::landscape::run(a, &mut run)?,
+        Command::Report(a) => super::report::run(a, cli.quiet)?,
         Command::Species(a) => return super::species::run(&a.command, cli, &mut run),
     };
     if !cli.quiet {
@@ -83,7 +85,7 @@ fn seed(value: u64) -> Seed {
     Seed::new(value)
 }
 
-fn load_species(names: &[String]) -> Result<Vec<Species>> {
+pub(super) fn load_species(names: &[String]) -> Result<Vec<Species>> {
     let names: Vec<&str> = if names.is_empty() {
         DEFAULT_MIX.to_vec()
     } else {
@@ -226,6 +228,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
         clip: scene.clip,
         eye: scene.camera,
         terrain_error_m: scene.terrain_error,
+        tells_fit: false,
         name: "forest".into(),
     }
 }
@@ -287,13 +290,33 @@ fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
     check_levels(&a.scene.levels)?;
     let job = forest_job(survey_job(&a.scan, &a.tree)?, &a.scene, cache);
     export::check_writable(&dir)?;
-    let forest = pipeline::forest::forest(&job, run)?;
+    let (forest, reached) = match goal(a) {
+        None => (pipeline::forest::forest(&job, run)?, None),
+        Some(goal) => {
+            let (forest, reached) = pipeline::goal::forest(&job, goal, run)?;
+            (forest, Some((goal, reached)))
+        }
+    };
     let mut staged = Staged::new(&dir)?;
     stage_forest(&forest, &a.scene, &mut staged, run)?;
-    let summary = forest_summary("forest", a.tree.seed, &forest, &a.scene, run);
+    let mut told_of_goal = None;
+    if let Some((goal, reached)) = &reached {
+        let (told, warning) = reached.told(*goal, run.seconds());
+        run.warnings.extend(warning);
+        told_of_goal = Some(told);
+    }
+    let mut summary = forest_summary("forest", a.tree.seed, &forest, &a.scene, run);
+    summary["goal"] = json!(reached.map(|r| r.1));
     staged.add(vec![report_file(&summary)])?;
     staged.commit()?;
-    Ok(Told { lines: forest_lines(&forest, &a.scene, run, &dir), json: summary })
+    let mut lines = forest_lines(&forest, &a.scene, run, &dir);
+    lines.extend(told_of_goal);
+    Ok(Told { lines, json: summary })
+}
+
+fn goal(a: &args::Forest) -> Option<Goal> {
+    let error = a.goal.error.map(|m| Goal::Error(m.into()));
+    error.or(a.goal.time.map(|s| Goal::Time(s.into())))
 }
 
 /// Everything a forest run writes but its report.

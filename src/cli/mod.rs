@@ -4,6 +4,7 @@ mod args;
 mod commands;
 mod landscape;
 mod progress;
+mod report;
 mod species;
 mod watch;
 

@@ -195,6 +195,16 @@ pub fn files<'a>(
     Ok(Warned::with(files, warnings))
 }
 
+/// Farthest that writing moves a vertex along an axis of its model, metres: 0 where the numbers of a
+/// file read back as the same f32.
+pub fn worst_shift_m(scene: &ValidScene, format: Format, profile: Profile) -> f32 {
+    match format {
+        Format::Glb | Format::Gltf => gltf::worst_shift_m(scene, profile),
+        Format::X3d if profile == Profile::Web => x3d::worst_shift_m(scene),
+        Format::X3d | Format::Usda | Format::Usdc | Format::Usdz | Format::Obj => 0.0,
+    }
+}
+
 /// What goes into which file.
 fn forms<'a>(scene: &'a ValidScene, stem: &str, is_one_file: bool) -> Vec<(String, Selection<'a>)> {
     if is_one_file {

@@ -11,6 +11,7 @@ use glam::{Quat, Vec3};
 use crate::mesh::Surface;
 use crate::scene::{Collider, ColliderShape};
 use crate::skeleton::Skeleton;
+use crate::work::{self, Work};
 
 /// The stem ends where it is thinner than this share of its foot.
 const THIN: f32 = 0.3;
@@ -28,6 +29,7 @@ struct Place {
 /// Closed convex bodies, tree-local metres. None for a skeleton
 /// without a stem that rises.
 pub fn collision(skeleton: &Skeleton, shape: ColliderShape) -> Vec<Collider> {
+    work::count(Work::Colliders, 1);
     let stem = stem(skeleton);
     let (Some(&foot), Some(&top)) = (stem.first(), stem.last()) else { return Vec::new() };
     if stem.len() < 2 {

@@ -20,6 +20,7 @@ use crate::raster::{Picture, pad_transparent};
 use crate::render::capture::{Sitter, Texel, Window};
 use crate::render::srgb_from_linear;
 use crate::scene::Octahedral;
+use crate::work::{self, Work};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
@@ -60,6 +61,7 @@ pub fn bake(
     kind: Kind,
     size_px: u32,
 ) -> Result<Impostor> {
+    work::count(Work::Impostors, 1);
     let of = Model { sitter, model };
     match kind {
         Kind::Cross => cross(&of, bounds, size_px as usize),

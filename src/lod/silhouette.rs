@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use crate::diagnostic::Result;
 use crate::render::capture::{Sitter, Window};
 use crate::scene::Apart;
+use crate::work::{self, Work};
 
 /// Samples along the longer side of the grid.
 const SAMPLES: usize = 320;
@@ -118,6 +119,7 @@ pub fn cover(
 
 impl Mask {
     fn new(width: usize, covered: Vec<bool>) -> Mask {
+        work::count(Work::Silhouettes, 1);
         let height = covered.len() / width.max(1);
         let mut out: Vec<f32> =
             covered.iter().map(|&c| if c { 0.0 } else { f32::INFINITY }).collect();

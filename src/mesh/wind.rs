@@ -20,6 +20,7 @@ use glam::Vec3;
 use super::Surface;
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
+use crate::work::{self, Work};
 
 /// Whose channels are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,6 +77,7 @@ pub struct Wind {
 
 impl Wind {
     pub fn new(skeleton: &Skeleton, profile: WindProfile, seed: Seed) -> Wind {
+        work::count(Work::WindNodes, skeleton.len());
         let seed = seed.derive("wind", 0);
         let mut branch = vec![[0.0f32; 2]; skeleton.len()];
         for i in 1..skeleton.len() {

@@ -12,6 +12,7 @@ use crate::seed::Seed;
 use crate::species::photo::Photo;
 use crate::terrain::Terrain;
 use crate::texture;
+use crate::work::{self, Work};
 
 /// Most pixels along a side.
 const MOST_PX: u32 = 2048;
@@ -44,6 +45,7 @@ pub fn drape(
         rows,
         ..*g
     };
+    work::count(Work::PhotoSamples, geometry.len());
     let place = |i: usize| {
         let [x, y] = geometry.centre(i % cols, i / cols);
         Vec2::new(x as f32, y as f32)

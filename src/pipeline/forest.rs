@@ -10,6 +10,7 @@ use rstar::primitives::GeomWithData;
 
 use super::cover::Subject;
 use super::drape::drape;
+use super::fit;
 use super::levels::{self, LevelsJob};
 use super::light;
 use super::paint::{leaf_variants, paint};
@@ -72,6 +73,8 @@ pub struct ForestJob {
     pub has_variants: bool,
     /// The terrain's triangles keep this near to its heights, as far as their number allows.
     pub terrain_error_m: f32,
+    /// Whether it is measured how far the points of trees are from the wood that stands for them.
+    pub tells_fit: bool,
     /// Identifier of the scene.
     pub name: String,
 }
@@ -94,6 +97,7 @@ impl ForestJob {
             state: State::default(),
             has_variants: false,
             terrain_error_m: 0.05,
+            tells_fit: false,
             name: "forest".into(),
         }
     }
@@ -121,6 +125,8 @@ pub struct Forest {
     /// Trees outside the box that was asked for.
     pub clipped: usize,
     pub pruned: LeftOut,
+    /// From the points of trees to the wood of their models in place, mean, metres; where asked for.
+    pub crown_error_m: Option<f64>,
     pub survey: Survey,
 }
 
@@ -141,7 +147,15 @@ const MOST_STRETCH: f32 = 1.5;
 /// # Errors
 /// Those of the survey; a species that cannot grow.
 pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
-    let mut survey = survey::inventory(&job.survey, run)?;
+    let survey = survey::inventory(&job.survey, run)?;
+    raise(job, survey, run)
+}
+
+/// A survey to a validated scene.
+///
+/// # Errors
+/// A species that cannot grow; a box that holds nothing.
+pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<Forest> {
     let clipped = job.clip.map_or(Ok(0), |clip| view::clip(&mut survey, &clip))?;
     let models = models(job, &survey);
     let mut budgets = budgets(job, &survey, &models);
@@ -161,6 +175,22 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
     let facets = survey.terrain.facets(job.terrain_error_m, TERRAIN_TRIANGLES);
     let Assembled { mut scene, looks, stretch } =
         assemble(job, &survey, &facets, &models, finest, textures);
+    let mut crown_error_m = None;
+    if job.tells_fit {
+        crown_error_m = run.stage("fit", |_| {
+            let (trees, models) = (scene.instances.len(), scene.prototypes.len());
+            let mean_m = fit::in_place_m(&survey, &scene, &skeletons);
+            let outcome = Outcome::items(trees, "trees", models, "models");
+            let measure = |m| ErrorMeasure::new("points to wood in place, mean", m, "m");
+            Ok((
+                mean_m,
+                match mean_m {
+                    Some(m) => outcome.error(measure(m)),
+                    None => outcome,
+                },
+            ))
+        })?;
+    }
     if let Some(kind) = job.levels.collision {
         for (prototype, skeleton) in scene.prototypes.iter_mut().zip(&skeletons) {
             prototype.colliders = collision(skeleton, kind);
@@ -209,7 +239,7 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
         }
         Ok(((scene, left_out), outcome))
     })?;
-    Ok(Forest { scene, rows, chosen, clipped, pruned, survey })
+    Ok(Forest { scene, rows, chosen, clipped, pruned, crown_error_m, survey })
 }
 
 fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {
@@ -626,7 +656,8 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
     let twig_bark =
         textures.bark_twig.map_or(upper_bark, |t| add_bark(scene, &format!("{stem}_bark_twig"), t));
     let name = format!("{stem}_leaf");
-    let leaf = add_texture(scene, &name, textures.leaf, Colorspace::Srgb);
+    let (base_color, leaf) = colour(scene, &name, textures.leaf);
+    let alpha = if leaf.is_some() { Alpha::Mask { cutoff: 0.5 } } else { Alpha::Opaque };
     let variants = textures.leaf_variants.into_iter().map(|(variant, image)| {
         let texture = add_texture(scene, &format!("{name}_{variant}"), image, Colorspace::Srgb);
         Variant {
@@ -638,14 +669,14 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
     let variants = variants.collect();
     scene.materials.push(Material {
         name,
-        base_color: [1.0; 3],
-        base_color_texture: Some(leaf),
+        base_color,
+        base_color_texture: leaf,
         normal_texture: None,
         orm_texture: None,
         variants,
         roughness: 0.65,
         translucency: LEAF_TRANSLUCENCY,
-        alpha: Alpha::Mask { cutoff: 0.5 },
+        alpha,
         double_sided: true,
     });
     Look { bark, upper_bark, twig_bark, leaf: scene.materials.len() as u32 - 1 }
@@ -656,7 +687,8 @@ fn tinted(scene: &mut Scene, look: Look, tint: [f32; 3], number: u32) -> Look {
     let leaf = scene.materials.get(look.leaf as usize).filter(|_| tint != [1.0; 3]);
     let Some(leaf) = leaf.cloned() else { return look };
     let name = format!("{}_{number:02}", leaf.name);
-    scene.materials.push(Material { name, base_color: tint, ..leaf });
+    let base_color = std::array::from_fn(|k| leaf.base_color[k] * tint[k]);
+    scene.materials.push(Material { name, base_color, ..leaf });
     Look { leaf: scene.materials.len() as u32 - 1, ..look }
 }
 
@@ -665,16 +697,29 @@ fn add_texture(scene: &mut Scene, name: &str, image: Image, colorspace: Colorspa
     scene.textures.len() as u32 - 1
 }
 
+/// A picture of one pixel is a colour, and needs no texture.
+fn colour(scene: &mut Scene, name: &str, image: Image) -> ([f32; 3], Option<u32>) {
+    if (image.width(), image.height()) != (1, 1) {
+        return ([1.0; 3], Some(add_texture(scene, name, image, Colorspace::Srgb)));
+    }
+    let linear = |v: u8| match f32::from(v) / 255.0 {
+        s if s <= 0.040_45 => s / 12.92,
+        s => ((s + 0.055) / 1.055).powf(2.4),
+    };
+    let [r, g, b, _] = image.picture().at(0, 0);
+    ([r, g, b].map(linear), None)
+}
+
 fn add_bark(scene: &mut Scene, name: &str, bark: BarkTextures) -> u32 {
-    let colour = add_texture(scene, name, bark.colour, Colorspace::Srgb);
+    let (base_color, colour) = colour(scene, name, bark.colour);
     let mut relief = |image: Option<Image>, kind: &str| {
         image.map(|i| add_texture(scene, &format!("{name}_{kind}"), i, Colorspace::Raw))
     };
     let (normal_texture, orm_texture) = (relief(bark.normal, "normal"), relief(bark.orm, "orm"));
     scene.materials.push(Material {
         name: name.to_owned(),
-        base_color: [1.0; 3],
-        base_color_texture: Some(colour),
+        base_color,
+        base_color_texture: colour,
         normal_texture,
         orm_texture,
         variants: Vec::new(),

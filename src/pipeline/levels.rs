@@ -16,6 +16,7 @@ use crate::scene::{
 };
 use crate::species::Species;
 use crate::texture::Atlas;
+use crate::work::{self, Work};
 
 /// Which forms are made of a model beside the finest.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -61,6 +62,7 @@ pub fn meshes(
             _ => *options,
         })
         .collect();
+    work::count(Work::CoarserForms, meshed);
     let mut out = cover::meshes(subject, &forms)?;
     let factor = out.first().map_or(1.0, |finest| height_m.map_or(1.0, |h| finest.factor_to(h)));
     out.par_iter_mut().for_each(|mesh| mesh.scale(factor));
@@ -198,6 +200,9 @@ struct Baked {
     normal: Texture,
 }
 
+/// Of an impostor's sheet, where trees themselves have no pictures.
+const LEAST_SHEET_PX: u32 = 32;
+
 fn bake(
     scene: &Scene,
     kind: lod::Kind,
@@ -207,7 +212,8 @@ fn bake(
     let size_px = match kind {
         lod::Kind::Cross => texture_px / 2,
         lod::Kind::Octahedral => texture_px,
-    };
+    }
+    .max(LEAST_SHEET_PX);
     let models: Vec<&[Part]> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
     let sitter = Sitter::new(&models, &scene.materials, &scene.textures);
     (0..models.len() as u32)

@@ -8,7 +8,7 @@ use crate::species::Species;
 use crate::species::state::{Condition, Season, State};
 use crate::texture::{self, TreeTextures, stored};
 
-/// The same pictures, to the byte, with or without a cache.
+/// The same pictures, to the byte, with or without a cache; none where they are to be 0 pixels wide.
 ///
 /// # Errors
 /// A picture that can't be encoded.
@@ -18,6 +18,9 @@ pub(super) fn paint(
     seed: Seed,
     cache: &Cache,
 ) -> Result<TreeTextures> {
+    if size_px == 0 {
+        return Ok(texture::plain(species));
+    }
     let decides = stored::decides(species, size_px, seed);
     let key = Key::of(decides.iter().map(Vec::as_slice));
     if let Some(kept) = cache.get(key)

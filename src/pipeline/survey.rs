@@ -47,6 +47,7 @@ pub struct SurveyJob {
 }
 
 /// Everything known of the place once its trees have been found.
+#[derive(Clone)]
 pub struct Survey {
     pub frame: Frame,
     pub terrain: Terrain,

@@ -10,6 +10,7 @@ use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::render::{self, Camera, RenderOptions};
 use crate::scene::{Prototype, Scene};
+use crate::work::{self, Work};
 
 /// Where a picture will be taken from; the scan's own coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,6 +53,7 @@ pub struct Chosen {
 /// triangles whose silhouette is off by no more than a pixel of 1,080 lines, or `tolerance_m`,
 /// RMS. Forms become prototypes of their own. Known limit: shadows and reflections of what is dropped are missing.
 pub fn choose(scene: &mut Scene, eye: &Eye, tolerance_m: f32) -> Chosen {
+    work::count(Work::TreesLookedFor, scene.instances.len());
     let camera = camera(&scene.frame, eye);
     let options = RenderOptions {
         width: (LINES as f32 * ASPECT) as u32,

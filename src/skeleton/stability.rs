@@ -30,6 +30,18 @@ pub struct Case {
     measure: fn() -> Result<f64>,
 }
 
+impl Case {
+    /// `measure` gives how far the outcome is from the expectation; an error misses by all.
+    pub const fn new(
+        name: &'static str,
+        expectation: &'static str,
+        (limit, unit): (f64, &'static str),
+        measure: fn() -> Result<f64>,
+    ) -> Case {
+        Case { name, expectation, unit, limit, measure }
+    }
+}
+
 /// The outcome of a case.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Finding {
@@ -40,6 +52,8 @@ pub struct Finding {
     pub unit: &'static str,
     pub limit: f64,
     pub seconds: f64,
+    /// The error that ended the case.
+    pub ended_by: Option<String>,
 }
 
 impl Finding {
@@ -51,10 +65,14 @@ impl Finding {
 impl Case {
     pub fn run(&self) -> Finding {
         let start = Instant::now();
-        let measured = (self.measure)().unwrap_or(f64::INFINITY);
+        let outcome = (self.measure)();
         let seconds = start.elapsed().as_secs_f64();
         let Case { name, expectation, unit, limit, .. } = *self;
-        Finding { name, expectation, measured, unit, limit, seconds }
+        let (measured, ended_by) = match outcome {
+            Ok(measured) => (measured, None),
+            Err(error) => (f64::INFINITY, Some(error.message().to_owned())),
+        };
+        Finding { name, expectation, measured, unit, limit, seconds, ended_by }
     }
 }
 

@@ -16,6 +16,7 @@ pub use ground::GROUND_REPEAT_M;
 use crate::raster::{Image, Picture};
 use crate::seed::Seed;
 use crate::species::Species;
+use crate::work::{self, Work};
 use bark::BarkPictures;
 
 /// The pictures of one species.
@@ -32,6 +33,18 @@ pub struct TreeTextures {
     pub atlas: Atlas,
     /// The same twigs in other colours, by name.
     pub leaf_variants: Vec<(&'static str, Image)>,
+}
+
+impl TreeTextures {
+    fn pixels(&self) -> usize {
+        let of = |image: &Image| image.width() as usize * image.height() as usize;
+        let barks = [Some(&self.bark), self.bark_upper.as_ref(), self.bark_twig.as_ref()];
+        let pictures = barks
+            .into_iter()
+            .flatten()
+            .flat_map(|b| [Some(&b.colour), b.normal.as_ref(), b.orm.as_ref(), b.height.as_ref()]);
+        pictures.flatten().map(of).sum::<usize>() + of(&self.leaf)
+    }
 }
 
 /// The pictures of one bark; they tile in both directions, a tile is [`BARK_REPEAT_M`] wide and
@@ -80,12 +93,35 @@ pub fn for_species(species: &Species, size_px: u32, seed: Seed) -> TreeTextures 
             )
         },
     );
-    TreeTextures {
+    let textures = TreeTextures {
         bark: lower,
         bark_upper: upper,
         bark_twig: bark::draw_twig(bark, size_px, seed),
         leaf: leaf.into(),
         atlas,
+        leaf_variants: Vec::new(),
+    };
+    work::count(Work::TexturePixels, textures.pixels());
+    textures
+}
+
+/// A species without pictures: bark and leaves in a colour each, one pixel wide. Leaves then fill
+/// their cards.
+pub fn plain(species: &Species) -> TreeTextures {
+    let pixel = |[r, g, b]: [u8; 3]| Image::from(Picture::filled(1, 1, [r, g, b, 255]));
+    let bark = BarkTextures {
+        colour: pixel(species.bark.colour),
+        normal: None,
+        orm: None,
+        height: None,
+        depth_m: 0.0,
+    };
+    TreeTextures {
+        bark,
+        bark_upper: None,
+        bark_twig: None,
+        leaf: pixel(species.foliage.colour),
+        atlas: Atlas::whole(species.foliage.twig_length_m),
         leaf_variants: Vec::new(),
     }
 }

@@ -18,7 +18,7 @@ use crate::mesh::Surface;
 use crate::scene::{self, Alpha, Form, Model, Part, Selection, TreeFacts, Wrap};
 
 /// Terrain keeps its 32-bit positions where 16 bits would move it farther than this, metres.
-const MOST_TERRAIN_ERROR_M: f32 = 0.005;
+pub(super) const MOST_TERRAIN_ERROR_M: f32 = 0.005;
 
 /// Where buffer and pictures are.
 #[derive(Debug, Clone, Copy)]
@@ -378,7 +378,7 @@ fn form_name<'a>(model: &'a str, number: usize, form: &Form<'_>) -> Cow<'a, str>
 }
 
 /// One for all forms and colliders, so that instances of each stand alike.
-fn grid_of(model: &Model<'_>) -> Grid {
+pub(super) fn grid_of(model: &Model<'_>) -> Grid {
     let parts = model.forms.iter().flat_map(|f| f.parts).map(|p| &p.surface);
     let bodies: Vec<&Surface> = model.colliders.iter().map(|c| &c.body).collect();
     Grid::about_origin(parts.chain(bodies))

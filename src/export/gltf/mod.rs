@@ -18,10 +18,11 @@ mod variants;
 use glam::Vec3;
 
 use self::document::{Beside, Built, build};
+use self::quantize::Grid;
 use super::PictureFormat;
 use super::{Content, OutputFile, Pictures};
 use crate::diagnostic::{Error, Result, Warned};
-use crate::scene::Selection;
+use crate::scene::{Forms, Selection, ValidScene};
 
 /// For whom a glTF file is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -67,6 +68,25 @@ impl Profile {
             Profile::Web => PictureFormat::WebP,
         }
     }
+}
+
+/// Farthest that a vertex of a model, or of the terrain, is moved along an axis by the numbers that
+/// a profile counts positions in, metres.
+pub fn worst_shift_m(scene: &ValidScene, profile: Profile) -> f32 {
+    if !profile.has_counted_positions() {
+        return 0.0;
+    }
+    let selection = Selection::of(scene, Forms::All);
+    let models = selection.models.iter().map(|model| {
+        let parts = model.forms.iter().flat_map(|f| f.parts);
+        parts.map(|p| document::grid_of(model).shift_m(&p.surface)).fold(0.0, f32::max)
+    });
+    let terrain = selection.terrain.map(|t| {
+        let grid = Grid::around([&t.surface].into_iter());
+        let is_counted = grid.error_m() <= document::MOST_TERRAIN_ERROR_M;
+        if is_counted { grid.shift_m(&t.surface) } else { 0.0 }
+    });
+    models.chain(terrain).fold(0.0, f32::max)
 }
 
 /// Where it is said how vertices move in the wind.

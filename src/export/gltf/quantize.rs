@@ -45,6 +45,13 @@ impl Grid {
         0.5 * self.half_m / MOST
     }
 
+    /// Farthest that a position of the surface does move along an axis, metres.
+    pub fn shift_m(&self, surface: &Surface) -> f32 {
+        let back =
+            |p: Vec3| Vec3::from(self.count(p).map(f32::from)) / MOST * self.half_m + self.centre;
+        surface.position.iter().map(|&p| (back(p) - p).abs().max_element()).fold(0.0, f32::max)
+    }
+
     pub fn count(&self, p: Vec3) -> [i16; 3] {
         let steps = ((p - self.centre) / self.half_m * MOST)
             .round()

@@ -8,10 +8,12 @@
 use glam::{Vec3, Vec4};
 
 use crate::mesh::Surface;
+use crate::work::{self, Work};
 
 /// Unit xyz, w = ±1, one a vertex; the direction of growing u, and cross(normal, xyz) · w of
 /// growing v (upwards in the picture). Indices must be in range.
 pub(super) fn tangents(surface: &Surface) -> Vec<Vec4> {
+    work::count(Work::Tangents, surface.position.len());
     let mut along_u = vec![Vec3::ZERO; surface.position.len()];
     let mut along_v = along_u.clone();
     for corners in surface.index.chunks_exact(3) {

@@ -26,7 +26,7 @@ use super::pictures::texture_path;
 use super::{Content, GENERATOR, OutputFile, PictureFormat};
 use crate::frame::Frame;
 use crate::mesh::Surface;
-use crate::scene::{Alpha, Form, Material, Model, Part, Selection, Tree, Wrap};
+use crate::scene::{Alpha, Form, Material, Model, Part, Selection, Tree, ValidScene, Wrap};
 
 /// Places after the point.
 #[derive(Clone, Copy)]
@@ -41,6 +41,18 @@ struct Places {
 /// Positions are at most 0.05 mm off in trees (each coordinate) and 0.5 mm in the terrain, normals
 /// 0.5°, texture coordinates 1/20 of a texel of 1024.
 const COMPACT: Places = Places { of_trees: 4, of_terrain: 3, normal: 2, uv: 4 };
+
+/// Farthest that rounding moves a vertex of the compact form along an axis, metres.
+pub fn worst_shift_m(scene: &ValidScene) -> f32 {
+    let shift = |parts: &[&Part], places: u32| {
+        let unit = 10f32.powi(places as i32);
+        let all = parts.iter().flat_map(|p| &p.surface.position).flat_map(|p| p.to_array());
+        all.map(|v| ((v * unit).round() / unit - v).abs()).fold(0.0, f32::max)
+    };
+    let trees: Vec<&Part> = scene.prototypes().iter().flat_map(|p| p.all_parts()).collect();
+    let terrain: Vec<&Part> = scene.terrain().into_iter().collect();
+    shift(&trees, COMPACT.of_trees).max(shift(&terrain, COMPACT.of_terrain))
+}
 
 /// `STEM.x3d`; its textures are [`super::Pictures::files`] as PNG.
 pub(super) fn file<'a>(selection: Selection<'a>, stem: &str, is_compact: bool) -> OutputFile<'a> {

@@ -1,0 +1,423 @@
+//! The edge of reading, voxels, ground, terrain and crowns.
+
+use glam::{DVec3, Vec2, Vec3};
+
+use super::super::convergence::{empty_cloud, push};
+use crate::crown::{self, Crown, CrownOptions};
+use crate::diagnostic::{Error, Result};
+use crate::frame::Frame;
+use crate::ground::{self, Classified, GroundOptions, Kind, Method};
+use crate::scan::PointCloud;
+use crate::seed::Seed;
+use crate::skeleton::stability::Case;
+use crate::terrain::{self, Terrain, TerrainOptions};
+use crate::voxel::{VoxelOctree, centres_of_mass};
+
+pub(super) fn cases() -> Vec<(&'static str, Case)> {
+    let case = Case::new;
+    vec![
+        (
+            "frame",
+            case("coordinates of 10⁷ m", "millimetres kept within 2 km", (1e-3, "m"), ten_million),
+        ),
+        (
+            "voxel",
+            case(
+                "voxels of 10⁻⁹ m and of no size, for one tree",
+                "raised to the least, points kept",
+                (0.0, "points lost"),
+                tiny_voxels,
+            ),
+        ),
+        (
+            "voxel",
+            case(
+                "an octree of voxels of 0, −1, NaN and 10⁻⁹ m",
+                "an error each",
+                (0.0, "answers without one"),
+                no_octree,
+            ),
+        ),
+        (
+            "voxel",
+            case(
+                "10⁵ points in one place",
+                "one voxel, its centre of mass there",
+                (1e-6, "m"),
+                one_voxel,
+            ),
+        ),
+        (
+            "ground",
+            case(
+                "no point, one and two",
+                "an error that says how many",
+                (0.0, "answers without one"),
+                too_few,
+            ),
+        ),
+        (
+            "ground",
+            case("10⁴ points all alike", "an error, or level ground there", (1e-3, "m"), all_alike),
+        ),
+        (
+            "ground",
+            case(
+                "one point 1 km below the ground",
+                "the ground is not pulled down",
+                (0.05, "m"),
+                stray_below,
+            ),
+        ),
+        (
+            "ground",
+            case(
+                "one point 1 km above the ground",
+                "the ground is not pulled up",
+                (0.05, "m"),
+                stray_above,
+            ),
+        ),
+        (
+            "ground",
+            case("the points in reverse order", "the same kinds", (0.0, "points differ"), reversed),
+        ),
+        (
+            "ground",
+            case(
+                "a slope of 60°, bare",
+                "nearly all of it is ground",
+                (0.02, "of the points lost"),
+                steep,
+            ),
+        ),
+        ("terrain", case("10,000 points/m²", "the plane they lie on", (0.01, "m"), dense)),
+        (
+            "terrain",
+            case(
+                "a plot of 24 m on a slope, 4 points/m²",
+                "the plane it lies on",
+                (0.05, "m"),
+                small_plot,
+            ),
+        ),
+        ("terrain", case("0.01 points/m²", "the plane they lie on", (0.05, "m"), sparse)),
+        (
+            "terrain",
+            case(
+                "a cliff of 12 m, its ground known",
+                "right beyond two cells of its edge",
+                (0.05, "m"),
+                cliff,
+            ),
+        ),
+        (
+            "terrain",
+            case("points on a line", "their heights, finite everywhere", (0.05, "m"), on_a_line),
+        ),
+        ("terrain", case("three points", "a surface through them", (0.05, "m"), three_points)),
+        (
+            "terrain",
+            case("a gap of 60 m in a slope", "the slope goes on through it", (0.3, "m"), gap),
+        ),
+        (
+            "terrain",
+            case(
+                "cells of 10⁻⁶ m, 0 and NaN",
+                "an error before memory is taken",
+                (0.0, "answers without one"),
+                tiny_cells,
+            ),
+        ),
+        ("terrain", case("heights of 8,848 m, local", "millimetres kept", (2e-3, "m"), high)),
+        (
+            "terrain",
+            case(
+                "asked far outside the scan",
+                "the height of the border",
+                (1e-3, "m"),
+                far_outside,
+            ),
+        ),
+        ("crown", case("no vegetation", "no trees", (0.0, "trees"), no_trees)),
+        (
+            "crown",
+            case(
+                "one dome alone on level ground",
+                "one tree of its height",
+                (0.02, "of the height"),
+                one_dome,
+            ),
+        ),
+        (
+            "crown",
+            case(
+                "1,000 points in one place, 10 m up",
+                "no crown that breaks its invariants",
+                (0.0, "unsound crowns"),
+                a_spot,
+            ),
+        ),
+        (
+            "crown",
+            case(
+                "voxels and cells that are no lengths",
+                "an error each",
+                (0.0, "answers without one"),
+                no_lengths,
+            ),
+        ),
+    ]
+}
+
+/// Vegetation stands where `kind` says so.
+fn classified(position: Vec<Vec3>, kind: impl Fn(Vec3) -> Kind) -> Classified {
+    let mut cloud = empty_cloud();
+    position.iter().for_each(|&p| push(&mut cloud, p));
+    let kind = position.into_iter().map(kind).collect();
+    Classified { cloud, kind, is_normalised: false }
+}
+
+fn all_ground(position: Vec<Vec3>) -> Classified {
+    classified(position, |_| Kind::Ground)
+}
+
+fn found(position: Vec<Vec3>) -> Result<Classified> {
+    let mut cloud = empty_cloud();
+    position.into_iter().for_each(|p| push(&mut cloud, p));
+    classify(cloud)
+}
+
+fn classify(cloud: PointCloud) -> Result<Classified> {
+    let options = GroundOptions { method: Method::Smrf, is_normalised: Some(false) };
+    Ok(ground::classify(cloud, &options)?.value)
+}
+
+fn built(classified: &Classified, cell_m: Option<f32>) -> Result<Terrain> {
+    let options = TerrainOptions { cell_m, ..TerrainOptions::default() };
+    let terrain = terrain::build(classified, &options)?.value;
+    terrain.check().map_err(Error::new)?;
+    Ok(terrain)
+}
+
+/// Chance places in a square from the origin at the height of a surface.
+fn on(surface: impl Fn(Vec2) -> f32, side_m: f32, count: usize) -> Vec<Vec3> {
+    let mut draws = Seed::new(9).derive("stability", count as u64).draws();
+    (0..count)
+        .map(|_| {
+            let p = Vec2::new(draws.between(0.0, side_m), draws.between(0.0, side_m));
+            p.extend(surface(p))
+        })
+        .collect()
+}
+
+fn slope(p: Vec2) -> f32 {
+    0.4 * p.x - 0.2 * p.y + 50.0
+}
+
+/// Farthest that the terrain is from a surface, over the middle of a square, where `counts`.
+fn worst(
+    terrain: &Terrain,
+    surface: impl Fn(Vec2) -> f32,
+    side_m: f32,
+    counts: impl Fn(Vec2) -> bool,
+) -> f64 {
+    const PLACES: usize = 60;
+    let place = |k: usize| side_m * (0.1 + 0.8 * k as f32 / (PLACES - 1) as f32);
+    let places = (0..PLACES).flat_map(|i| (0..PLACES).map(move |j| Vec2::new(place(i), place(j))));
+    let off = |p: Vec2| match f64::from((terrain.height_at(p) - surface(p)).abs()) {
+        d if d.is_finite() => d,
+        _ => f64::INFINITY,
+    };
+    places.filter(|p| counts(*p)).map(off).fold(0.0, f64::max)
+}
+
+fn unrefused<T>(outcomes: impl IntoIterator<Item = Result<T>>) -> f64 {
+    outcomes.into_iter().filter(Result::is_ok).count() as f64
+}
+
+/// The filter knows no trend of a smaller plot.
+const SIDE_M: f32 = 24.0;
+
+fn ten_million() -> Result<f64> {
+    let frame = Frame::local(DVec3::new(1e7, 1e7, 1e4));
+    let mut draws = Seed::new(6).draws();
+    let mut worst = 0.0f64;
+    for _ in 0..10_000 {
+        let [x, y, z] = [2e3, 2e3, 100.0].map(|r| f64::from(draws.between(-r, r)));
+        let world = frame.origin + DVec3::new(x, y, z);
+        let back = frame.world_from_local(frame.local_from_world(world));
+        worst = worst.max((back - world).abs().max_element());
+    }
+    Ok(worst)
+}
+
+fn tiny_voxels() -> Result<f64> {
+    let points = on(slope, 10.0, 2_000);
+    let kept = [1e-9, 0.0, -1.0, f32::NAN].map(|size| centres_of_mass(&points, size));
+    let is_lost = |c: &Vec<Vec3>| c.len() + 10 < points.len() || c.iter().any(|p| !p.is_finite());
+    Ok(kept.iter().filter(|c| is_lost(c)).count() as f64)
+}
+
+fn no_octree() -> Result<f64> {
+    let points = on(slope, 100.0, 100);
+    Ok(unrefused([0.0, -1.0, f32::NAN, 1e-9].map(|size| VoxelOctree::build(&points, size))))
+}
+
+fn one_voxel() -> Result<f64> {
+    let at = Vec3::new(3.3, -7.7, 120.1);
+    let tree = VoxelOctree::build(&vec![at; 100_000], 0.5)?;
+    match tree.centres_of_mass() {
+        [centre] => Ok(centre.distance(at).into()),
+        _ => Ok(f64::INFINITY),
+    }
+}
+
+fn too_few() -> Result<f64> {
+    Ok(unrefused([0, 1, 2].map(|n| found(on(slope, 10.0, n)))))
+}
+
+fn all_alike() -> Result<f64> {
+    let at = Vec3::new(5.0, 5.0, 100.0);
+    let made = found(vec![at; 10_000]).and_then(|c| built(&c, None));
+    Ok(made.map_or(0.0, |t| f64::from((t.height_at(Vec2::splat(5.0)) - at.z).abs())))
+}
+
+fn with_stray(z: f32) -> Result<f64> {
+    let mut points = on(slope, 80.0, 20_000);
+    points.push(Vec3::new(40.0, 40.0, z));
+    let terrain = built(&found(points)?, Some(1.0))?;
+    Ok(worst(&terrain, slope, 80.0, |_| true))
+}
+
+fn stray_below() -> Result<f64> {
+    with_stray(-950.0)
+}
+
+fn stray_above() -> Result<f64> {
+    with_stray(1050.0)
+}
+
+fn reversed() -> Result<f64> {
+    let bump = |p: Vec2| slope(p) + if p.distance(Vec2::splat(30.0)) < 3.0 { 8.0 } else { 0.0 };
+    let points = on(bump, 60.0, 15_000);
+    let backwards: Vec<Vec3> = points.iter().rev().copied().collect();
+    let (a, b) = (found(points)?, found(backwards)?);
+    Ok(a.kind.iter().zip(b.kind.iter().rev()).filter(|(a, b)| a != b).count() as f64)
+}
+
+fn steep() -> Result<f64> {
+    let cliff = |p: Vec2| 3f32.sqrt() * p.x;
+    let made = found(on(cliff, 60.0, 20_000))?;
+    let lost = made.kind.iter().filter(|&&k| k != Kind::Ground).count();
+    Ok(lost as f64 / made.kind.len() as f64)
+}
+
+fn dense() -> Result<f64> {
+    let terrain = built(&found(on(slope, SIDE_M, 5_760_000))?, Some(0.25))?;
+    Ok(worst(&terrain, slope, SIDE_M, |_| true))
+}
+
+fn small_plot() -> Result<f64> {
+    let terrain = built(&found(on(slope, SIDE_M, 2_304))?, Some(0.25))?;
+    Ok(worst(&terrain, slope, SIDE_M, |_| true))
+}
+
+fn sparse() -> Result<f64> {
+    let terrain = built(&all_ground(on(slope, 400.0, 1_600)), None)?;
+    Ok(worst(&terrain, slope, 400.0, |_| true))
+}
+
+fn cliff() -> Result<f64> {
+    let step = |p: Vec2| if p.x < 40.0 { 12.0 } else { 0.0 };
+    let terrain = built(&all_ground(on(step, 80.0, 60_000)), Some(1.0))?;
+    Ok(worst(&terrain, step, 80.0, |p| (p.x - 40.0).abs() > 2.0))
+}
+
+fn on_a_line() -> Result<f64> {
+    let line = (0..500).map(|i| Vec3::new(0.1 * i as f32, 20.0, 100.0 + 0.01 * i as f32));
+    let terrain = built(&all_ground(line.collect()), Some(1.0))?;
+    let off = |i: i32| {
+        let x = 5.0 + i as f32;
+        f64::from((terrain.height_at(Vec2::new(x, 20.0)) - 100.0 - 0.1 * x).abs())
+    };
+    Ok((0..40).map(off).fold(0.0, f64::max))
+}
+
+fn three_points() -> Result<f64> {
+    let corners = [Vec2::ZERO, Vec2::new(30.0, 0.0), Vec2::new(0.0, 30.0)];
+    let terrain = built(&all_ground(corners.map(|p| p.extend(slope(p))).to_vec()), Some(1.0))?;
+    Ok(worst(&terrain, slope, 20.0, |p| p.x + p.y < 20.0))
+}
+
+fn gap() -> Result<f64> {
+    let middle = Vec2::splat(60.0);
+    let mut points = on(slope, 120.0, 30_000);
+    points.retain(|p| p.truncate().distance(middle) > 30.0);
+    let terrain = built(&all_ground(points), Some(1.0))?;
+    Ok(worst(&terrain, slope, 120.0, |_| true))
+}
+
+fn tiny_cells() -> Result<f64> {
+    let made = all_ground(on(slope, 50.0, 1_000));
+    Ok(unrefused([1e-6, 0.0, f32::NAN].map(|cell_m| built(&made, Some(cell_m)))))
+}
+
+fn high() -> Result<f64> {
+    let peak = |p: Vec2| slope(p) + 8_848.0;
+    let terrain = built(&all_ground(on(peak, 50.0, 20_000)), Some(1.0))?;
+    Ok(worst(&terrain, peak, 50.0, |_| true))
+}
+
+fn far_outside() -> Result<f64> {
+    let level = |_| 100.0;
+    let terrain = built(&all_ground(on(level, 50.0, 5_000)), Some(1.0))?;
+    let far = [1e4, -1e4, 1e9].map(|x| f64::from(terrain.height_at(Vec2::splat(x)) - 100.0).abs());
+    Ok(far.into_iter().fold(0.0, f64::max))
+}
+
+fn crowns_of(points: Vec<Vec3>, is_tree: impl Fn(Vec3) -> bool) -> Result<Vec<Crown>> {
+    let kind = |p: Vec3| if is_tree(p) { Kind::Vegetation } else { Kind::Ground };
+    let classified = classified(points, kind);
+    let terrain = built(&classified, Some(1.0))?;
+    Ok(crown::detect(&classified, &terrain, 0.5, &CrownOptions::default())?.value)
+}
+
+fn no_trees() -> Result<f64> {
+    Ok(crowns_of(on(slope, 50.0, 5_000), |_| false)?.len() as f64)
+}
+
+fn one_dome() -> Result<f64> {
+    const HEIGHT_M: f32 = 18.0;
+    let mut points = on(|_| 0.0, 50.0, 10_000);
+    points.retain(|p| p.truncate().distance(Vec2::splat(25.0)) > 3.0);
+    let dome = |p: Vec2| HEIGHT_M - (p - Vec2::splat(3.0)).length_squared();
+    let crown = on(dome, 6.0, 3_000).into_iter().filter(|p| p.z > HEIGHT_M - 9.0);
+    points.extend(crown.map(|p| p + Vec3::new(22.0, 22.0, 0.0)));
+    match &crowns_of(points, |p| p.z > 1.0)?[..] {
+        [crown] => Ok(f64::from(crown.height_m / HEIGHT_M - 1.0).abs()),
+        _ => Ok(f64::INFINITY),
+    }
+}
+
+fn a_spot() -> Result<f64> {
+    let mut points = on(|_| 0.0, 50.0, 10_000);
+    points.extend([Vec3::new(25.0, 25.0, 10.0); 1_000]);
+    let crowns = crowns_of(points, |p| p.z > 1.0)?;
+    Ok(crowns.iter().filter(|c| c.check().is_err()).count() as f64)
+}
+
+fn no_lengths() -> Result<f64> {
+    let classified = all_ground(on(slope, 50.0, 1_000));
+    let terrain = built(&classified, Some(1.0))?;
+    let usual = CrownOptions::default();
+    let of = |voxel_m: f32, o: &CrownOptions| crown::detect(&classified, &terrain, voxel_m, o);
+    let cell = |cell_m: f32| CrownOptions { cell_m: Some(cell_m), ..CrownOptions::default() };
+    Ok(unrefused([
+        of(0.0, &usual),
+        of(-1.0, &usual),
+        of(f32::NAN, &usual),
+        of(0.5, &cell(0.0)),
+        of(0.5, &cell(f32::NAN)),
+    ]))
+}

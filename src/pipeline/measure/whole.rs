@@ -1,0 +1,168 @@
+//! Whole runs: error of terrain and crowns against seconds, over effort, sharing and triangles; and
+//! the front that `larix forest --error` and `--time` choose on.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use super::super::goal::{self, BuildRate, Reference, SurveyRate};
+use super::super::{Effort, ForestJob, forest, survey};
+use super::place::Place;
+use super::{Bench, ReportJob};
+use crate::diagnostic::Result;
+use crate::export::{self, Format, Job, Pictures, Profile, Staged, WindAs};
+use crate::report::document::{Front, Point, Quantity, Timing, Truth};
+use crate::report::{Outcome, Recorder, Silent};
+
+/// Models a species (0: each tree for itself) and triangles of each.
+const BUILDS: [(usize, usize); 13] = [
+    (2, 500),
+    (2, 5_000),
+    (5, 500),
+    (5, 1_500),
+    (5, 5_000),
+    (5, 15_000),
+    (20, 1_500),
+    (20, 5_000),
+    (0, 500),
+    (0, 1_500),
+    (0, 5_000),
+    (0, 15_000),
+    (0, 40_000),
+];
+const QUICK_BUILDS: [(usize, usize); 4] = [(2, 500), (5, 1_500), (5, 5_000), (0, 1_500)];
+/// Small, that drawing them does not hide what the settings cost.
+const TEXTURE_PX: u32 = 128;
+const DEFAULT: (usize, usize) = (5, 5_000);
+
+/// A build and the seconds of its runs.
+struct Built {
+    rate: BuildRate,
+    time: Timing,
+}
+
+pub(super) fn front(bench: &mut Bench<'_>) -> Result<Front> {
+    let bench = &*bench;
+    let builds: &[(usize, usize)] = if bench.job.is_quick { &QUICK_BUILDS } else { &BUILDS };
+    let mut job = bench.place.forest_job(bench.job);
+    job.texture_px = TEXTURE_PX;
+    let built = built(&bench.place, &job, builds, &bench.job.scratch, 1)?;
+    let points = built.into_iter().map(|b| Point {
+        group: match b.rate.models_a_species {
+            0 => "each for itself".into(),
+            n => format!("{n} a species"),
+        },
+        setting: b.rate.text(),
+        error: b.rate.crown_error_m,
+        cost: None,
+        time: b.time,
+        is_default: (b.rate.models_a_species, b.rate.triangles) == DEFAULT,
+        is_on_front: false,
+    });
+    let front = Front {
+        id: "whole".into(),
+        stage: "forest".into(),
+        title: "Trees to files: sharing and triangles".into(),
+        error: Quantity::new("points to wood in place, mean", "m"),
+        truth: Truth::Cloud,
+        cost: None,
+        note: "From the trees found to GLB and USDA on the disk, with textures of 128 pixels. The error is that of every tree as it \
+               stands in the scene: where trees share a model, its branches are not their own. `larix \
+               forest --error` and `--time` choose on such a front."
+            .into(),
+        points: points.collect(),
+    };
+    Ok(front.marked())
+}
+
+/// The front of the reference stand, on this machine.
+///
+/// # Errors
+/// A scratch folder that can't be written to.
+pub fn reference(job: &ReportJob) -> Result<Reference> {
+    const RUNS: usize = 3;
+    let job = ReportJob { scans: Vec::new(), photo: None, is_quick: false, ..job.clone() };
+    let place = Place::simulated(&job, &mut Vec::new())?;
+    let usual = place.forest_job(&job);
+    let points = place.cloud.len();
+    let mut surveys = Vec::new();
+    for (name, effort) in Effort::ALL {
+        let mut survey_job = usual.survey.clone();
+        survey_job.effort = effort;
+        let (mut seconds, mut error) = (Vec::new(), 0.0);
+        for _ in 0..RUNS {
+            let mut run = Recorder::new(&Silent);
+            let found = survey::inventory(&survey_job, &mut run)?;
+            seconds.push(run.seconds());
+            let truth = place.truth_of(&found.terrain, &found.frame, &[]);
+            error = truth.map_or(0.0, |t| t.terrain.rmse_m);
+        }
+        surveys.push(SurveyRate {
+            effort: name.into(),
+            terrain_error_m: error,
+            seconds_per_million_points: Timing::of(&seconds).least_s / (points as f64 * 1e-6),
+        });
+    }
+    let builds = built(&place, &usual, &BUILDS, &job.scratch, RUNS)?;
+    Ok(Reference {
+        larix: env!("CARGO_PKG_VERSION").into(),
+        machine: super::machine(),
+        trees: place.survey.trees.len(),
+        points,
+        unit_s: goal::calibrate()?,
+        surveys,
+        builds: builds.into_iter().map(|b| b.rate).collect(),
+    })
+}
+
+fn built(
+    place: &Place,
+    usual: &ForestJob,
+    builds: &[(usize, usize)],
+    scratch: &PathBuf,
+    runs: usize,
+) -> Result<Vec<Built>> {
+    let one = |&(models_a_species, triangles): &(usize, usize)| {
+        let mut rate = BuildRate {
+            models_a_species,
+            triangles,
+            crown_error_m: 0.0,
+            seconds_fixed: 0.0,
+            seconds_per_model: 0.0,
+        };
+        let job =
+            ForestJob { sharing: rate.sharing(), triangles, tells_fit: true, ..usual.clone() };
+        let (mut all, mut fixed, mut models) = (Vec::new(), Vec::new(), 1);
+        for _ in 0..runs {
+            let survey = place.survey.clone();
+            let start = Instant::now();
+            let mut run = Recorder::new(&Silent);
+            let forest = forest::raise(&job, survey, &mut run)?;
+            run.stage("preview", |_| {
+                let picture = forest::preview(&forest.scene, [1280, 720]).to_png()?;
+                Ok::<_, crate::diagnostic::Error>((picture, Outcome::default()))
+            })?;
+            write(&forest.scene, scratch)?;
+            all.push(start.elapsed().as_secs_f64());
+            let is_fixed = |s: &&str| ["texture", "preview"].contains(s);
+            let of = run.stages.iter().filter(|s| is_fixed(&s.stage.as_str()));
+            fixed.push(of.map(|s| s.seconds).sum());
+            models = forest.scene.prototypes().len().max(1);
+            rate.crown_error_m = forest.crown_error_m.unwrap_or(0.0);
+        }
+        let (time, fixed) = (Timing::of(&all), Timing::of(&fixed));
+        // The least is what the machine takes when nothing else runs on it.
+        rate.seconds_fixed = fixed.least_s;
+        rate.seconds_per_model = (time.least_s - fixed.least_s).max(0.0) / models as f64;
+        Ok(Built { rate, time })
+    };
+    builds.iter().map(one).collect()
+}
+
+/// As a run without `--format` does; removed again.
+fn write(scene: &crate::scene::ValidScene, scratch: &PathBuf) -> Result<u64> {
+    let formats = [Format::Glb, Format::Usda];
+    let (profile, wind) = (Profile::Dcc, WindAs::Attribute);
+    let job = Job { stem: "forest", formats: &formats, profile, wind };
+    let pictures = Pictures::encode(scene, &job.picture_formats())?;
+    Staged::new(scratch)?.add(export::files(scene, &pictures, &job)?.value)
+}
