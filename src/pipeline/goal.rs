@@ -249,13 +249,13 @@ fn raised(
 
 /// With an error, the quickest whose terrain keeps to it, else the most right; with a time, the
 /// most right of those that leave the trees half of it, else the quickest.
-fn choose_survey<'a>(
-    front: &'a Reference,
+fn choose_survey(
+    front: &Reference,
     goal: Goal,
     points: f64,
     pace: f64,
     species: usize,
-) -> Result<&'a SurveyRate> {
+) -> Result<&SurveyRate> {
     let trees = (points * front.trees as f64 / front.points.max(1) as f64) as usize;
     let least_build = front.builds.iter().map(|b| b.seconds(trees, species));
     let least_build = least_build.fold(f64::INFINITY, f64::min);
