@@ -135,7 +135,7 @@ impl Reached {
             Goal::Error(m) if self.error_m() > m => Some(format!(
                 "--error {m}: the finest setting that was tried reaches {} m: {}",
                 significant(self.error_m()),
-                match self.terrain_error_m.unwrap_or(0.0) > m {
+                match self.terrain_error_m.unwrap_or(0.0) >= self.error_m() {
                     true => "the terrain of this scan is not known better (held-out RMSE)",
                     false => "the trees of this scan are not filled better",
                 }
