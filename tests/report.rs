@@ -125,7 +125,9 @@ fn what_is_left_out_was_not_made(document: &Document) {
     for row in &of_demo.rows {
         assert!(row.is_proved && !row.work.is_empty(), "{row:?}");
         assert!(row.work.iter().all(|w| w.with > 0 && w.without == 0), "{row:?}");
-        assert!(row.bytes_saved > 0 || row.what.contains("camera"), "{row:?}");
+        // A photo may be smaller than the tile of forest floor in its stead; a camera leaves out.
+        let may_spare = ["photo", "camera"].iter().any(|w| row.what.contains(w));
+        assert!(row.bytes_saved > 0 || may_spare, "{row:?}");
     }
 }
 

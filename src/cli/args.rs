@@ -194,8 +194,15 @@ pub(super) fn positive(text: &str) -> Result<f32, String> {
     }
 }
 
-fn seconds(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
+fn metres(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
+        _ => Err("give a number greater than 0, in metres".into()),
+    }
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
         Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
         _ => Err("give a number of seconds greater than 0".into()),
     }
@@ -465,13 +472,13 @@ pub struct Forest {
 pub struct GoalArgs {
     /// The cheapest settings whose terrain (held out) and crowns (points to wood, mean) are off by no
     /// more than this, in metres.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive,
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = metres,
         conflicts_with_all = ["time", "effort", "tolerance", "triangles", "unique", "scene_triangles"])]
-    pub error: Option<f32>,
+    pub error: Option<f64>,
     /// The settings with the least such error that take no longer than this, in seconds.
     #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = seconds,
         conflicts_with_all = ["effort", "tolerance", "triangles", "unique", "scene_triangles"])]
-    pub time: Option<f32>,
+    pub time: Option<f64>,
 }
 
 #[derive(Debug, Args)]

@@ -315,8 +315,7 @@ fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
 }
 
 fn goal(a: &args::Forest) -> Option<Goal> {
-    let error = a.goal.error.map(|m| Goal::Error(m.into()));
-    error.or(a.goal.time.map(|s| Goal::Time(s.into())))
+    a.goal.error.map(Goal::Error).or(a.goal.time.map(Goal::Time))
 }
 
 /// Everything a forest run writes but its report.

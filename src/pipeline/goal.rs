@@ -135,7 +135,7 @@ impl Reached {
             Goal::Error(m) if self.error_m() > m => Some(format!(
                 "--error {m}: the finest setting that was tried reaches {} m: {}",
                 significant(self.error_m()),
-                match self.terrain_error_m.unwrap_or(0.0) > m {
+                match self.terrain_error_m.unwrap_or(0.0) >= self.error_m() {
                     true => "the terrain of this scan is not known better (held-out RMSE)",
                     false => "the trees of this scan are not filled better",
                 }
@@ -249,13 +249,13 @@ fn raised(
 
 /// With an error, the quickest whose terrain keeps to it, else the most right; with a time, the
 /// most right of those that leave the trees half of it, else the quickest.
-fn choose_survey<'a>(
-    front: &'a Reference,
+fn choose_survey(
+    front: &Reference,
     goal: Goal,
     points: f64,
     pace: f64,
     species: usize,
-) -> Result<&'a SurveyRate> {
+) -> Result<&SurveyRate> {
     let trees = (points * front.trees as f64 / front.points.max(1) as f64) as usize;
     let least_build = front.builds.iter().map(|b| b.seconds(trees, species));
     let least_build = least_build.fold(f64::INFINITY, f64::min);

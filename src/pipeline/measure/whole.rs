@@ -1,7 +1,7 @@
 //! Whole runs: error of terrain and crowns against seconds, over effort, sharing and triangles; and
 //! the front that `larix forest --error` and `--time` choose on.
 
-use std::path::PathBuf;
+use std::path::Path;
 use std::time::Instant;
 
 use super::super::goal::{self, BuildRate, Reference, SurveyRate};
@@ -118,7 +118,7 @@ fn built(
     place: &Place,
     usual: &ForestJob,
     builds: &[(usize, usize)],
-    scratch: &PathBuf,
+    scratch: &Path,
     runs: usize,
 ) -> Result<Vec<Built>> {
     let one = |&(models_a_species, triangles): &(usize, usize)| {
@@ -159,7 +159,7 @@ fn built(
 }
 
 /// As a run without `--format` does; removed again.
-fn write(scene: &crate::scene::ValidScene, scratch: &PathBuf) -> Result<u64> {
+fn write(scene: &crate::scene::ValidScene, scratch: &Path) -> Result<u64> {
     let formats = [Format::Glb, Format::Usda];
     let (profile, wind) = (Profile::Dcc, WindAs::Attribute);
     let job = Job { stem: "forest", formats: &formats, profile, wind };
