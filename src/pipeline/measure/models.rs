@@ -82,7 +82,7 @@ pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
         note: format!(
             "Bark and leaf colour, brought to {} pixels a side, beside pictures drawn so. The default is \
              that of a forest.",
-            finest_px(bench)
+            FINEST_PX
         ),
         points: textures,
     };
@@ -188,16 +188,14 @@ fn by_level(bench: &Bench<'_>, species: &Species) -> Result<Vec<Point>> {
     Ok(points)
 }
 
-fn finest_px(bench: &Bench<'_>) -> u32 {
-    if bench.job.is_quick { 1024 } else { 2048 }
-}
+/// Side of the pictures that others are compared with.
+const FINEST_PX: u32 = 1024;
 
 fn by_size(bench: &Bench<'_>, species: &Species) -> Result<Vec<Point>> {
     const DEFAULT_PX: u32 = 512;
     let draw = |px: u32, seed: Seed| texture::for_species(species, px, seed);
-    let finest_px = finest_px(bench);
-    let finest = draw(finest_px, bench.seed());
-    let sizes = [64, 128, 256, 512, 1024].into_iter().filter(|&px| px < finest_px);
+    let finest = draw(FINEST_PX, bench.seed());
+    let sizes = [64, 128, 256, 512].into_iter();
     sizes
         .map(|px| {
             let (drawn, time) = bench.timed(|| (), |()| Ok(draw(px, bench.seed())))?;
