@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use larix::crown::{Crown, detect};
-use larix::ground::{self, GroundOptions};
+use larix::ground::{self, Method};
 use larix::pipeline::{Effort, demo};
 use larix::raster::geotiff;
 use larix::report::{Recorder, Silent};
@@ -46,7 +46,7 @@ fn find(path: &Path, effort: Effort) -> Found {
     let start = cpu_seconds();
     let scan = scan::read(&[path.to_path_buf()], &ReadOptions::default()).unwrap().value;
     let size_m = voxel::choose_size_m(scan.density_per_m2, 4.0);
-    let classified = ground::classify(scan.cloud, &GroundOptions::default()).unwrap().value;
+    let classified = ground::classify(scan.cloud, Method::Smrf).unwrap().value;
     let options = effort.terrain(None);
     let terrain = terrain::build(&classified, &options).unwrap().value;
     let crowns = detect(&classified, &terrain, size_m, &effort.crown(2.0)).unwrap().value;

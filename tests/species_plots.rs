@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec2, DVec3, Vec2};
 use larix::crown::Crown;
-use larix::ground::{self, GroundOptions, Method};
+use larix::ground::{self, Method};
 use larix::pipeline::survey::{self, Survey};
 use larix::pipeline::{Effort, SurveyJob};
 use larix::raster::geotiff;
@@ -268,7 +268,7 @@ fn features_of_the_annotated_crowns() {
     for (plot, truth) in &plots {
         let job = job(plot, &MIX, SpeciesBy::Auto, true);
         let cloud = read(&job.scans, &ReadOptions::default()).unwrap().value.cloud;
-        let classified = ground::classify(cloud, &GroundOptions::default()).unwrap().value;
+        let classified = ground::classify(cloud, Method::Smrf).unwrap().value;
         let terrain = terrain::build(&classified, &TerrainOptions::default()).unwrap().value;
         let frame = &classified.cloud.frame;
         let corners = classified.cloud.position.iter().map(|p| p.truncate());

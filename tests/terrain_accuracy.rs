@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use glam::{DVec3, Vec2, Vec3};
-use larix::ground::{self, GroundOptions, Method};
+use larix::ground::{self, Method};
 use larix::pipeline::survey::READ;
 use larix::raster::geotiff;
 use larix::scan::{self, PointCloud};
@@ -223,7 +223,7 @@ fn lines(scene: &Scene) -> Vec<(String, f64)> {
         let cloud = if method == Method::FileClasses { &scene.cloud } else { &blind };
         let start = cpu_seconds();
         let classified =
-            ground::classify(cloud.clone(), &GroundOptions { method, ..Default::default() })
+            ground::classify(cloud.clone(), method)
                 .unwrap()
                 .value;
         let found = cpu_seconds();
@@ -289,7 +289,7 @@ fn normalised_scans_are_told_from_absolute_ones() {
     ] {
         let Some(path) = data(name) else { continue };
         let scan = scan::read(&[path], &READ).unwrap().value;
-        let found = ground::classify(scan.cloud, &GroundOptions::default()).unwrap();
+        let found = ground::classify(scan.cloud, Method::Smrf).unwrap();
         assert_eq!(found.value.is_normalised, is_normalised, "{name}");
         assert_eq!(found.warnings.len(), usize::from(is_normalised), "{name}");
     }
@@ -302,7 +302,7 @@ fn meshes_of_real_terrain_keep_their_error() {
     for name in ["pycrown/POINTS_abs.laz", "lidR/Topography.laz", "lasR/bcts_1.laz"] {
         let Some(path) = data(name) else { continue };
         let scan = scan::read(&[path], &READ).unwrap().value;
-        let classified = ground::classify(scan.cloud, &GroundOptions::default()).unwrap().value;
+        let classified = ground::classify(scan.cloud, Method::Smrf).unwrap().value;
         let options = TerrainOptions { cell_m: Some(1.0), ..TerrainOptions::default() };
         let terrain = terrain::build(&classified, &options).unwrap().value;
         for error_m in [0.5f32, 0.1] {

@@ -307,14 +307,14 @@ mod training {
 
     use super::*;
     use crate::crown::{basins, canopy};
-    use crate::ground::{self, GroundOptions, Kind};
+    use crate::ground::{self, Method, Kind};
     use crate::scan::{self, ReadOptions};
     use crate::terrain::{self, TerrainOptions};
 
     /// Region, its parts, whether it is whole, its box in world coordinates, its measures.
     fn table(path: &Path) -> String {
         let scan = scan::read(&[path.to_path_buf()], &ReadOptions::default()).unwrap().value;
-        let c = ground::classify(scan.cloud, &GroundOptions::default()).unwrap().value;
+        let c = ground::classify(scan.cloud, Method::Smrf).unwrap().value;
         let terrain = terrain::build(&c, &TerrainOptions::default()).unwrap().value;
         let points = || c.cloud.position.iter().zip(&c.kind);
         let vegetation: Vec<_> = points()

@@ -49,7 +49,7 @@ const MOST_ROUNDS: usize = 20;
 const RUN: usize = 1024;
 
 #[derive(Clone, Copy)]
-struct Vertex {
+pub struct Vertex {
     at: DVec3,
     /// The trend, metres; `None` on the border.
     above: Option<f32>,
@@ -66,17 +66,16 @@ fn point(p: DVec2) -> Point2<f64> {
     Point2::new(p.x, p.y)
 }
 
-type Tin = DelaunayTriangulation<Vertex>;
+pub type Tin = DelaunayTriangulation<Vertex>;
 type Face<'a> = spade::handles::FaceHandle<'a, InnerTag, Vertex, (), (), ()>;
 
 /// Which of `points` are ground.
-pub fn ground(lowest: &Lowest, points: &[Vec3]) -> Vec<bool> {
-    let tin = densified(lowest);
+pub fn ground(tin: &Tin, points: &[Vec3]) -> Vec<bool> {
     let near = |run: &[Vec3]| -> Vec<bool> {
         let mut hint = first_vertex();
         run.iter()
             .map(|p| {
-                facet(&tin, p.as_dvec3(), &mut hint).is_some_and(|f| f.distance.abs() <= NEAR_M)
+                facet(tin, p.as_dvec3(), &mut hint).is_some_and(|f| f.distance.abs() <= NEAR_M)
             })
             .collect()
     };
@@ -87,7 +86,8 @@ fn first_vertex() -> FixedVertexHandle {
     FixedVertexHandle::from_index(0)
 }
 
-fn densified(low: &Lowest) -> Tin {
+/// A triangulation of the ground.
+pub fn densified(low: &Lowest) -> Tin {
     let mut tin = Tin::new();
     for [x, y] in border(&low.trend.geometry) {
         let z = low.trend.bilinear(x, y).into();

@@ -52,6 +52,20 @@ impl Lowest {
     }
 }
 
+/// The lowest point of each finest half cell that holds any.
+pub fn thinned(points: &[Vec3]) -> Vec<Vec3> {
+    if points.is_empty() {
+        return Vec::new();
+    }
+    let (low, high) = super::bounds(points);
+    let [min, max] = [low, high].map(|p| [p.x, p.y].map(f64::from));
+    let cells = GridGeometry::covering(min, max, 0.5 * CELL_M);
+    if cells.len() as f64 > MOST_CELLS {
+        return points.to_vec();
+    }
+    lowest(points, |p| p.z, &cells).into_iter().flatten().collect()
+}
+
 /// The lowest point of each cell by the given height, in the order of the cells.
 pub fn lowest(
     points: &[Vec3],

@@ -48,13 +48,6 @@ pub enum Method {
     FileClasses,
 }
 
-#[derive(Debug, Clone, Default)]
-pub struct GroundOptions {
-    pub method: Method,
-    /// Whether heights are above ground already; seen in the points where `None`.
-    pub is_normalised: Option<bool>,
-}
-
 /// ASPRS classes that are neither ground nor vegetation.
 const NEITHER: [u8; 10] = [6, 7, 9, 10, 13, 14, 15, 16, 17, 18];
 const FILE_GROUND: u8 = 2;
@@ -66,55 +59,109 @@ const NORMALISED_GROUND_M: f32 = 0.25;
 ///
 /// # Errors
 /// No points; fewer than three that could be ground; no class 2 where that is asked for.
-pub fn classify(cloud: PointCloud, options: &GroundOptions) -> Result<Warned<Classified>> {
-    let last = last_returns(&cloud);
-    // Return numbers may be wrong throughout; every point is then a candidate.
-    let candidates = if last.len() < 3 { &cloud.position } else { &last };
+pub fn classify(cloud: PointCloud, method: Method) -> Result<Warned<Classified>> {
     if cloud.len() < 3 {
         return Err(Error::new(format!("too few points to find the ground: {}", cloud.len()))
             .remedy("give a whole scan: at least a few points that reached the ground"));
     }
-    let is_normalised = options
-        .is_normalised
-        .unwrap_or_else(|| Floor::of(candidates, zero_level(&cloud)).is_zero());
-    let mut warnings = Vec::new();
-    let is_ground: Vec<bool> = if options.method == Method::FileClasses {
-        if !cloud.class.contains(&FILE_GROUND) {
-            return Err(Error::new("the scan holds no ground points (class 2)")
-                .remedy("let them be found: leave out --ground file"));
-        }
-        cloud.class.iter().map(|&c| c == FILE_GROUND).collect()
-    } else if is_normalised {
-        let zero = zero_level(&cloud);
-        cloud.position.par_iter().map(|p| (p.z - zero).abs() <= NORMALISED_GROUND_M).collect()
-    } else {
-        match options.method {
-            Method::Tin => densify::ground(&Lowest::of(candidates), &cloud.position),
-            Method::VoxelRules => voxel_rules::ground(&cloud.position),
-            _ => smrf::ground(&Lowest::of(candidates), &cloud.position),
-        }
-    };
-    if is_normalised {
-        warnings.push(
-            "the heights are above ground already: the terrain is taken as the plane z = 0".into(),
-        );
+    let last = last_returns(&cloud);
+    // Return numbers may be wrong throughout; every point is then a candidate.
+    let candidates = if last.len() < FEWEST { &cloud.position } else { &last };
+    let is_normalised = Floor::of(candidates, zero_level(&cloud)).is_zero();
+    let kind = Rule::learn(candidates, method, is_normalised).kinds(&cloud);
+    let ground = kind.iter().filter(|&&k| k == Kind::Ground).count();
+    let warnings = check(method, ground, is_normalised)?;
+    Ok(Warned::with(Classified { cloud, kind, is_normalised }, warnings))
+}
+
+/// Fewest points that make ground.
+const FEWEST: usize = 3;
+
+/// Whether so many ground points will do, and what a user should know.
+///
+/// # Errors
+/// Too few.
+pub fn check(method: Method, ground_points: usize, is_normalised: bool) -> Result<Vec<String>> {
+    if method == Method::FileClasses && ground_points == 0 {
+        return Err(Error::new("the scan holds no ground points (class 2)")
+            .remedy("let them be found: leave out --ground file"));
     }
-    drop(last);
-    let kind: Vec<Kind> = is_ground
-        .par_iter()
-        .zip(&cloud.class)
-        .map(|(&ground, class)| match (NEITHER.contains(class), ground) {
-            (true, _) => Kind::Excluded,
-            (false, true) => Kind::Ground,
-            (false, false) => Kind::Vegetation,
-        })
-        .collect();
-    if !is_normalised && kind.iter().filter(|&&k| k == Kind::Ground).count() < 3 {
+    if ground_points < FEWEST && !is_normalised {
         return Err(Error::new("no ground was found in the scan").remedy(
-            "give a scan whose lowest returns reach the ground, or try --ground voxel or --ground file",
+            "give a scan whose lowest returns reach the ground, or try --ground voxel or --ground \
+             file",
         ));
     }
-    Ok(Warned::with(Classified { cloud, kind, is_normalised }, warnings))
+    let normalised = "the heights are above ground already: the terrain is taken as the plane z = 0";
+    Ok(is_normalised.then(|| normalised.to_owned()).into_iter().collect())
+}
+
+/// What tells the ground of an area from what stands on it, point by point: whatever part of the
+/// area points come from, they are judged alike.
+pub enum Rule {
+    /// Near a surface through the lowest points.
+    Surface(smrf::Surface),
+    /// Near a triangulation of the lowest points.
+    Tin(densify::Tin),
+    /// Low in its column. Pieces of an area are to hold whole regions of columns, which are aligned
+    /// to multiples of 8 m.
+    Voxels,
+    FileClasses,
+    /// Near z = 0 of the world.
+    Zero,
+}
+
+impl Rule {
+    /// Whether the method looks at the lowest points of the whole area.
+    pub fn looks_at_lowest(method: Method) -> bool {
+        matches!(method, Method::Smrf | Method::Tin)
+    }
+
+    /// `candidates`: points that may be ground, or the [`lowest`] of them.
+    pub fn learn(candidates: &[Vec3], method: Method, is_normalised: bool) -> Rule {
+        match method {
+            Method::FileClasses => Rule::FileClasses,
+            _ if is_normalised => Rule::Zero,
+            Method::VoxelRules => Rule::Voxels,
+            Method::Smrf => Rule::Surface(smrf::surface(&Lowest::of(candidates))),
+            Method::Tin => Rule::Tin(densify::densified(&Lowest::of(candidates))),
+        }
+    }
+
+    /// The kind of every point.
+    pub fn kinds(&self, cloud: &PointCloud) -> Vec<Kind> {
+        let points = &cloud.position;
+        let is_ground: Vec<bool> = match self {
+            Rule::Surface(surface) => surface.ground(points),
+            Rule::Tin(tin) => densify::ground(tin, points),
+            Rule::Voxels => voxel_rules::ground(points),
+            Rule::FileClasses => cloud.class.iter().map(|&c| c == FILE_GROUND).collect(),
+            Rule::Zero => {
+                let zero = zero_level(cloud);
+                points.par_iter().map(|p| (p.z - zero).abs() <= NORMALISED_GROUND_M).collect()
+            }
+        };
+        let kinds = is_ground.par_iter().zip(&cloud.class).map(|(&ground, class)| {
+            match (NEITHER.contains(class), ground) {
+                (true, _) => Kind::Excluded,
+                (false, true) => Kind::Ground,
+                (false, false) => Kind::Vegetation,
+            }
+        });
+        kinds.collect()
+    }
+}
+
+/// Sides of the areas in which [`Rule::learn`] looks at the lowest point of every half metre, and
+/// how much more about them it is to see, so that it makes no difference where they end, metres. In
+/// larger ones it looks at fewer.
+pub const AREA_M: f64 = 1920.0;
+pub const AREA_MARGIN_M: f64 = 384.0;
+
+/// Of the points that may be ground the lowest in each of the cells that [`Rule::learn`] looks at;
+/// of all points where `of_all`, for return numbers that are wrong throughout.
+pub fn lowest(cloud: &PointCloud, of_all: bool) -> Vec<Vec3> {
+    if of_all { lowest::thinned(&cloud.position) } else { lowest::thinned(&last_returns(cloud)) }
 }
 
 /// Points that may be ground: last returns of what may have ground below it.
@@ -199,7 +246,7 @@ impl Floor {
 /// cell, over cells that hold two or more; `None` without such cells. Noise, slope and what is
 /// wrongly ground all add to it. Of many points a share is measured, in cells drawn by a hash.
 pub fn spread_m(classified: &Classified) -> Option<f64> {
-    Spread::of(classified, |_| true).rms_m()
+    Spread::of(classified).rms_m()
 }
 
 /// [`spread_m`] of a scan in pieces.
@@ -210,8 +257,8 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of the points for which `is_own` holds.
-    pub fn of(classified: &Classified, is_own: impl Fn(Vec3) -> bool + Sync) -> Spread {
+    /// Of a piece.
+    pub fn of(classified: &Classified) -> Spread {
         const MEASURED: usize = 100_000;
         let one_in = (classified.cloud.len() / MEASURED) as u64 + 1;
         let cell = |v: f32| (v * 2.0).floor() as i32;
@@ -223,9 +270,8 @@ impl Spread {
         let mut ground: Vec<(i32, i32, u32)> = (classified.cloud.position.par_iter())
             .zip(&classified.kind)
             .filter(|(_, k)| **k == Kind::Ground)
-            .map(|(p, _)| (cell(p.x), cell(p.y), p))
-            .filter(|(x, y, p)| is_drawn(*x, *y) && is_own(**p))
-            .map(|(x, y, p)| (x, y, p.z.to_bits()))
+            .map(|(p, _)| (cell(p.x), cell(p.y), p.z.to_bits()))
+            .filter(|(x, y, _)| is_drawn(*x, *y))
             .collect();
         ground.par_sort_unstable();
         let mut spread = Spread::default();

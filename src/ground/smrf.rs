@@ -56,9 +56,22 @@ const STEEPEST: f32 = 3.0;
 const TOGETHER: usize = 1 << 12;
 
 /// Heights, reaching a cell beyond the points.
-struct Surface(Grid<f32>);
+pub struct Surface(Grid<f32>);
 
 impl Surface {
+    /// Which of `points` are ground.
+    pub fn ground(&self, points: &[Vec3]) -> Vec<bool> {
+        let is_ground = |p: &Vec3| {
+            let at = p.truncate();
+            let beyond = (p.z - self.height_at(at)).abs() - NEAR_M;
+            // The gradient is asked for only where it decides.
+            beyond <= 0.0
+                || beyond <= NEAR_SLOPE * STEEPEST
+                    && beyond <= NEAR_SLOPE * self.gradient(at, CELL_M as f32).min(STEEPEST)
+        };
+        points.par_iter().map(is_ground).collect()
+    }
+
     fn height_at(&self, p: Vec2) -> f32 {
         self.0.bilinear(p.x.into(), p.y.into())
     }
@@ -74,23 +87,8 @@ impl Surface {
     }
 }
 
-/// Which of `points` are ground, judged by a surface through the lowest.
-pub fn ground(lowest: &Lowest, points: &[Vec3]) -> Vec<bool> {
-    let surface = surface(lowest);
-    points
-        .par_iter()
-        .map(|p| {
-            let at = p.truncate();
-            let beyond = (p.z - surface.height_at(at)).abs() - NEAR_M;
-            // The gradient is asked for only where it decides.
-            beyond <= 0.0
-                || beyond <= NEAR_SLOPE * STEEPEST
-                    && beyond <= NEAR_SLOPE * surface.gradient(at, CELL_M as f32).min(STEEPEST)
-        })
-        .collect()
-}
-
-fn surface(lowest: &Lowest) -> Surface {
+/// Through the ground, as far as the lowest points show it.
+pub fn surface(lowest: &Lowest) -> Surface {
     let mut surface = Surface(lowest.trend.clone());
     for level in (0..=LEVELS).rev() {
         let geometry = lowest.geometry(2f64.powi(level));

@@ -55,7 +55,7 @@ fn filters_find_the_ground_on_level_and_steep_slopes() {
         let (points, truth) = forest(slope);
         let n = points.len();
         let c =
-            classify(cloud(points, vec![1; n]), &GroundOptions { method, ..Default::default() })
+            classify(cloud(points, vec![1; n]), method)
                 .unwrap()
                 .value;
         let mut tally = [0; 4];
@@ -80,7 +80,7 @@ fn found_near_the_middle(ground: impl Fn(f32, f32) -> f32, reach: f32) -> f32 {
         .map(|[x, y]| Vec3::new(x, y, ground(x, y)))
         .collect();
     let n = points.len();
-    let c = classify(cloud(points, vec![1; n]), &GroundOptions::default()).unwrap().value;
+    let c = classify(cloud(points, vec![1; n]), Method::Smrf).unwrap().value;
     let near: Vec<bool> = c
         .cloud
         .position
@@ -119,8 +119,8 @@ fn a_cliff_keeps_the_ground_above_and_below_it() {
 fn voxel_rules_find_most_of_a_gentle_slope() {
     let (points, truth) = forest(0.1);
     let n = points.len();
-    let options = GroundOptions { method: Method::VoxelRules, ..Default::default() };
-    let c = classify(cloud(points, vec![1; n]), &options).unwrap().value;
+    let method = Method::VoxelRules;
+    let c = classify(cloud(points, vec![1; n]), method).unwrap().value;
     let right = c.kind.iter().zip(&truth).filter(|(k, t)| (**k == Kind::Ground) == **t).count();
     assert!(right as f32 / n as f32 > 0.85, "{right} of {n}");
 }
@@ -133,7 +133,7 @@ fn a_cut_does_not_change_the_ground_far_from_it() {
     for method in [Method::Smrf, Method::Tin] {
         let found = |points: Vec<Vec3>| {
             let n = points.len();
-            classify(cloud(points, vec![1; n]), &GroundOptions { method, ..Default::default() })
+            classify(cloud(points, vec![1; n]), method)
                 .unwrap()
                 .value
                 .kind
@@ -157,7 +157,7 @@ fn low_strays_do_not_pull_the_ground_down() {
         points.push(Vec3::new(d.between(0.0, 100.0), d.between(0.0, 80.0), -25.0));
     }
     let n = points.len();
-    let c = classify(cloud(points, vec![1; n]), &GroundOptions::default()).unwrap().value;
+    let c = classify(cloud(points, vec![1; n]), Method::Smrf).unwrap().value;
     assert!(c.kind[n - 12..].iter().all(|k| *k != Kind::Ground));
     let ground = c.kind.iter().filter(|k| **k == Kind::Ground).count();
     assert!(ground > 20_000, "{ground}");
@@ -167,11 +167,11 @@ fn low_strays_do_not_pull_the_ground_down() {
 fn the_files_own_classes_only_on_request() {
     let (points, truth) = forest(0.1);
     let class: Vec<u8> = truth.iter().map(|&g| if g { 2 } else { 5 }).collect();
-    let options = GroundOptions { method: Method::FileClasses, ..Default::default() };
-    let c = classify(cloud(points.clone(), class), &options).unwrap().value;
+    let method = Method::FileClasses;
+    let c = classify(cloud(points.clone(), class), method).unwrap().value;
     assert!(c.kind.iter().zip(&truth).all(|(k, t)| (*k == Kind::Ground) == *t));
     let n = points.len();
-    let e = classify(cloud(points, vec![1; n]), &options).unwrap_err();
+    let e = classify(cloud(points, vec![1; n]), method).unwrap_err();
     assert_eq!(e.message(), "the scan holds no ground points (class 2)");
 }
 
@@ -180,7 +180,7 @@ fn water_and_buildings_are_excluded() {
     let (points, _) = forest(0.1);
     let n = points.len();
     let class: Vec<u8> = (0..n).map(|i| if i % 10 == 0 { 9 } else { 1 }).collect();
-    let c = classify(cloud(points, class.clone()), &GroundOptions::default()).unwrap().value;
+    let c = classify(cloud(points, class.clone()), Method::Smrf).unwrap().value;
     for (k, c) in c.kind.iter().zip(class) {
         assert_eq!(*k == Kind::Excluded, c == 9);
     }
@@ -200,10 +200,10 @@ fn normalised_heights_are_recognised_and_absolute_ones_are_not() {
     let n = points.len();
     let mut level = cloud(flat, vec![1; n]);
     level.frame.origin.z = 0.0;
-    let c = classify(level, &GroundOptions::default()).unwrap();
+    let c = classify(level, Method::Smrf).unwrap();
     assert!(c.value.is_normalised && c.warnings.len() == 1);
     assert!(
-        !classify(cloud(points, vec![1; n]), &GroundOptions::default())
+        !classify(cloud(points, vec![1; n]), Method::Smrf)
             .unwrap()
             .value
             .is_normalised
@@ -214,13 +214,13 @@ fn normalised_heights_are_recognised_and_absolute_ones_are_not() {
 fn few_points_equal_points_and_far_points_do_not_panic() {
     for n in 0..3 {
         let points: Vec<Vec3> = (0..n).map(|i| Vec3::splat(i as f32)).collect();
-        let e = classify(cloud(points, vec![1; n]), &GroundOptions::default()).unwrap_err();
+        let e = classify(cloud(points, vec![1; n]), Method::Smrf).unwrap_err();
         assert!(e.message().contains("too few"), "{e:?}");
     }
     for method in [Method::Smrf, Method::Tin, Method::VoxelRules] {
         let alike = vec![Vec3::new(5.0, 5.0, 5.0); 100];
         assert!(
-            classify(cloud(alike, vec![1; 100]), &GroundOptions { method, ..Default::default() })
+            classify(cloud(alike, vec![1; 100]), method)
                 .is_ok()
         );
         let far = vec![
@@ -229,6 +229,6 @@ fn few_points_equal_points_and_far_points_do_not_panic() {
             Vec3::new(0.0, 150_000.0, 9.0),
             Vec3::ONE,
         ];
-        let _ = classify(cloud(far, vec![1; 4]), &GroundOptions { method, ..Default::default() });
+        let _ = classify(cloud(far, vec![1; 4]), method);
     }
 }

@@ -11,7 +11,7 @@ use super::tiled::Tiled;
 use crate::crown::{self, Crown, Found};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
-use crate::ground::{self, Classified, GroundOptions, Kind};
+use crate::ground::{self, Classified, Kind};
 use crate::inventory::{self, Tree};
 use crate::raster::{self, geotiff::Raster};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
@@ -90,8 +90,7 @@ pub(super) fn classify(job: &SurveyJob, scan: Scan, run: &mut Recorder) -> Resul
     run.stage("ground", |warnings| {
         let Scan { cloud, density_per_m2, bounds, .. } = scan;
         let points = cloud.len();
-        let options = GroundOptions { method: job.ground, is_normalised: None };
-        let classified = ground::classify(cloud, &options)
+        let classified = ground::classify(cloud, job.ground)
             .map_err(|e| e.in_file(&job.scans[0]))?
             .into_value(warnings);
         let ground = classified.kind.iter().filter(|&&k| k == Kind::Ground).count();

@@ -15,20 +15,18 @@ use super::survey::{
     with_held_out,
 };
 use crate::crown::{self, Crown, CrownOptions, Found, Tally};
-use crate::diagnostic::{Error, Result};
+use crate::diagnostic::Result;
 use crate::frame::Frame;
-use crate::ground::{self, Classified, Floor, GroundOptions, Kind, Spread};
+use crate::ground::{self, Classified, Floor, Kind, Method, Rule, Spread};
 use crate::raster::{Grid, inpaint};
 use crate::report::{Outcome, Recorder};
 use crate::scan::Bounds;
-use crate::scan::tiles::{Tile, TiledScan, Window, tile_of};
+use crate::scan::tiles::{TILE_M, Tile, TiledScan, Window, blocks_of, tile_of};
 use crate::species::look::{self, GroundIntensity, Looks};
 use crate::terrain::{self, HeldOut, Terrain};
 
 /// Tiles about a block that are worked on with it.
 const MARGIN: i32 = 1;
-/// For the ground more: its coarsest windows, each judged by one coarser, see beyond a tile.
-const GROUND_MARGIN: i32 = 2;
 
 /// A scan by tiles; after [`Tiled::classify`] with the kind of every point.
 pub(super) struct Tiled {
@@ -79,63 +77,51 @@ impl Tiled {
                 floor.add(Floor::of_piece(&self.scan.load(core, 0)?.cloud));
             }
             self.is_normalised = floor.is_zero();
-            let options =
-                GroundOptions { method: job.ground, is_normalised: Some(self.is_normalised) };
-            let (mut refused, mut bare) = (None, 0);
             let mut intensity = GroundIntensity::default();
             let mut spread = Spread::default();
-            for core in &blocks {
-                let Window { cloud, tiles } = self.scan.load(core, GROUND_MARGIN)?;
-                let intensities = cloud.intensity.clone();
-                let own: BTreeSet<Tile> = core.iter().copied().collect();
-                let kinds = match ground::classify(cloud, &options) {
-                    Ok(classified) => {
-                        let is_own = |p| self.is_in(&own, p);
-                        spread.add(Spread::of(&classified.value, is_own));
-                        classified.value.kind
-                    }
-                    // A window of water or of nothing but canopy has no ground of its own.
-                    Err(error) => {
-                        refused = Some(error);
-                        bare += 1;
-                        vec![Kind::Vegetation; intensities.len()]
-                    }
-                };
-                for (tile, range) in tiles.into_iter().filter(|(tile, _)| own.contains(tile)) {
-                    let own = &kinds[range.clone()];
-                    for (_, i) in
-                        own.iter().zip(&intensities[range]).filter(|(k, _)| **k == Kind::Ground)
-                    {
+            for area in self.scan.blocks((ground::AREA_M / TILE_M) as i32) {
+                let rule = self.learn(&area, job.ground, tiles_a_side)?;
+                for core in blocks_of(&area, tiles_a_side) {
+                    let Window { cloud, tiles } = self.scan.load(&core, 0)?;
+                    let kind = rule.kinds(&cloud);
+                    let ground = |i: &usize| kind[*i] == Kind::Ground;
+                    for i in (0..cloud.len()).filter(ground) {
                         self.ground_points += 1;
-                        intensity.add(*i);
+                        intensity.add(cloud.intensity[i]);
                     }
-                    self.kinds.insert(tile, own.to_vec());
+                    for (tile, range) in tiles {
+                        self.kinds.insert(tile, kind[range].to_vec());
+                    }
+                    let is_normalised = self.is_normalised;
+                    spread.add(Spread::of(&Classified { cloud, kind, is_normalised }));
                 }
             }
-            if self.ground_points < 3 && !self.is_normalised {
-                let error = refused.unwrap_or_else(|| {
-                    Error::new("no ground was found in the scan").remedy(
-                        "give a scan whose lowest returns reach the ground, or try another --ground",
-                    )
-                });
-                return Err(error.in_file(&job.scans[0]));
-            }
-            if self.is_normalised {
-                warnings.push(
-                    "the heights are above ground already: the terrain is taken as the plane z = 0"
-                        .into(),
-                );
-            }
-            if bare > 0 {
-                let all = blocks.len();
-                warnings.push(format!("no ground was found in {bare} of {all} blocks of tiles"));
-            }
+            warnings.extend(
+                ground::check(job.ground, self.ground_points, self.is_normalised)
+                    .map_err(|e| e.in_file(&job.scans[0]))?,
+            );
             self.ground_intensity = intensity.median();
             let points = self.scan.census.kept as usize;
             let outcome = ground_outcome(points, self.ground_points, spread.rms_m())
                 .note(format!("by tiles, in {} blocks", blocks.len()));
             Ok((self, outcome))
         })
+    }
+
+    /// What tells ground in an area, learned from it and what is about it.
+    fn learn(&self, area: &[Tile], method: Method, tiles_a_side: i32) -> Result<Rule> {
+        let mut lowest = Vec::new();
+        // Return numbers may be wrong throughout.
+        for of_all in [false, true] {
+            if !Rule::looks_at_lowest(method) || !lowest.is_empty() {
+                break;
+            }
+            let about = self.scan.about(area, (ground::AREA_MARGIN_M / TILE_M) as i32);
+            for core in blocks_of(&about, tiles_a_side) {
+                lowest.extend(ground::lowest(&self.scan.load(&core, 0)?.cloud, of_all));
+            }
+        }
+        Ok(Rule::learn(&lowest, method, self.is_normalised))
     }
 
     /// A block with its surroundings.

@@ -4,12 +4,13 @@
 //! has only short waves left to remove and the cost is linear in cells.
 //!
 //! Levels and the order of relaxation follow the cell's place in the plane, not its place in the
-//! grid: where a grid is cut does not change what is far from the cut.
+//! grid, and each cell comes to rest by itself: where a grid is cut does not change what is far from
+//! the cut.
 //!
 //! Known limits: a membrane is level where nothing holds it, so a tilted surface runs flat beyond
 //! its border. Callers remove the trend first.
 
-use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
@@ -19,7 +20,7 @@ use super::Grid;
 const MAX_SWEEPS: usize = 48;
 /// Over-relaxation; below 2, fast for the short waves that are left at each level.
 const OMEGA: f32 = 1.6;
-/// A level is at rest when no cell moves further than this between sweeps, in the grid's unit.
+/// A cell is at rest when it moves no further than this between sweeps, in the grid's unit.
 const AT_REST: f32 = 1e-4;
 
 struct Level {
@@ -147,12 +148,15 @@ fn rows_together(cols: usize) -> usize {
 }
 
 /// Gauss–Seidel with over-relaxation, alternating the colours of a chessboard. Cells of one colour
-/// look at those of the other alone, so the order within a colour makes no difference.
+/// look at those of the other alone, so the order within a colour makes no difference. A cell is
+/// visited as long as it or one beside it moves: what goes on elsewhere does not count.
 fn relax(level: &mut Level) {
     let (cols, rows) = (level.cols, level.rows);
     let [odd_col, odd_row] = level.odd();
     let value: Vec<AtomicU32> =
         level.value.par_iter().with_min_len(1 << 12).map(|v| AtomicU32::new(v.to_bits())).collect();
+    let is_moving: Vec<AtomicBool> =
+        level.is_known.par_iter().with_min_len(1 << 12).map(|k| AtomicBool::new(!k)).collect();
     // Columns of the unknown cells, by row.
     let unknown = |colour: usize| -> Vec<Vec<u32>> {
         let of_row = |row: usize| {
@@ -163,44 +167,42 @@ fn relax(level: &mut Level) {
         (0..rows).into_par_iter().with_min_len(rows_together(cols)).map(of_row).collect()
     };
     let colours = [unknown(0), unknown(1)];
-    let at = |i: usize| f32::from_bits(value[i].load(Relaxed));
+    // Whether any of the cells moved.
     let sweep = |(row, unknown): (usize, &Vec<u32>)| {
-        let mut greatest_change = 0.0f32;
+        let mut any = false;
         for &col in unknown {
             let col = col as usize;
             let i = row * cols + col;
-            let (mut sum, mut count) = (0.0, 0.0);
-            if col > 0 {
-                sum += at(i - 1);
-                count += 1.0;
+            let beside = [
+                (col > 0).then(|| i - 1),
+                (col + 1 < cols).then_some(i + 1),
+                (row > 0).then(|| i - cols),
+                (row + 1 < rows).then_some(i + cols),
+            ];
+            let beside = beside.into_iter().flatten();
+            let moving = |i: usize| is_moving[i].load(Relaxed);
+            if !moving(i) && !beside.clone().any(moving) {
+                continue;
             }
-            if col + 1 < cols {
-                sum += at(i + 1);
-                count += 1.0;
-            }
-            if row > 0 {
-                sum += at(i - cols);
-                count += 1.0;
-            }
-            if row + 1 < rows {
-                sum += at(i + cols);
-                count += 1.0;
-            }
+            let at = |i: usize| f32::from_bits(value[i].load(Relaxed));
+            let (sum, count) = beside.fold((0.0, 0.0), |(sum, n), i| (sum + at(i), n + 1.0));
             if count > 0.0 {
                 let change = sum / count - at(i);
                 value[i].store((at(i) + OMEGA * change).to_bits(), Relaxed);
-                greatest_change = greatest_change.max(change.abs());
+                let moves = change.abs() >= AT_REST;
+                is_moving[i].store(moves, Relaxed);
+                any |= moves;
             }
         }
-        greatest_change
+        any
     };
     for _ in 0..MAX_SWEEPS {
-        let change_of = |rows: &Vec<Vec<u32>>| {
-            let changes = rows.par_iter().enumerate().with_min_len(rows_together(cols)).map(sweep);
-            changes.reduce(|| 0.0, f32::max)
+        let any_of = |rows: &Vec<Vec<u32>>| {
+            let any = rows.par_iter().enumerate().with_min_len(rows_together(cols)).map(sweep);
+            any.reduce(|| false, |a, b| a | b)
         };
-        let greatest_change = colours.iter().map(change_of).fold(0.0, f32::max);
-        if greatest_change < AT_REST {
+        let moves = colours.each_ref().map(any_of);
+        if moves == [false; 2] {
             break;
         }
     }

@@ -215,11 +215,15 @@ impl TiledScan {
 
     /// Squares of so many tiles' side that hold points, as the sets of their tiles; in order.
     pub fn blocks(&self, tiles_a_side: i32) -> Vec<Vec<Tile>> {
-        let mut blocks: BTreeMap<Tile, Vec<Tile>> = BTreeMap::new();
-        for tile in self.tiles.keys() {
-            blocks.entry(tile.map(|i| i.div_euclid(tiles_a_side.max(1)))).or_default().push(*tile);
-        }
-        blocks.into_values().collect()
+        blocks_of(self.tiles.keys(), tiles_a_side)
+    }
+
+    /// The tiles that hold points, of the given ones and of all within `margin` tiles of them.
+    pub fn about(&self, core: &[Tile], margin: i32) -> BTreeSet<Tile> {
+        let span = |i: i32| i - margin..=i + margin;
+        let about = core.iter().flat_map(|[i, j]| span(*i).map(move |i| (i, *j)));
+        let about = about.flat_map(|(i, j)| span(j).map(move |j| [i, j]));
+        about.filter(|tile| self.tiles.contains_key(tile)).collect()
     }
 
     /// The points of the given tiles and of all within `margin` tiles of them.
@@ -227,14 +231,6 @@ impl TiledScan {
     /// # Errors
     /// The temporary file can't be read.
     pub fn load(&self, core: &[Tile], margin: i32) -> Result<Window> {
-        let mut wanted: BTreeSet<Tile> = BTreeSet::new();
-        for [i, j] in core {
-            for di in -margin..=margin {
-                for dj in -margin..=margin {
-                    wanted.insert([i + di, j + dj]);
-                }
-            }
-        }
         let mut cloud = PointCloud {
             frame: self.frame.clone(),
             position: Vec::new(),
@@ -247,7 +243,7 @@ impl TiledScan {
         // Numbers of the isolated points, rising.
         let mut is_out: Vec<usize> = Vec::new();
         let mut ranges = Vec::new();
-        for tile in wanted {
+        for tile in self.about(core, margin) {
             let Some(stack) = self.tiles.get(&tile) else { continue };
             let (start, before) = (cloud.len(), is_out.len());
             for (file, piece) in &stack.pieces {
@@ -271,6 +267,19 @@ impl TiledScan {
         }
         Ok(Window { cloud, tiles: ranges })
     }
+}
+
+/// Squares of so many tiles' side, as the sets of those of the given tiles that lie in each; in
+/// order.
+pub fn blocks_of<'a>(
+    tiles: impl IntoIterator<Item = &'a Tile>,
+    tiles_a_side: i32,
+) -> Vec<Vec<Tile>> {
+    let mut blocks: BTreeMap<Tile, Vec<Tile>> = BTreeMap::new();
+    for tile in tiles {
+        blocks.entry(tile.map(|i| i.div_euclid(tiles_a_side.max(1)))).or_default().push(*tile);
+    }
+    blocks.into_values().collect()
 }
 
 fn spans_too_much(parts: &[Part]) -> bool {

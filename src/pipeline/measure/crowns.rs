@@ -4,7 +4,7 @@ use super::super::Effort;
 use super::Bench;
 use crate::crown::{self, Crown, CrownOptions};
 use crate::diagnostic::Result;
-use crate::ground::{self, Classified, GroundOptions};
+use crate::ground::{self, Classified, Method};
 use crate::report::document::{Front, Point, Quantity, Timing, Truth};
 use crate::terrain::{self, Terrain, TerrainOptions};
 use crate::voxel;
@@ -106,7 +106,7 @@ fn find(classified: &Classified, s: &Setting, bench: &Bench<'_>) -> Result<(Terr
 fn half(bench: &Bench<'_>, which: usize) -> Result<Classified> {
     let mut cloud = bench.place.cloud.clone();
     cloud.retain(|i| i % 2 == which);
-    Ok(ground::classify(cloud, &GroundOptions::default())?.into_value(&mut Vec::new()))
+    Ok(ground::classify(cloud, Method::Smrf)?.into_value(&mut Vec::new()))
 }
 
 /// F1 of two sets of crowns, matched from the nearest on, and the RMSE of their heights.

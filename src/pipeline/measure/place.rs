@@ -10,7 +10,7 @@ use super::ReportJob;
 use crate::diagnostic::{Error, Result};
 use crate::export::{OutputFile, write_all};
 use crate::frame::Frame;
-use crate::ground::{self, Classified, GroundOptions, Method};
+use crate::ground::{self, Classified, Method};
 use crate::report::{Recorder, Silent};
 use crate::scan::{self, PointCloud};
 use crate::seed::Seed;
@@ -90,7 +90,7 @@ impl Place {
             .in_file(&scans[0])
             .remedy("give a part of the scan of at most 30 million points"));
         }
-        let classified = ground::classify(scan.cloud.clone(), &GroundOptions::default())?
+        let classified = ground::classify(scan.cloud.clone(), Method::Smrf)?
             .into_value(&mut Vec::new());
         Ok(Place {
             subject,

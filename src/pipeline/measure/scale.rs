@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::super::{Sharing, forest, survey::Survey};
 use super::Bench;
 use crate::diagnostic::{Error, Result};
-use crate::ground::{self, GroundOptions};
+use crate::ground::{self, Method};
 use crate::report::document::{Quantity, Scaled, Scaling, Series, Timing};
 use crate::report::{Outcome, Recorder, Silent, heap_bytes};
 use crate::scan::PointCloud;
@@ -104,7 +104,7 @@ fn points(bench: &Bench<'_>, count: usize) -> Result<Scaled> {
     let voxel_m = voxel::choose_size_m(bench.place.density_per_m2, 4.0);
     let work = |cloud: PointCloud, run: &mut Recorder| {
         run.stage("points", |_| {
-            let classified = ground::classify(cloud, &GroundOptions::default())?.value;
+            let classified = ground::classify(cloud, Method::Smrf)?.value;
             let terrain = terrain::build(&classified, &Default::default())?.value;
             let crowns = crown::detect(&classified, &terrain, voxel_m, &Default::default())?.value;
             Ok(((), Outcome::items(count, "points", crowns.len(), "trees")))

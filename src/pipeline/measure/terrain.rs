@@ -2,7 +2,7 @@
 
 use super::Bench;
 use crate::diagnostic::Result;
-use crate::ground::{self, Classified, GroundOptions, Method};
+use crate::ground::{self, Classified, Method};
 use crate::report::document::{Front, Point, Quantity, Timing, Truth};
 use crate::terrain::{self, TerrainOptions};
 
@@ -22,8 +22,7 @@ pub(super) fn front(bench: &mut Bench<'_>) -> Result<Front> {
         if method == Method::FileClasses && !place.cloud.class.contains(&FILE_GROUND) {
             continue;
         }
-        let options = GroundOptions { method, is_normalised: None };
-        let work = |cloud| Ok(ground::classify(cloud, &options)?.into_value(&mut Vec::new()));
+        let work = |cloud| Ok(ground::classify(cloud, method)?.into_value(&mut Vec::new()));
         let (classified, ground) = bench.timed(|| place.cloud.clone(), work)?;
         for cell_m in CELLS_M {
             points.extend(point(bench, name, &classified, cell_m, ground)?);

@@ -6,7 +6,7 @@ use super::super::convergence::{empty_cloud, push};
 use crate::crown::{self, Crown, CrownOptions};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
-use crate::ground::{self, Classified, GroundOptions, Kind, Method};
+use crate::ground::{self, Classified, Kind, Method};
 use crate::scan::PointCloud;
 use crate::seed::Seed;
 use crate::skeleton::stability::Case;
@@ -188,9 +188,10 @@ fn found(position: Vec<Vec3>) -> Result<Classified> {
     classify(cloud)
 }
 
-fn classify(cloud: PointCloud) -> Result<Classified> {
-    let options = GroundOptions { method: Method::Smrf, is_normalised: Some(false) };
-    Ok(ground::classify(cloud, &options)?.value)
+fn classify(mut cloud: PointCloud) -> Result<Classified> {
+    // So high that no heights are taken for heights above ground.
+    cloud.frame = Frame::local(DVec3::new(0.0, 0.0, 5000.0));
+    Ok(ground::classify(cloud, Method::Smrf)?.value)
 }
 
 fn built(classified: &Classified, cell_m: Option<f32>) -> Result<Terrain> {
