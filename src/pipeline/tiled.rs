@@ -18,12 +18,11 @@ use crate::crown::{self, Crown, CrownOptions, Found, Tally};
 use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::ground::{self, Classified, Floor, Kind, Method, Rule, Spread};
-use crate::raster::{Grid, inpaint};
 use crate::report::{Outcome, Recorder};
 use crate::scan::Bounds;
 use crate::scan::tiles::{TILE_M, Tile, TiledScan, Window, blocks_of, tile_of};
 use crate::species::look::{self, GroundIntensity, Looks};
-use crate::terrain::{self, HeldOut, Terrain};
+use crate::terrain::{self, Gathered, HeldOut, Terrain};
 
 /// Tiles about a block that are worked on with it.
 const MARGIN: i32 = 1;
@@ -147,41 +146,34 @@ impl Tiled {
     ) -> Result<Terrain> {
         run.stage("terrain", |warnings| {
             let bounds = self.scan.bounds;
-            let mut options = job.effort.terrain(job.cell_m);
+            let options = job.effort.terrain(job.cell_m);
             let extent_m = (bounds.max - bounds.min).truncate();
             let cell = options.cell_m.map_or_else(
                 || terrain::choose_cell_m(extent_m, self.ground_points, options.cell_in_spacings),
                 f64::from,
             );
             let geometry = terrain::grid_over(bounds.min, bounds.max, cell)?;
-            let mut whole = Terrain {
-                heights: Grid::filled(geometry, f32::NAN),
-                is_observed: vec![false; geometry.len()],
-            };
-            options.cell_m = Some(cell as f32);
-            let (mut sum_sq, mut held_out) = (0.0, HeldOut { rmse_m: 0.0, max_m: 0.0, points: 0 });
-            let mut near = (0, 0);
-            for core in self.scan.blocks(tiles_a_side) {
-                let window = self.window(&core, MARGIN)?;
-                let ground = window.kind.iter().filter(|&&k| k == Kind::Ground).count();
-                if ground < 3 && !self.is_normalised {
+            let blocks = self.scan.blocks(tiles_a_side);
+            let mut gathered = Gathered::over(geometry);
+            let mut level = self.is_normalised.then(|| Terrain::level(geometry, self.frame()));
+            let mut held_out = HeldOut::default();
+            for core in &blocks {
+                let ground = terrain::ground_points(&self.window(core, 0)?);
+                if let Some(terrain) = level.take() {
+                    level = Some(terrain.with_observed(&ground));
                     continue;
                 }
-                let piece = terrain::build(&window, &options)?.value;
-                let own = core.clone();
-                let core: BTreeSet<Tile> = core.into_iter().collect();
-                self.place(&piece, &core, &mut whole);
-                let (low, all) = piece.near(&window);
-                near = (near.0 + low, near.1 + all);
-                let own = self.window(&own, 0)?;
-                if let Some(out) = terrain::held_out_error(&own, &options)? {
-                    sum_sq += out.rmse_m.powi(2) * out.points as f64;
-                    held_out.max_m = held_out.max_m.max(out.max_m);
-                    held_out.points += out.points;
+                gathered.add(&ground);
+                if let Some(of_block) = terrain::held_out_of(ground, cell, self.ground_points)? {
+                    held_out.add(of_block);
                 }
             }
-            let is_known: Vec<bool> = whole.heights.data.iter().map(|z| z.is_finite()).collect();
-            inpaint::fill(&mut whole.heights, &is_known);
+            let whole = level.map_or_else(|| gathered.terrain(), Ok)?;
+            let mut near = (0, 0);
+            for core in &blocks {
+                let (low, all) = whole.near(&self.window(core, 0)?);
+                near = (near.0 + low, near.1 + all);
+            }
             check_ground(job, near, self.is_normalised, &whole)?;
             if !self.is_normalised {
                 warnings.extend(whole.warning());
@@ -190,27 +182,10 @@ impl Tiled {
                 Outcome::items(self.ground_points, "ground points", geometry.len(), "cells")
                     .note(format!("cell {cell} m"));
             if held_out.points > 0 {
-                held_out.rmse_m = (sum_sq / held_out.points as f64).sqrt();
                 outcome = with_held_out(outcome, held_out);
             }
             Ok((whole, outcome))
         })
-    }
-
-    /// Copies the cells of a piece whose middles lie in the core.
-    fn place(&self, piece: &Terrain, core: &BTreeSet<Tile>, whole: &mut Terrain) {
-        let (from, to) = (piece.heights.geometry, whole.heights.geometry);
-        for i in 0..from.len() {
-            let [x, y] = from.centre(i % from.cols, i / from.cols);
-            if !self.is_in(core, Vec3::new(x as f32, y as f32, 0.0)) {
-                continue;
-            }
-            if let Some((c, r)) = to.cell_of(x, y) {
-                let k = to.index(c, r);
-                whole.heights.data[k] = piece.heights.data[i];
-                whole.is_observed[k] = piece.is_observed[i];
-            }
-        }
     }
 
     pub fn crowns(

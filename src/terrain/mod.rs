@@ -16,6 +16,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use crate::diagnostic::{Error, Result, Warned};
+use crate::frame::Frame;
 use crate::ground::{Classified, Kind};
 use crate::raster::trend::trend;
 use crate::raster::{Grid, GridGeometry, inpaint};
@@ -58,48 +59,100 @@ pub fn build(classified: &Classified, options: &TerrainOptions) -> Result<Warned
     let ground = ground_points(classified);
     let geometry = geometry(classified, &ground, options)?;
     if classified.is_normalised {
-        let frame = &classified.cloud.frame;
-        let zero = (-frame.origin.z * frame.unit_m().z) as f32;
-        let is_observed = observed(&ground, &geometry);
-        return Ok(Warned::new(Terrain { heights: Grid::filled(geometry, zero), is_observed }));
+        let terrain = Terrain::level(geometry, &classified.cloud.frame);
+        return Ok(Warned::new(terrain.with_observed(&ground)));
     }
     let terrain = from_points(&ground, geometry)?;
     let warnings = terrain.warning().into_iter().collect();
     Ok(Warned::with(terrain, warnings))
 }
 
-fn ground_points(classified: &Classified) -> Vec<Vec3> {
+/// The ground points of a cloud or a piece of one, local metres.
+pub fn ground_points(classified: &Classified) -> Vec<Vec3> {
     let points = classified.cloud.position.par_iter().zip(&classified.kind);
     points.filter(|(_, k)| **k == Kind::Ground).map(|(p, _)| *p).collect()
 }
 
 fn from_points(ground: &[Vec3], geometry: GridGeometry) -> Result<Terrain> {
-    if ground.len() < 3 {
-        return Err(Error::new(format!("{} ground points make no terrain", ground.len())).remedy(
-            "give a scan whose lowest returns reach the ground, or try --ground voxel or --ground file",
-        ));
+    let mut gathered = Gathered::over(geometry);
+    gathered.add(ground);
+    gathered.terrain()
+}
+
+/// Ground points by the squares of a terrain's grid, gathered piece by piece. Where pieces hold
+/// whole squares, the terrain does not depend on how the points were parted.
+pub struct Gathered {
+    geometry: GridGeometry,
+    /// A cell of the terrain may be parted into more squares of vertices.
+    parts: usize,
+    squares: GridGeometry,
+    means: Vec<tin::Mean>,
+    points: usize,
+}
+
+impl Gathered {
+    /// For the terrain on a grid.
+    pub fn over(geometry: GridGeometry) -> Gathered {
+        let parts = if geometry.cell_x <= PLANES_UP_TO_M { 1 } else { 2 };
+        let squares = GridGeometry {
+            cell_x: geometry.cell_x / parts as f64,
+            cell_y: geometry.cell_y / parts as f64,
+            cols: geometry.cols * parts,
+            rows: geometry.rows * parts,
+            ..geometry
+        };
+        Gathered { geometry, parts, squares, means: Vec::new(), points: 0 }
     }
-    // A cell of the terrain may be parted into more squares of vertices.
-    let parts = if geometry.cell_x <= PLANES_UP_TO_M { 1 } else { 2 };
-    let squares = GridGeometry {
-        cell_x: geometry.cell_x / parts as f64,
-        cell_y: geometry.cell_y / parts as f64,
-        cols: geometry.cols * parts,
-        rows: geometry.rows * parts,
-        ..geometry
-    };
-    let (vertices, square_of_vertex) = tin::thinned(ground, &squares);
-    let mut is_observed = vec![false; geometry.len()];
-    for &square in &square_of_vertex {
-        let (col, row) = (square as usize % squares.cols, square as usize / squares.cols);
-        is_observed[geometry.index(col / parts, row / parts)] = true;
+
+    /// More ground points; local metres, finite.
+    pub fn add(&mut self, ground: &[Vec3]) {
+        self.points += ground.len();
+        self.means.extend(tin::thinned(ground, &self.squares));
     }
-    let mut heights = match parts {
-        1 => by_planes(&vertices, &square_of_vertex, geometry),
-        _ => tin::heights(&vertices, geometry),
-    };
-    fill(&mut heights, &vertices);
-    Ok(Terrain { heights, is_observed })
+
+    /// The terrain through them.
+    ///
+    /// # Errors
+    /// Fewer than three points.
+    pub fn terrain(mut self) -> Result<Terrain> {
+        if self.points < 3 {
+            return Err(Error::new(format!("{} ground points make no terrain", self.points)).remedy(
+                "give a scan whose lowest returns reach the ground, or try --ground voxel or --ground file",
+            ));
+        }
+        self.merge();
+        let Gathered { geometry, parts, squares, means, .. } = self;
+        let vertices: Vec<Vec3> = means.iter().map(|m| m.at).collect();
+        let square_of_vertex: Vec<u32> = means.into_iter().map(|m| m.square).collect();
+        let mut is_observed = vec![false; geometry.len()];
+        for &square in &square_of_vertex {
+            let (col, row) = (square as usize % squares.cols, square as usize / squares.cols);
+            is_observed[geometry.index(col / parts, row / parts)] = true;
+        }
+        let mut heights = match parts {
+            1 => by_planes(&vertices, &square_of_vertex, geometry),
+            _ => tin::heights(&vertices, geometry),
+        };
+        fill(&mut heights, &vertices);
+        Ok(Terrain { heights, is_observed })
+    }
+
+    /// Into the order of the squares, each once.
+    fn merge(&mut self) {
+        if self.means.is_sorted_by(|a, b| a.square < b.square) {
+            return;
+        }
+        self.means.par_sort_by_key(|m| m.square);
+        self.means.dedup_by(|next, kept| {
+            let is_same = next.square == kept.square;
+            if is_same {
+                let share = next.points as f32 / (next.points + kept.points) as f32;
+                kept.at = kept.at.lerp(next.at, share);
+                kept.points += next.points;
+            }
+            is_same
+        });
+    }
 }
 
 /// Up to this cell, metres, a plane gives the height: terrain hardly bends across a few such cells,
@@ -183,16 +236,6 @@ fn fill(heights: &mut Grid<f32>, vertices: &[Vec3]) {
     heights.data.par_iter_mut().zip(&trend_here.data).for_each(|(z, trend)| *z += trend);
 }
 
-fn observed(ground: &[Vec3], geometry: &GridGeometry) -> Vec<bool> {
-    let mut out = vec![false; geometry.len()];
-    for p in ground {
-        if let Some((c, r)) = geometry.cell_of(p.x.into(), p.y.into()) {
-            out[geometry.index(c, r)] = true;
-        }
-    }
-    out
-}
-
 fn geometry(
     classified: &Classified,
     ground: &[Vec3],
@@ -242,11 +285,22 @@ pub fn grid_over(low: Vec3, high: Vec3, cell: f64) -> Result<GridGeometry> {
 }
 
 /// How far the terrain is from ground points that it was not built from.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct HeldOut {
     pub rmse_m: f64,
     pub max_m: f64,
     pub points: usize,
+}
+
+impl HeldOut {
+    /// With those of another piece.
+    pub fn add(&mut self, other: HeldOut) {
+        let sum_sq = |h: &HeldOut| h.rmse_m.powi(2) * h.points as f64;
+        let points = self.points + other.points;
+        self.rmse_m = ((sum_sq(self) + sum_sq(&other)) / points.max(1) as f64).sqrt();
+        self.max_m = self.max_m.max(other.max_m);
+        self.points = points;
+    }
 }
 
 /// One ground point in so many is held out.
@@ -271,8 +325,20 @@ pub fn held_out_error(
     if classified.is_normalised || ground.len() < 30 {
         return Ok(None);
     }
-    let geometry = geometry(classified, &ground, options)?;
-    let one_in = (ground.len() / HELD_OUT_FROM) as u64 + 1;
+    let cell_m = geometry(classified, &ground, options)?.cell_x;
+    let whole = ground.len();
+    held_out_of(ground, cell_m, whole)
+}
+
+/// [`held_out_error`] of a piece of a scan that has so many ground points in all: of a large one, on
+/// those of its squares that lie in the piece.
+///
+/// # Errors
+/// More than 100 million cells.
+pub fn held_out_of(ground: Vec<Vec3>, cell_m: f64, whole: usize) -> Result<Option<HeldOut>> {
+    let Some(first) = ground.first() else { return Ok(None) };
+    let (low, high) = ground.iter().fold((*first, *first), |(a, b), p| (a.min(*p), b.max(*p)));
+    let one_in = (whole / HELD_OUT_FROM) as u64 + 1;
     let square = |p: &Vec3| (p.truncate() / HELD_OUT_SQUARE_M).floor();
     let mut drawn: BTreeMap<[i32; 2], Vec<Vec3>> = BTreeMap::new();
     for p in &ground {
@@ -291,7 +357,7 @@ pub fn held_out_error(
     };
     let off = if one_in == 1 || drawn.is_empty() {
         let (out, kept): (Vec<Vec3>, Vec<Vec3>) = ground.into_iter().partition(is_out);
-        measure(out, &kept, geometry)?
+        measure(out, &kept, grid_over(low, high, cell_m)?)?
     } else {
         let squares: Vec<([i32; 2], Vec<Vec3>)> = drawn.into_iter().collect();
         let off = squares.into_par_iter().map(|([i, j], points)| {
@@ -302,7 +368,7 @@ pub fn held_out_error(
                 is_out(p) && rim >= HELD_OUT_RIM_M
             });
             let corner = |v: Vec2| v.to_array().map(f64::from);
-            let geometry = GridGeometry::covering(corner(low), corner(high), geometry.cell_x);
+            let geometry = GridGeometry::covering(corner(low), corner(high), cell_m);
             measure(out, &kept, geometry)
         });
         off.collect::<Result<Vec<Vec<f64>>>>()?.concat()
@@ -323,6 +389,24 @@ fn hash(numbers: &[f32]) -> u64 {
 }
 
 impl Terrain {
+    /// The plane z = 0 of the world, none of it observed.
+    pub fn level(geometry: GridGeometry, frame: &Frame) -> Terrain {
+        let zero = (-frame.origin.z * frame.unit_m().z) as f32;
+        Terrain { heights: Grid::filled(geometry, zero), is_observed: vec![false; geometry.len()] }
+    }
+
+    /// With the cells observed that hold one of the points.
+    #[must_use]
+    pub fn with_observed(mut self, ground: &[Vec3]) -> Terrain {
+        let g = self.heights.geometry;
+        for p in ground {
+            if let Some((c, r)) = g.cell_of(p.x.into(), p.y.into()) {
+                self.is_observed[g.index(c, r)] = true;
+            }
+        }
+        self
+    }
+
     /// What a user should know.
     pub fn warning(&self) -> Option<String> {
         let (seen, cells) =

@@ -27,9 +27,17 @@ const MARGIN: f64 = 8.0;
 /// Fewer vertices are triangulated at once.
 const FEW: usize = 20_000;
 
+/// The mean point of the points in a square of a grid.
+#[derive(Clone, Copy)]
+pub struct Mean {
+    pub square: u32,
+    pub points: u32,
+    pub at: Vec3,
+}
+
 /// The mean point of each square of a grid that holds any, in the order of the squares: as many
-/// vertices as the grid can show, and less noise in each. With the index of each square.
-pub fn thinned(points: &[Vec3], squares: &GridGeometry) -> (Vec<Vec3>, Vec<u32>) {
+/// vertices as the grid can show, and less noise in each.
+pub fn thinned(points: &[Vec3], squares: &GridGeometry) -> Vec<Mean> {
     // Sorted rather than summed on the grid, which may have many more squares than points.
     let place = |(i, p): (usize, &Vec3)| {
         let (c, r) = squares.cell_of(p.x.into(), p.y.into())?;
@@ -42,9 +50,13 @@ pub fn thinned(points: &[Vec3], squares: &GridGeometry) -> (Vec<Vec3>, Vec<u32>)
     let mean = |same: &[u64]| {
         let point = |&k: &u64| points[k as u32 as usize].as_dvec3();
         let sum = same.iter().map(point).sum::<DVec3>();
-        ((sum / same.len() as f64).as_vec3(), (same[0] >> 32) as u32)
+        Mean {
+            square: (same[0] >> 32) as u32,
+            points: same.len() as u32,
+            at: (sum / same.len() as f64).as_vec3(),
+        }
     };
-    places.par_chunk_by(|a, b| a >> 32 == b >> 32).map(mean).unzip()
+    places.par_chunk_by(|a, b| a >> 32 == b >> 32).map(mean).collect()
 }
 
 /// Height at every cell centre inside the points' hull; NaN outside. Points must be finite.
