@@ -222,10 +222,7 @@ fn lines(scene: &Scene) -> Vec<(String, f64)> {
     for (name, method) in METHODS {
         let cloud = if method == Method::FileClasses { &scene.cloud } else { &blind };
         let start = cpu_seconds();
-        let classified =
-            ground::classify(cloud.clone(), method)
-                .unwrap()
-                .value;
+        let classified = ground::classify(cloud.clone(), method).unwrap().value;
         let found = cpu_seconds();
         let terrain = terrain::build(&classified, &TerrainOptions::default()).unwrap().value;
         let held_out =

@@ -307,7 +307,7 @@ mod training {
 
     use super::*;
     use crate::crown::{basins, canopy};
-    use crate::ground::{self, Method, Kind};
+    use crate::ground::{self, Kind, Method};
     use crate::scan::{self, ReadOptions};
     use crate::terrain::{self, TerrainOptions};
 

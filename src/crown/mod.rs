@@ -251,13 +251,53 @@ pub fn detect(
     voxel_m: f32,
     options: &CrownOptions,
 ) -> Result<Warned<Vec<Crown>>> {
-    let Found { crowns, tally } = detect_within(classified, terrain, voxel_m, options, |_| true)?;
+    let Found { crowns, tally } =
+        detect_within(classified, terrain, voxel_m, options, None, |_| true)?;
     let warnings = tally.warnings(&crowns, options.min_height_m);
     Ok(Warned::with(crowns, warnings))
 }
 
+/// A rectangle along the axes, its least and greatest corner, local metres.
+pub type Extent = (Vec2, Vec2);
+
+/// What encloses both.
+pub fn join_extents(a: Option<Extent>, b: Option<Extent>) -> Option<Extent> {
+    match (a, b) {
+        (Some((a, b)), Some((c, d))) => Some((a.min(c), b.max(d))),
+        (a, b) => a.or(b),
+    }
+}
+
+/// Above the terrain, by point; NaN for what is no vegetation.
+fn heights(classified: &Classified, terrain: &Terrain) -> Vec<f32> {
+    let points = classified.cloud.position.par_iter().zip(&classified.kind);
+    let height = |(p, kind): (&Vec3, &Kind)| match kind {
+        Kind::Vegetation => p.z - terrain.height_at(p.truncate()),
+        _ => f32::NAN,
+    };
+    points.map(height).collect()
+}
+
+/// Where vegetation stands at least so high; `None` where it nowhere does.
+pub fn canopy_extent(
+    classified: &Classified,
+    terrain: &Terrain,
+    min_height_m: f32,
+) -> Option<Extent> {
+    extent_of(&classified.cloud, &heights(classified, terrain), min_height_m)
+}
+
+fn extent_of(cloud: &PointCloud, height: &[f32], min_height_m: f32) -> Option<Extent> {
+    let points = cloud.position.par_iter().zip(height);
+    points
+        .filter(|(_, height)| **height >= min_height_m)
+        .map(|(p, _)| Some((p.truncate(), p.truncate())))
+        .reduce(|| None, join_extents)
+}
+
 /// [`detect`] in a window of a scan: only what has its apex or place where `is_own` holds is given
-/// and counted.
+/// and counted. `extent`: what there is of the scan's canopy within the bounds of the window; found
+/// in its points where `None`.
 ///
 /// # Errors
 /// Those of [`detect`].
@@ -266,6 +306,7 @@ pub fn detect_within(
     terrain: &Terrain,
     voxel_m: f32,
     options: &CrownOptions,
+    extent: Option<Extent>,
     is_own: impl Fn(Vec3) -> bool + Sync,
 ) -> Result<Found> {
     options.check()?;
@@ -279,18 +320,7 @@ pub fn detect_within(
         ))
         .remedy("classify the cloud again"));
     }
-    let is_vegetation = |i: usize| classified.kind[i] == Kind::Vegetation;
-
-    let height: Vec<f32> = cloud
-        .position
-        .par_iter()
-        .enumerate()
-        .map(
-            |(i, &p)| {
-                if is_vegetation(i) { p.z - terrain.height_at(p.truncate()) } else { f32::NAN }
-            },
-        )
-        .collect();
+    let height = heights(classified, terrain);
     let (all, bare) = rayon::join(
         || -> Vec<u32> {
             let points = height.par_iter().enumerate();
@@ -301,15 +331,6 @@ pub fn detect_within(
             points.filter(|(_, k)| **k == Kind::Ground).map(|(i, _)| i as u32).collect()
         },
     );
-    let none = (Vec2::INFINITY, Vec2::NEG_INFINITY, 0usize);
-    let add = |(low, high, n): (Vec2, Vec2, usize), (a, b, more): (Vec2, Vec2, usize)| {
-        (low.min(a), high.max(b), n + more)
-    };
-    let (low, high, tall) = (all.par_iter())
-        .filter(|&&i| height[i as usize] >= options.min_height_m)
-        .map(|&i| cloud.position[i as usize].truncate())
-        .fold(|| none, |sum, p| add(sum, (p, p, 1)))
-        .reduce(|| none, add);
     let own = |i: &&u32| is_own(cloud.position[**i as usize]);
     let is_low = |i: &&u32| height[**i as usize] < options.min_height_m;
     let mut tally = Tally {
@@ -317,9 +338,10 @@ pub fn detect_within(
         low: all.par_iter().filter(is_low).filter(own).count(),
         ..Tally::default()
     };
-    if tall == 0 {
+    let extent = extent.or_else(|| extent_of(cloud, &height, options.min_height_m));
+    let Some((low, high)) = extent else {
         return Ok(Found { crowns: Vec::new(), tally });
-    }
+    };
 
     let cell = f64::from(
         options.cell_m.unwrap_or_else(|| cell_m(canopy::density_per_sq_m(&cloud.position))),

@@ -92,7 +92,8 @@ pub fn check(method: Method, ground_points: usize, is_normalised: bool) -> Resul
              file",
         ));
     }
-    let normalised = "the heights are above ground already: the terrain is taken as the plane z = 0";
+    let normalised =
+        "the heights are above ground already: the terrain is taken as the plane z = 0";
     Ok(is_normalised.then(|| normalised.to_owned()).into_iter().collect())
 }
 

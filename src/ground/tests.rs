@@ -54,10 +54,7 @@ fn filters_find_the_ground_on_level_and_steep_slopes() {
     {
         let (points, truth) = forest(slope);
         let n = points.len();
-        let c =
-            classify(cloud(points, vec![1; n]), method)
-                .unwrap()
-                .value;
+        let c = classify(cloud(points, vec![1; n]), method).unwrap().value;
         let mut tally = [0; 4];
         for (kind, truth) in c.kind.iter().zip(truth) {
             tally[usize::from(*kind == Kind::Ground) * 2 + usize::from(truth)] += 1;
@@ -133,10 +130,7 @@ fn a_cut_does_not_change_the_ground_far_from_it() {
     for method in [Method::Smrf, Method::Tin] {
         let found = |points: Vec<Vec3>| {
             let n = points.len();
-            classify(cloud(points, vec![1; n]), method)
-                .unwrap()
-                .value
-                .kind
+            classify(cloud(points, vec![1; n]), method).unwrap().value.kind
         };
         let whole = found(points.clone());
         // Not at a multiple of any cell.
@@ -145,6 +139,32 @@ fn a_cut_does_not_change_the_ground_far_from_it() {
         let far = || part.iter().zip(&cut).filter(|(i, _)| points[**i].x < 50.0);
         let differ = far().filter(|(i, kind)| whole[**i] != **kind).count();
         assert!(differ * 1000 <= far().count(), "{method:?}: {differ} of {}", far().count());
+    }
+}
+
+#[test]
+fn ground_learned_of_pieces_is_that_of_the_whole() {
+    let (points, _) = forest(0.3);
+    let n = points.len();
+    let whole = cloud(points, vec![1; n]);
+    let kept = |is_kept: &dyn Fn(Vec3) -> bool| {
+        let mut piece = whole.clone();
+        piece.retain(|i| is_kept(whole.position[i]));
+        piece
+    };
+    let pieces = [kept(&|p| p.x < 32.0), kept(&|p| p.x >= 32.0)];
+    for method in [Method::Smrf, Method::Tin, Method::VoxelRules] {
+        let lowest: Vec<Vec3> = pieces.iter().flat_map(|p| lowest(p, false)).collect();
+        let rule = Rule::learn(&lowest, method, false);
+        let of_pieces = pieces.iter().flat_map(|p| p.position.iter().zip(rule.kinds(p)));
+        let mut of_pieces: Vec<_> = of_pieces.map(|(p, k)| (p.to_array(), k)).collect();
+        let found = classify(whole.clone(), method).unwrap().value;
+        let mut of_whole: Vec<_> =
+            found.cloud.position.iter().map(|p| p.to_array()).zip(found.kind).collect();
+        for kinds in [&mut of_pieces, &mut of_whole] {
+            kinds.sort_by(|a, b| a.0.partial_cmp(&b.0).unwrap());
+        }
+        assert!(of_pieces == of_whole, "{method:?}");
     }
 }
 
@@ -202,12 +222,7 @@ fn normalised_heights_are_recognised_and_absolute_ones_are_not() {
     level.frame.origin.z = 0.0;
     let c = classify(level, Method::Smrf).unwrap();
     assert!(c.value.is_normalised && c.warnings.len() == 1);
-    assert!(
-        !classify(cloud(points, vec![1; n]), Method::Smrf)
-            .unwrap()
-            .value
-            .is_normalised
-    );
+    assert!(!classify(cloud(points, vec![1; n]), Method::Smrf).unwrap().value.is_normalised);
 }
 
 #[test]
@@ -219,10 +234,7 @@ fn few_points_equal_points_and_far_points_do_not_panic() {
     }
     for method in [Method::Smrf, Method::Tin, Method::VoxelRules] {
         let alike = vec![Vec3::new(5.0, 5.0, 5.0); 100];
-        assert!(
-            classify(cloud(alike, vec![1; 100]), method)
-                .is_ok()
-        );
+        assert!(classify(cloud(alike, vec![1; 100]), method).is_ok());
         let far = vec![
             Vec3::ZERO,
             Vec3::new(150_000.0, 0.0, 3.0),

@@ -199,6 +199,12 @@ pub fn terrain(job: &SurveyJob, run: &mut Recorder) -> Result<(Frame, Terrain)> 
     Ok((frame, terrain.moved(by)))
 }
 
+/// One point in so many is looked at by [`check_ground`]: enough for a share.
+pub(super) fn looked_at(points: usize) -> u64 {
+    const ENOUGH: usize = 1 << 18;
+    (points / ENOUGH).next_power_of_two() as u64
+}
+
 /// Whether the pulses of a scan reached the ground. A ground is a layer: of the points from 0.3 m
 /// below to 1 m above it most lie within 0.3 m of it, 59 % and more in real scans, while an even
 /// spread gives 46 % and the underside of a canopy less. A single tree cut out of its scan has no
@@ -241,7 +247,8 @@ pub(super) fn build_terrain(
         let cells = terrain.heights.data.len();
         let mut outcome = Outcome::items(ground, "ground points", cells, "cells")
             .note(format!("cell {} m", terrain.heights.geometry.cell_x));
-        check_ground(job, terrain.near(classified), classified.is_normalised, &terrain)?;
+        let near = terrain.near(classified, looked_at(classified.cloud.len()));
+        check_ground(job, near, classified.is_normalised, &terrain)?;
         if let Some(held_out) = held_out? {
             outcome = with_held_out(outcome, held_out);
         }
@@ -297,7 +304,7 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
     let terrain = build_terrain(job, &classified, run)?;
     let crowns = run.stage("crown", |warnings| {
         let (options, voxel_m) = (job.effort.crown(job.min_height_m), voxel_m(job, density_per_m2));
-        let found = crown::detect_within(&classified, &terrain, voxel_m, &options, |_| true)?;
+        let found = crown::detect_within(&classified, &terrain, voxel_m, &options, None, |_| true)?;
         warnings.extend(found.tally.warnings(&found.crowns, options.min_height_m));
         let outcome = crown_outcome(&found, voxel_m);
         Ok((found.crowns, outcome))

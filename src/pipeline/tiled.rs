@@ -1,20 +1,20 @@
-//! Scan to trees tile by tile, for scans larger than memory. Each stage goes through blocks of tiles;
-//! a block is worked on together with the tiles about it, and what lies in its own tiles is kept:
-//! kinds of points, cells of terrain, trees by their apex. Cells, voxels and every other scale are
-//! chosen once for the whole scan, and all grids are aligned to multiples of their cell, so that a
-//! block shows what the whole scan shows.
+//! Scan to trees tile by tile, for scans larger than memory. What looks far, the ground and the
+//! terrain, looks at few points of a cell: these are gathered from the tiles and looked at together, so
+//! that nothing depends on where tiles end. Crowns are found in blocks of tiles with those about
+//! them, on grids aligned to multiples of their cell that end where those of the whole scan end, and
+//! kept by their apex. Densities and scales are those of the whole scan.
 //!
-//! Limit: gaps in the scan wider than a tile are filled by the smoothest surface, not triangulated.
+//! Limit: the ground of scans wider than [`ground::AREA_M`] is learned in such areas with a margin.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use glam::Vec3;
+use glam::{IVec2, Vec3};
 
 use super::survey::{
-    READ, SurveyJob, check_ground, crown_outcome, ground_outcome, scan_outcome, voxel_m,
+    READ, SurveyJob, check_ground, crown_outcome, ground_outcome, looked_at, scan_outcome, voxel_m,
     with_held_out,
 };
-use crate::crown::{self, Crown, CrownOptions, Found, Tally};
+use crate::crown::{self, Crown, CrownOptions, Extent, Found, Tally};
 use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::ground::{self, Classified, Floor, Kind, Method, Rule, Spread};
@@ -169,9 +169,10 @@ impl Tiled {
                 }
             }
             let whole = level.map_or_else(|| gathered.terrain(), Ok)?;
+            let one_in = looked_at(self.scan.census.kept as usize);
             let mut near = (0, 0);
             for core in &blocks {
-                let (low, all) = whole.near(&self.window(core, 0)?);
+                let (low, all) = whole.near(&self.window(core, 0)?, one_in);
                 near = (near.0 + low, near.1 + all);
             }
             check_ground(job, near, self.is_normalised, &whole)?;
@@ -186,6 +187,20 @@ impl Tiled {
             }
             Ok((whole, outcome))
         })
+    }
+
+    /// The part of an extent that a block and its surroundings cover.
+    fn part_in_window(&self, core: &[Tile], (low, high): Extent) -> Option<Extent> {
+        let tiles = core.iter().map(|t| IVec2::from_array(*t));
+        let (first, last) =
+            tiles.fold((IVec2::MAX, IVec2::MIN), |(low, high), t| (low.min(t), high.max(t)));
+        let corner = |tile: IVec2| {
+            let world = (tile.as_dvec2() * TILE_M).extend(0.0) / self.frame().unit_m();
+            self.frame().local_from_world(world).truncate()
+        };
+        let low = low.max(corner(first - MARGIN));
+        let high = high.min(corner(last + 1 + MARGIN));
+        low.cmple(high).all().then_some((low, high))
     }
 
     pub fn crowns(
@@ -203,11 +218,20 @@ impl Tiled {
             let size_m = voxel_m(job, self.scan.density_per_m2 as f32);
             let mut kept: BTreeMap<u64, (Crown, Option<look::Look>)> = BTreeMap::new();
             let mut tally = Tally::default();
-            for core in self.scan.blocks(tiles_a_side) {
+            let blocks = self.scan.blocks(tiles_a_side);
+            let mut canopy = None;
+            for core in &blocks {
+                let own = self.window(core, 0)?;
+                let extent = crown::canopy_extent(&own, terrain, options.min_height_m);
+                canopy = crown::join_extents(canopy, extent);
+            }
+            for core in blocks {
                 let window = self.window(&core, MARGIN)?;
+                let extent = canopy.and_then(|canopy| self.part_in_window(&core, canopy));
                 let core: BTreeSet<Tile> = core.into_iter().collect();
                 let is_own = |p| self.is_in(&core, p);
-                let found = crown::detect_within(&window, terrain, size_m, &options, is_own)?;
+                let found =
+                    crown::detect_within(&window, terrain, size_m, &options, extent, is_own)?;
                 tally.add(found.tally);
                 let crowns = found.crowns;
                 let looks = look::measure(&crowns, &window, terrain).of_crown;

@@ -209,3 +209,52 @@ fn relax(level: &mut Level) {
     let values = level.value.par_iter_mut().with_min_len(1 << 12).zip(&value);
     values.for_each(|(v, bits)| *v = f32::from_bits(bits.load(Relaxed)));
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::raster::GridGeometry;
+
+    fn wavy(cols: usize, rows: usize) -> Grid<f32> {
+        let geometry = GridGeometry { west: 0.0, north: 0.0, cell_x: 1.0, cell_y: 1.0, cols, rows };
+        let height = |i: usize| {
+            let (x, y) = ((i % cols) as f32, (i / cols) as f32);
+            (x * 0.3).sin() + (y * 0.2).cos()
+        };
+        Grid { geometry, data: (0..cols * rows).map(height).collect() }
+    }
+
+    #[test]
+    fn a_hole_in_a_tilted_plane_takes_the_plane() {
+        let mut grid = wavy(40, 30);
+        let plane = |i: usize| 3.0 + 0.2 * (i % 40) as f32 - 0.1 * (i / 40) as f32;
+        grid.data = (0..1200).map(plane).collect();
+        let is_known: Vec<bool> = (0..1200)
+            .map(|i| !(10..25).contains(&(i % 40)) || !(8..20).contains(&(i / 40)))
+            .collect();
+        for (z, known) in grid.data.iter_mut().zip(&is_known) {
+            *z = if *known { *z } else { f32::NAN };
+        }
+        fill(&mut grid, &is_known);
+        for (i, z) in grid.data.iter().enumerate() {
+            assert!((z - plane(i)).abs() < 5e-3, "cell {i}: {z} for {}", plane(i));
+        }
+    }
+
+    #[test]
+    fn a_void_is_filled_alike_whatever_voids_are_far_from_it() {
+        let near = |i: usize| (3..9).contains(&(i % 96)) && (4..8).contains(&(i / 96));
+        // Wide, and slow to come to rest.
+        let far = |i: usize| (40..90).contains(&(i % 96)) && (6..60).contains(&(i / 96));
+        let filled = |is_void: &dyn Fn(usize) -> bool| {
+            let mut grid = wavy(96, 64);
+            let is_known: Vec<bool> = (0..96 * 64).map(|i| !is_void(i)).collect();
+            fill(&mut grid, &is_known);
+            grid.data
+        };
+        let (alone, both) = (filled(&near), filled(&|i| near(i) || far(i)));
+        for i in (0..96 * 64).filter(|i| near(*i)) {
+            assert_eq!(alone[i].to_bits(), both[i].to_bits(), "cell {i}");
+        }
+    }
+}

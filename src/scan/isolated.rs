@@ -100,7 +100,7 @@ pub(super) fn among(cloud: &PointCloud, density_per_m2: f64) -> Vec<bool> {
 
 /// Boxes aligned to multiples of their edges, so that none moves with the cut of the scan.
 struct Voxels {
-    edge_m: DVec3,
+    per_m: DVec3,
     first: DVec3,
     /// Keys between neighbours along x, y and z.
     stride: [u64; 3],
@@ -111,23 +111,24 @@ struct Voxels {
 impl Voxels {
     /// With a voxel's room on every side. An infinite edge makes a single layer.
     fn over(min: DVec3, max: DVec3, edge_m: DVec3, points: usize) -> Voxels {
-        let first = (min / edge_m).floor() - 1.0;
-        let sides = (max / edge_m).floor() - first + 2.0;
+        let per_m = edge_m.recip();
+        let first = (min * per_m).floor() - 1.0;
+        let sides = (max * per_m).floor() - first + 2.0;
         let most = (2 * points).max(1 << 20);
         let keys = sides.element_product();
         if keys <= most as f64 {
             let stride = [1, sides.x as u64, (sides.x * sides.y) as u64];
-            return Voxels { edge_m, first, stride, few: Some(keys as usize) };
+            return Voxels { per_m, first, stride, few: Some(keys as usize) };
         }
         let stride = match edge_m.z.is_finite() {
             true => [1, 1 << AXIS_BITS, 1 << (2 * AXIS_BITS)],
             false => [1, 1 << 32, 0],
         };
-        Voxels { edge_m, first, stride, few: None }
+        Voxels { per_m, first, stride, few: None }
     }
 
     fn key(&self, place_m: DVec3) -> u64 {
-        let voxel = place_m / self.edge_m - self.first;
+        let voxel = place_m * self.per_m - self.first;
         let along = |v: f64, stride: u64| (v as i64 as u64).wrapping_mul(stride);
         let [x, y, z] = self.stride;
         along(voxel.x, x).wrapping_add(along(voxel.y, y)).wrapping_add(along(voxel.z, z))

@@ -72,11 +72,11 @@ pub fn measure(crowns: &[Crown], classified: &Classified, terrain: &Terrain) -> 
                 let at = p.truncate();
                 let mut height_m = None;
                 for &crown in places.near(at) {
-                    let Span { low, high } = places.span[crown as usize];
-                    let is_in_box = at.cmpge(low).all() && at.cmple(high).all();
-                    if !(is_in_box && contains(&crowns[crown as usize].outline, at)) {
+                    let span = &places.span[crown as usize];
+                    if !span.holds(at, &crowns[crown as usize].outline) {
                         continue;
                     }
+                    let Span { low, high, .. } = *span;
                     let height_m = *height_m.get_or_insert_with(|| p.z - terrain.height_at(at));
                     if height_m >= LOW_M {
                         let first = (cloud.return_number.get(i) == Some(&1))
@@ -211,11 +211,36 @@ fn ground_intensity(classified: &Classified) -> Option<f32> {
     counts.median()
 }
 
-/// Bounding box of an outline.
+/// Bounding box of an outline, and how far from its middle the outline holds everything.
 #[derive(Clone, Copy)]
 struct Span {
     low: Vec2,
     high: Vec2,
+    inner_sq: f32,
+}
+
+impl Span {
+    fn of(outline: &[Vec2]) -> Span {
+        let (low, high) = bounds(outline);
+        let middle = 0.5 * (low + high);
+        let from_edge = |i: usize| {
+            let (a, b) = (outline[i], outline[(i + 1) % outline.len()]);
+            let along = (b - a) / (b - a).length_squared().max(1e-12);
+            (a.lerp(b, (middle - a).dot(along).clamp(0.0, 1.0))).distance(middle)
+        };
+        let nearest = (0..outline.len()).map(from_edge).fold(f32::INFINITY, f32::min);
+        // Less by what rounding may take.
+        let inner = 0.99 * nearest - 1e-6 * middle.abs().max_element();
+        let is_known = contains(outline, middle) && inner > 0.0 && inner.is_finite();
+        Span { low, high, inner_sq: if is_known { inner * inner } else { 0.0 } }
+    }
+
+    fn holds(&self, p: Vec2, outline: &[Vec2]) -> bool {
+        p.cmpge(self.low).all()
+            && p.cmple(self.high).all()
+            && (p.distance_squared(0.5 * (self.low + self.high)) < self.inner_sq
+                || contains(outline, p))
+    }
 }
 
 /// Which crowns may hold a place: by the cells that their bounding boxes touch.
@@ -232,10 +257,7 @@ struct Places {
 impl Places {
     /// `None` without crowns.
     fn new(crowns: &[Crown]) -> Option<Places> {
-        let span: Vec<Span> = (crowns.iter())
-            .map(|c| bounds(&c.outline))
-            .map(|(low, high)| Span { low, high })
-            .collect();
+        let span: Vec<Span> = crowns.par_iter().map(|c| Span::of(&c.outline)).collect();
         let (low, high) =
             span.iter().map(|s| (s.low, s.high)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
         // Cells and entries in proportion to the crowns, however large and far apart those are.

@@ -357,7 +357,7 @@ pub fn held_out_of(ground: Vec<Vec3>, cell_m: f64, whole: usize) -> Result<Optio
     };
     let off = if one_in == 1 || drawn.is_empty() {
         let (out, kept): (Vec<Vec3>, Vec<Vec3>) = ground.into_iter().partition(is_out);
-        measure(out, &kept, grid_over(low, high, cell_m)?)?
+        measure(out, &kept, grid_over(low, high, cell_m)?.grown(1))?
     } else {
         let squares: Vec<([i32; 2], Vec<Vec3>)> = drawn.into_iter().collect();
         let off = squares.into_par_iter().map(|([i, j], points)| {
@@ -463,10 +463,14 @@ impl Terrain {
     }
 
     /// How many of the points that may show the ground lie between 0.3 m below and 0.3 m above it,
-    /// and how many between 0.3 m below and 1 m above.
-    pub fn near(&self, classified: &Classified) -> (usize, usize) {
+    /// and how many between 0.3 m below and 1 m above; of one point in `one_in`, a power of two, drawn
+    /// by a hash of its place.
+    pub fn near(&self, classified: &Classified, one_in: u64) -> (usize, usize) {
         let points = classified.cloud.position.par_iter().zip(&classified.kind);
         let count = |(p, kind): (&Vec3, &Kind)| {
+            if hash(&p.to_array()) & (one_in - 1) != 0 {
+                return (0, 0);
+            }
             let above = p.z - self.height_at(p.truncate());
             let is_layer = *kind != Kind::Excluded && (-0.3..1.0).contains(&above);
             (usize::from(is_layer && above < 0.3), usize::from(is_layer))

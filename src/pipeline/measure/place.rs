@@ -90,8 +90,8 @@ impl Place {
             .in_file(&scans[0])
             .remedy("give a part of the scan of at most 30 million points"));
         }
-        let classified = ground::classify(scan.cloud.clone(), Method::Smrf)?
-            .into_value(&mut Vec::new());
+        let classified =
+            ground::classify(scan.cloud.clone(), Method::Smrf)?.into_value(&mut Vec::new());
         Ok(Place {
             subject,
             scans,
