@@ -9,8 +9,9 @@ use std::path::{Path, PathBuf};
 use glam::{DVec2, DVec3, Vec3};
 use larix::crown::{Crown, CrownOptions, detect};
 use larix::ground::{Classified, Kind};
+use larix::pipeline::survey::READ;
 use larix::raster::{Grid, GridGeometry};
-use larix::scan::{PointCloud, ReadOptions, read};
+use larix::scan::{PointCloud, read};
 use larix::terrain::Terrain;
 use larix::voxel;
 
@@ -68,7 +69,7 @@ fn classify(cloud: PointCloud) -> (Classified, Terrain) {
 }
 
 fn crowns_of(path: &Path) -> (Vec<Crown>, DVec3, Vec<String>) {
-    let scan = read(&[path.to_path_buf()], &ReadOptions::default()).unwrap().value;
+    let scan = read(&[path.to_path_buf()], &READ).unwrap().value;
     let (classified, terrain) = classify(scan.cloud);
     let start = std::time::Instant::now();
     let size_m = voxel::choose_size_m(scan.density_per_m2, 4.0);

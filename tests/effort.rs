@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use larix::crown::{Crown, detect};
 use larix::ground::{self, Method};
-use larix::pipeline::{Effort, demo};
+use larix::pipeline::{Effort, demo, survey};
 use larix::raster::geotiff;
 use larix::report::{Recorder, Silent};
-use larix::scan::{self, ReadOptions};
+use larix::scan;
 use larix::seed::Seed;
-use larix::simulate::{self, FoundTree, StandOptions};
+use larix::simulate::StandOptions;
 use larix::species;
 use larix::terrain::{self, Terrain};
 use larix::voxel;
@@ -44,7 +44,7 @@ struct Found {
 /// Scan to crowns. Held-out errors do not count as time.
 fn find(path: &Path, effort: Effort) -> Found {
     let start = cpu_seconds();
-    let scan = scan::read(&[path.to_path_buf()], &ReadOptions::default()).unwrap().value;
+    let scan = scan::read(&[path.to_path_buf()], &survey::READ).unwrap().value;
     let size_m = voxel::choose_size_m(scan.density_per_m2, 4.0);
     let classified = ground::classify(scan.cloud, Method::Smrf).unwrap().value;
     let options = effort.terrain(None);
@@ -74,20 +74,8 @@ fn simulated(effort: Effort, dir: &Path) -> [f64; 3] {
         let path = dir.join("scan.laz");
         std::fs::write(&path, &made.scan).unwrap();
         let found = find(&path, effort);
-        let shift = found.frame.origin - made.stand.frame.origin;
-        let trees: Vec<FoundTree> = (found.crowns.iter())
-            .map(|c| FoundTree {
-                x: f64::from(c.root.x) + shift.x,
-                y: f64::from(c.root.y) + shift.y,
-                height_m: c.height_m,
-                crown_diameter_m: c.diameter_m,
-                species: String::new(),
-            })
-            .collect();
-        let c = simulate::compare(&made.stand, &trees, |x, y| {
-            let p = (DVec3::new(x, y, 0.0) - shift).as_vec3();
-            f64::from(found.terrain.height_at(p.truncate())) + shift.z
-        });
+        let crowns = found.crowns.iter().map(|c| (c, ""));
+        let c = demo::compare_crowns(&made.stand, &found.frame, &found.terrain, crowns);
         for (sum, v) in sum.iter_mut().zip([c.terrain.rmse_m, c.f1, found.seconds]) {
             *sum += 0.5 * v;
         }

@@ -11,11 +11,11 @@ use std::path::{Path, PathBuf};
 use glam::{DVec2, DVec3, Vec2};
 use larix::crown::Crown;
 use larix::ground::{self, Method};
-use larix::pipeline::survey::{self, Survey};
+use larix::pipeline::survey::{self, READ, Survey};
 use larix::pipeline::{Effort, SurveyJob};
 use larix::raster::geotiff;
 use larix::report::{Recorder, Silent};
-use larix::scan::{ReadOptions, read};
+use larix::scan::read;
 use larix::seed::Seed;
 use larix::species::assign::SpeciesBy;
 use larix::species::photo::Photo;
@@ -267,7 +267,7 @@ fn features_of_the_annotated_crowns() {
     let mut text = format!("plot,taxon,is_conifer,{}\n", species::kind::FEATURES.join(","));
     for (plot, truth) in &plots {
         let job = job(plot, &MIX, SpeciesBy::Auto, true);
-        let cloud = read(&job.scans, &ReadOptions::default()).unwrap().value.cloud;
+        let cloud = read(&job.scans, &READ).unwrap().value.cloud;
         let classified = ground::classify(cloud, Method::Smrf).unwrap().value;
         let terrain = terrain::build(&classified, &TerrainOptions::default()).unwrap().value;
         let frame = &classified.cloud.frame;

@@ -3,7 +3,9 @@
 use glam::{DVec3, Vec2};
 
 use super::survey::Survey;
+use crate::crown::Crown;
 use crate::diagnostic::Result;
+use crate::frame::Frame;
 use crate::raster::geotiff;
 use crate::report::{Outcome, Recorder, significant};
 use crate::scan;
@@ -12,6 +14,7 @@ use crate::simulate::{
     self, Comparison, FoundTree, PhotoOptions, ScannerOptions, Stand, StandOptions,
 };
 use crate::species::Species;
+use crate::terrain::Terrain;
 
 /// A stand and the files of its survey.
 pub struct Simulated {
@@ -46,24 +49,32 @@ pub fn survey_of_stand(
 
 /// The survey beside the stand it was made of.
 pub fn compare(stand: &Stand, survey: &Survey) -> Comparison {
-    let found: Vec<FoundTree> = survey
-        .trees
-        .iter()
-        .map(|t| {
-            let p = stand.frame.local_from_world(survey.frame.world_from_local(t.crown.root));
-            FoundTree {
-                x: p.x.into(),
-                y: p.y.into(),
-                height_m: t.crown.height_m,
-                crown_diameter_m: t.crown.diameter_m,
-                species: t.species.clone(),
-            }
-        })
-        .collect();
-    let shift = survey.frame.origin - stand.frame.origin;
+    let trees = survey.trees.iter().map(|t| (&t.crown, t.species.as_str()));
+    compare_crowns(stand, &survey.frame, &survey.terrain, trees)
+}
+
+/// Crowns, each with its species, and terrain in a frame beside the stand that they were found in.
+pub fn compare_crowns<'a>(
+    stand: &Stand,
+    frame: &Frame,
+    terrain: &Terrain,
+    crowns: impl IntoIterator<Item = (&'a Crown, &'a str)>,
+) -> Comparison {
+    let found = |(crown, species): (&Crown, &str)| {
+        let p = stand.frame.local_from_world(frame.world_from_local(crown.root));
+        FoundTree {
+            x: p.x.into(),
+            y: p.y.into(),
+            height_m: crown.height_m,
+            crown_diameter_m: crown.diameter_m,
+            species: species.to_owned(),
+        }
+    };
+    let found: Vec<FoundTree> = crowns.into_iter().map(found).collect();
+    let shift = frame.origin - stand.frame.origin;
     simulate::compare(stand, &found, |x, y| {
         let p = DVec3::new(x, y, 0.0) - shift;
-        f64::from(survey.terrain.height_at(Vec2::new(p.x as f32, p.y as f32))) + shift.z
+        f64::from(terrain.height_at(Vec2::new(p.x as f32, p.y as f32))) + shift.z
     })
 }
 

@@ -112,21 +112,7 @@ impl Place {
         crowns: &[crate::crown::Crown],
     ) -> Option<Comparison> {
         let stand = self.stand.as_ref()?;
-        let shift = frame.origin - stand.frame.origin;
-        let found: Vec<FoundTree> = crowns
-            .iter()
-            .map(|c| FoundTree {
-                x: f64::from(c.root.x) + shift.x,
-                y: f64::from(c.root.y) + shift.y,
-                height_m: c.height_m,
-                crown_diameter_m: c.diameter_m,
-                species: String::new(),
-            })
-            .collect();
-        Some(simulate::compare(stand, &found, |x, y| {
-            let p = (DVec3::new(x, y, 0.0) - shift).as_vec3();
-            f64::from(terrain.height_at(p.truncate())) + shift.z
-        }))
+        Some(demo::compare_crowns(stand, frame, terrain, crowns.iter().map(|c| (c, ""))))
     }
 
     pub fn forest_job(&self, job: &ReportJob) -> ForestJob {
