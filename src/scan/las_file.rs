@@ -112,6 +112,11 @@ fn read_inner(path: &Path, options: &ReadOptions, sink: Option<Sink<'_>>) -> Res
         let repaired = decoded.all.repaired;
         warnings.push(format!("{repaired} return numbers outside 1..=count were repaired"));
     }
+    let version = header.version;
+    if version.major != 1 || version.minor > 4 {
+        let version = format!("{}.{}", version.major, version.minor);
+        warnings.push(format!("it says that it is LAS {version}: it was read as LAS 1.4"));
+    }
     if layout.scale.min_element() < 0.0 {
         let scale = layout.scale.to_array();
         warnings.push(format!("its scale {scale:?} is negative: coordinates are mirrored"));

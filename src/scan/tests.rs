@@ -329,6 +329,21 @@ fn one_point_is_a_scan() {
 }
 
 #[test]
+fn versions_that_are_not_known_are_read_with_a_warning() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("new.las");
+    for (version, warns) in [([1, 2], false), ([1, 5], true), ([2, 0], true)] {
+        let mut las = las_bytes(&[([1, 2, 3], 9, 1); 50]);
+        las[24..26].copy_from_slice(&version);
+        std::fs::write(&path, las).unwrap();
+        let read = read(std::slice::from_ref(&path), &ReadOptions::default()).unwrap();
+        assert_eq!(read.value.cloud.len(), 50);
+        let said = format!("LAS {}.{}: it was read as LAS 1.4", version[0], version[1]);
+        assert_eq!(read.warnings.iter().any(|w| w.contains(&said)), warns, "{:?}", read.warnings);
+    }
+}
+
+#[test]
 fn bad_files_give_one_clear_error() {
     let folder = tempfile::tempdir().unwrap();
     let laz = encode_laz(&sample(60_000, Some(wkt_crs()), true)).unwrap();

@@ -182,7 +182,8 @@ fn scale(raster: &Raster) -> f32 {
     let most = values.get(values.len().saturating_sub(1 + values.len() / 1000)).copied();
     let most = most.unwrap_or(255.0);
     let is_float = matches!(raster.samples, Samples::F32(_));
-    let full = [1.0, 255.0, 1023.0, 4095.0, 16383.0, 65535.0]
+    // Depths of cameras: 8, 10, 11, 12, 14 and 16 bits.
+    let full = [1.0, 255.0, 1023.0, 2047.0, 4095.0, 16383.0, 65535.0]
         .into_iter()
         .find(|full| most <= full * 1.001 && (is_float || *full > 1.0))
         .unwrap_or(most);
@@ -225,7 +226,7 @@ mod tests {
             v[..10].fill(full);
             Samples::F32(v)
         };
-        for full in [1.0, 255.0, 4095.0, 65535.0] {
+        for full in [1.0, 255.0, 2047.0, 4095.0, 65535.0] {
             for bands in [1, 3, 4] {
                 let rgb = middle(float(full, bands), bands);
                 assert!(rgb.iter().all(|v| (v - 127.5).abs() < 0.2), "{full} {bands}: {rgb:?}");

@@ -2,8 +2,6 @@
 
 use std::path::PathBuf;
 
-use glam::DVec3;
-
 use super::super::survey::{self, Survey};
 use super::super::{ForestJob, SurveyJob, demo};
 use super::ReportJob;
@@ -14,7 +12,7 @@ use crate::ground::{self, Classified, Method};
 use crate::report::{Recorder, Silent};
 use crate::scan::{self, PointCloud};
 use crate::seed::Seed;
-use crate::simulate::{self, Comparison, FoundTree, Stand, StandOptions};
+use crate::simulate::{Comparison, Stand, StandOptions};
 use crate::species::assign::SpeciesBy;
 use crate::terrain::Terrain;
 
