@@ -7,6 +7,8 @@
 //!
 //! Known limit: clumps of more than [`MOST_POINTS`] noise points (flocks, clouds) stay.
 
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use glam::DVec3;
@@ -52,6 +54,64 @@ pub(super) struct Keep {
     pub flags: Vec<Vec<bool>>,
     /// The extent forced voxels larger than the density asks for, so that less was found.
     pub is_coarse: bool,
+}
+
+/// Side of the blocks by which the body of a scan is told from points very far from it, metres.
+pub(super) const BLOCK_M: f64 = 20_000.0;
+/// More blocks are no scan with strays.
+const MOST_BLOCKS: usize = 1 << 16;
+/// So many points may be strays, or this part of all where that is more, but no more than the next.
+const STRAYS: f64 = MOST_POINTS as f64;
+const STRAYS_RELATIVE: f64 = 1e-3;
+const MOST_STRAYS_RELATIVE: f64 = 1e-2;
+
+/// The number of points by block.
+pub(super) type Blocks = BTreeMap<[i64; 3], u64>;
+
+/// The blocks that are connected to the fullest; `None` where too many points for strays lie in the
+/// others.
+pub(super) fn body(blocks: &Blocks) -> Option<BTreeSet<[i64; 3]>> {
+    let fullest = blocks.iter().max_by_key(|(at, n)| (**n, Reverse(**at)))?;
+    let mut body = BTreeSet::from([*fullest.0]);
+    let mut open = vec![*fullest.0];
+    while let Some(at) = open.pop() {
+        for k in 0..27 {
+            let beside = [
+                at[0].wrapping_add(k % 3 - 1),
+                at[1].wrapping_add(k / 3 % 3 - 1),
+                at[2].wrapping_add(k / 9 - 1),
+            ];
+            if blocks.contains_key(&beside) && body.insert(beside) {
+                open.push(beside);
+            }
+        }
+    }
+    let all: u64 = blocks.values().sum();
+    let strays: u64 = blocks.iter().filter(|(at, _)| !body.contains(*at)).map(|(_, n)| n).sum();
+    let (strays, all) = (strays as f64, all as f64);
+    let few = STRAYS.max(STRAYS_RELATIVE * all).min(MOST_STRAYS_RELATIVE * all);
+    (strays <= few).then_some(body)
+}
+
+/// Which points belong to the body of a scan; `None` where it can't be told.
+pub(super) fn in_body(parts: &[Part], unit_m: DVec3) -> Option<Vec<Vec<bool>>> {
+    let block = |p: DVec3| (p * unit_m / BLOCK_M).floor().to_array().map(|v| v as i64);
+    let mut blocks = Blocks::new();
+    for part in parts {
+        for p in (0..part.coordinates.len()).filter_map(|i| part.coordinates.get(i)) {
+            *blocks.entry(block(p)).or_default() += 1;
+            if blocks.len() > MOST_BLOCKS {
+                return None;
+            }
+        }
+    }
+    let body = body(&blocks)?;
+    let is_in =
+        |part: &Part, i: usize| part.coordinates.get(i).is_none_or(|p| body.contains(&block(p)));
+    let of_part = |part: &Part| -> Vec<bool> {
+        (0..part.coordinates.len()).into_par_iter().map(|i| is_in(part, i)).collect()
+    };
+    Some(parts.iter().map(of_part).collect())
 }
 
 /// Finds the isolated points; `None` where there are none.

@@ -144,10 +144,7 @@ fn read_inner(path: &Path, options: &ReadOptions, sink: Option<Sink<'_>>) -> Res
 
 /// Compares the points found with those promised.
 fn count_warning(found: u64, promised: u64, warnings: &mut Vec<String>) -> Result<()> {
-    if found == 0 && promised == 0 {
-        return Err(Error::new("holds no points").remedy("give a scan with points"));
-    }
-    if found == 0 {
+    if found == 0 && promised > 0 {
         let why = warnings.last().map_or(String::new(), |why| format!(": {why}"));
         return Err(damaged(format!("none of its {promised} points can be read{why}")));
     }

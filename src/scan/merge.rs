@@ -32,8 +32,16 @@ pub(super) fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Sc
         parts.push(part);
     }
     let mut warnings = Vec::new();
+    refuse_no_points(&parts)?;
     let mut census = census(&parts, &mut warnings);
     let unit_m = unit_m(&parts);
+    if options.drop_isolated
+        && span_too_much(&parts)
+        && let Some(is_in_body) = isolated::in_body(&parts, unit_m)
+    {
+        census.removed.isolated += drop_points(&mut parts, &is_in_body);
+        parts.iter_mut().for_each(|part| part.bounds = part.coordinates.bounds());
+    }
     let mut density_per_m2 = isolated::density_per_m2(&parts, unit_m);
     if options.drop_isolated {
         // A point very far away makes the voxels coarse: look again once it is gone.
@@ -71,7 +79,35 @@ pub(super) fn formats(paths: &[PathBuf]) -> Result<Vec<Format>> {
 /// Refuses a part that can't stand beside those read before.
 pub(super) fn refuse(before: &[Part], part: &Part) -> Result<()> {
     refuse_degrees(part)?;
-    before.first().map_or(Ok(()), |first| refuse_other_system(first, part))
+    match leading(before) {
+        Some(first) if part.in_file > 0 && first.in_file > 0 => refuse_other_system(first, part),
+        _ => Ok(()),
+    }
+}
+
+/// The part whose coordinate system is that of all: the first with points.
+fn leading(parts: &[Part]) -> Option<&Part> {
+    parts.iter().find(|part| part.in_file > 0).or(parts.first())
+}
+
+/// A file without points may stand beside others, but not alone.
+pub(super) fn refuse_no_points(parts: &[Part]) -> Result<()> {
+    match leading(parts) {
+        Some(first) if first.in_file == 0 => {
+            Err(Error::new(NO_POINTS).in_file(&first.path).remedy("give a scan with points"))
+        }
+        _ => Ok(()),
+    }
+}
+
+const NO_POINTS: &str = "holds no points";
+
+/// Whether the parts lie too far from each other for one frame.
+pub(super) fn span_too_much(parts: &[Part]) -> bool {
+    let unit_m = unit_m(parts);
+    let bounds = parts.iter().filter_map(|part| part.bounds);
+    let bounds = bounds.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+    bounds.is_some_and(|(low, high)| ((high - low) * unit_m).max_element() > MAX_EXTENT_M)
 }
 
 /// What was read and left out, with the warnings of the parts.
@@ -82,19 +118,22 @@ pub(super) fn census(parts: &[Part], warnings: &mut Vec<String>) -> Census {
         census.removed.add(&part.removed);
         let name = part.path.display();
         warnings.extend(part.warnings.iter().map(|text| format!("{name}: {text}")));
+        if part.in_file == 0 {
+            warnings.push(format!("{name}: {NO_POINTS}"));
+        }
         if part.removed.not_finite > 0 {
             let n = part.removed.not_finite;
             warnings.push(format!("{name}: {n} points that are not finite were dropped"));
         }
     }
-    if parts.first().is_none_or(|part| part.crs.is_none()) {
+    if leading(parts).is_none_or(|part| part.crs.is_none()) {
         warnings.push("no coordinate system is stated: world units are taken as metres".into());
     }
     census
 }
 
 fn unit_m(parts: &[Part]) -> DVec3 {
-    let crs = parts.first().and_then(|part| part.crs.clone());
+    let crs = leading(parts).and_then(|part| part.crs.clone());
     Frame { origin: DVec3::ZERO, crs }.unit_m()
 }
 
@@ -137,7 +176,7 @@ pub(super) fn frame(
         true => floor(min_m, ALIGNMENT_M) / unit_m,
         false => floor(min_m / unit_m, ORIGIN_STEP),
     };
-    let crs = parts.first().and_then(|part| part.crs.clone());
+    let crs = leading(parts).and_then(|part| part.crs.clone());
     Ok((Frame { origin, crs }, (min_m, max_m)))
 }
 

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 
+use super::tiles::TiledScan;
 use super::*;
 use crate::diagnostic::{Error, render};
 use crate::frame::{Crs, Frame};
@@ -314,8 +315,9 @@ fn long_text_is_read_in_order() {
         assert_eq!(scan.cloud.position[i], expected);
     }
     let bad = text.replace("\n321.25 700 ", "\n321,x 700 ");
-    let error = error_of(&write_file(&folder, "bad.xyz", bad.as_bytes()));
-    assert_eq!(error.message(), "line 700322 is no point: \"321,x 700 0.5 some 12345\"");
+    let warnings = read_one(&write_file(&folder, "bad.xyz", bad.as_bytes())).unwrap().warnings;
+    let said = "line 700322 is no point: \"321,x 700 0.5 some 12345\"; 1 such line was left out";
+    assert!(warnings.iter().any(|w| w.ends_with(said)), "{warnings:?}");
 }
 
 #[test]
@@ -340,6 +342,57 @@ fn versions_that_are_not_known_are_read_with_a_warning() {
         assert_eq!(read.value.cloud.len(), 50);
         let said = format!("LAS {}.{}: it was read as LAS 1.4", version[0], version[1]);
         assert_eq!(read.warnings.iter().any(|w| w.contains(&said)), warns, "{:?}", read.warnings);
+    }
+}
+
+#[test]
+fn what_is_wrong_here_and_there_is_left_out_with_a_warning() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    };
+    let lines = |bad: usize| -> String {
+        let line = |i: usize| match i < 3 * bad && i % 3 == 2 {
+            true => "no point\n".to_owned(),
+            false => format!("{} {} 5.0\n", i % 30, i / 30),
+        };
+        (0..900).map(line).collect()
+    };
+    let options = ReadOptions::default();
+    let text = read(&[file("few.xyz", lines(4).as_bytes())], &options).unwrap();
+    assert_eq!(text.value.cloud.len(), 896);
+    let said = "line 3 is no point: \"no point\"; 4 such lines were left out";
+    assert!(text.warnings.iter().any(|w| w.ends_with(said)), "{:?}", text.warnings);
+    let error = read(&[file("many.xyz", lines(40).as_bytes())], &options).unwrap_err();
+    assert_eq!(error.message(), "line 3 is no point: \"no point\"");
+
+    let place = |i: i32| ([i % 60 * 50, i / 60 * 50, i % 7], 9, 1);
+    let sound: Vec<_> = (0..3000).map(place).collect();
+    let mut strays = sound.clone();
+    strays.extend([([2_000_000_000, 2_000_000_000, 0], 9, 1); 3]);
+    let mut split = sound.clone();
+    split.extend((0..3000).map(place).map(|(p, a, b)| ([p[0] + 2_000_000_000, p[1], p[2]], a, b)));
+    let [sound, strays, split] = [sound, strays, split].map(|points| las_bytes(&points));
+    let mut none = las_bytes(&[]);
+    none.truncate(227);
+    let beside = [file("none.las", &none), file("sound.las", &sound)];
+    let read_both_ways = |paths: &[PathBuf]| {
+        let whole = read(paths, &options).map(|s| (s.value.cloud.len(), s.warnings));
+        let tiled = TiledScan::read(paths, &options);
+        let tiled = tiled.map(|s| (s.value.census.kept as usize, s.warnings));
+        [whole, tiled]
+    };
+    for (points, warnings) in read_both_ways(&beside).map(|read| read.unwrap()) {
+        assert_eq!(points, 3000);
+        assert!(warnings.iter().any(|w| w.ends_with("none.las: holds no points")), "{warnings:?}");
+    }
+    for (points, _) in read_both_ways(&[file("strays.las", &strays)]).map(|read| read.unwrap()) {
+        assert_eq!(points, 3000);
+    }
+    for read in read_both_ways(&[file("split.las", &split)]) {
+        assert!(read.unwrap_err().message().starts_with("the points span"));
     }
 }
 

@@ -25,7 +25,13 @@ const PIECE_BYTES: usize = 256 << 10;
 struct Lines {
     world: Vec<DVec3>,
     not_finite: u64,
+    /// Lines that are no points, and the offset of the first.
+    bad: u64,
+    first_bad: Option<usize>,
 }
+
+/// This part of the lines may be no points.
+const MOST_BAD: f64 = 0.01;
 
 /// Reads one file.
 pub(super) fn read(path: &Path) -> Result<Part> {
@@ -38,6 +44,7 @@ fn read_inner(path: &Path) -> Result<Part> {
     let mut block: Vec<u8> = Vec::new();
     let mut lines_before = 0;
     let mut is_first = true;
+    let mut first_bad: Option<String> = None;
     loop {
         let kept = block.len();
         let read = file
@@ -68,26 +75,33 @@ fn read_inner(path: &Path) -> Result<Part> {
             is_first = false;
         }
         let pieces = pieces(&text[start..]);
-        let parsed: Vec<std::result::Result<Lines, usize>> =
-            pieces.par_iter().map(|piece| parse(piece)).collect();
+        let parsed: Vec<Lines> = pieces.par_iter().map(|piece| parse(piece)).collect();
         let mut piece_start = start;
-        for (piece, parsed) in pieces.iter().zip(parsed) {
-            match parsed {
-                Ok(mut lines) => {
-                    all.world.append(&mut lines.world);
-                    all.not_finite += lines.not_finite;
-                }
-                Err(at) => return Err(bad_line(text, piece_start + at, lines_before)),
+        for (piece, mut lines) in pieces.iter().zip(parsed) {
+            all.world.append(&mut lines.world);
+            all.not_finite += lines.not_finite;
+            all.bad += lines.bad;
+            if let (None, Some(at)) = (&first_bad, lines.first_bad) {
+                first_bad = Some(bad_line(text, piece_start + at, lines_before));
             }
             piece_start += piece.len();
+        }
+        if let Some(what) = &first_bad
+            && all.bad as f64 > MOST_BAD * (all.world.len() as f64 + all.not_finite as f64)
+        {
+            return Err(Error::new(what.clone()).remedy(
+                "give text with one point a line: x y z, decimal points, `#` before comments",
+            ));
         }
         lines_before += count_lines(text);
         block.drain(..whole);
     }
     let n = all.world.len();
     let in_file = n as u64 + all.not_finite;
-    if in_file == 0 {
-        return Err(Error::new("holds no points").remedy("give text with one point a line: x y z"));
+    let mut warnings = Vec::new();
+    if let Some(what) = first_bad {
+        let lines = if all.bad == 1 { "line was" } else { "lines were" };
+        warnings.push(format!("{what}; {} such {lines} left out", all.bad));
     }
     let bounds = all.world.iter().map(|p| (*p, *p)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
     Ok(Part {
@@ -106,7 +120,7 @@ fn read_inner(path: &Path) -> Result<Part> {
         colour: ColourScale::None,
         in_file,
         removed: Removed { not_finite: all.not_finite, ..Removed::default() },
-        warnings: Vec::new(),
+        warnings,
     })
 }
 
@@ -196,31 +210,37 @@ fn pieces(text: &[u8]) -> Vec<&[u8]> {
     pieces
 }
 
-/// The points of `text`, or the offset of the first line that is none.
-fn parse(text: &[u8]) -> std::result::Result<Lines, usize> {
+fn parse(text: &[u8]) -> Lines {
     let mut lines = Lines::default();
     let mut at = 0;
     for line in text.split_inclusive(|b| *b == b'\n') {
         if !is_comment(line) {
             let mut coordinates = fields(line).map(number);
-            let mut next = || coordinates.next().flatten().ok_or(at);
-            let p = DVec3::new(next()?, next()?, next()?);
-            if p.is_finite() {
-                lines.world.push(p);
-            } else {
-                lines.not_finite += 1;
+            let mut next = || coordinates.next().flatten();
+            match (next(), next(), next()) {
+                (Some(x), Some(y), Some(z)) => {
+                    let p = DVec3::new(x, y, z);
+                    match p.is_finite() {
+                        true => lines.world.push(p),
+                        false => lines.not_finite += 1,
+                    }
+                }
+                _ => {
+                    lines.bad += 1;
+                    lines.first_bad.get_or_insert(at);
+                }
             }
         }
         at += line.len();
     }
-    Ok(lines)
+    lines
 }
 
-fn bad_line(text: &[u8], at: usize, lines_before: usize) -> Error {
+/// What is wrong with the line at an offset.
+fn bad_line(text: &[u8], at: usize, lines_before: usize) -> String {
     let line_number = lines_before + count_lines(&text[..at.min(text.len())]) + 1;
     let line = text.get(at..).unwrap_or_default().split(|b| *b == b'\n').next().unwrap_or_default();
     let shown: String =
         String::from_utf8_lossy(line).chars().filter(|c| !c.is_control()).take(40).collect();
-    Error::new(format!("line {line_number} is no point: \"{shown}\""))
-        .remedy("give text with one point a line: x y z, decimal points, `#` before comments")
+    format!("line {line_number} is no point: \"{shown}\"")
 }

@@ -18,7 +18,7 @@ use glam::{DVec2, DVec3, IVec2, Vec3};
 use super::las_file::{self, Batch};
 use super::merge::{self, Format};
 use super::part::{ColourScale, Columns, Coordinates, Part};
-use super::{Bounds, Census, MAX_EXTENT_M, PointCloud, ReadOptions, isolated, text};
+use super::{Bounds, Census, PointCloud, ReadOptions, isolated, text};
 use crate::diagnostic::{Error, Result, Warned};
 use crate::frame::{Crs, Frame};
 
@@ -126,9 +126,10 @@ impl TiledScan {
             parts.push(part);
         }
         let mut warnings = Vec::new();
+        merge::refuse_no_points(&parts)?;
         let mut census = merge::census(&parts, &mut warnings);
-        if options.drop_isolated && spans_too_much(&parts) {
-            census.removed.isolated += drop_lonely_tiles(&mut tiles, &mut parts);
+        if options.drop_isolated && merge::span_too_much(&parts) {
+            census.removed.isolated += drop_far_tiles(&mut tiles, &mut parts);
         }
         let (frame, _) = merge::frame(paths, &parts, &census, options)?;
         let colours: Vec<ColourScale> = parts.iter().map(|p| p.colour).collect();
@@ -282,33 +283,21 @@ pub fn blocks_of<'a>(
     blocks.into_values().collect()
 }
 
-fn spans_too_much(parts: &[Part]) -> bool {
-    let of_part = |part: &Part| {
-        let unit_m = unit_m(part.crs.as_ref());
-        part.bounds.map(|(low, high)| (low * unit_m, high * unit_m))
-    };
-    let bounds = parts.iter().filter_map(of_part).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-    bounds.is_some_and(|(low, high)| (high - low).truncate().max_element() > MAX_EXTENT_M)
-}
-
-/// Drops tiles of so few points that these are isolated whatever the density, with no tile beside
-/// them; gives the number of points. The parts get the bounds of the tiles that stay.
-fn drop_lonely_tiles(tiles: &mut BTreeMap<Tile, Stack>, parts: &mut [Part]) -> u64 {
+/// Drops tiles far from the body of the scan where they hold few points; gives the number of these.
+/// The parts get the bounds of the tiles that stay.
+fn drop_far_tiles(tiles: &mut BTreeMap<Tile, Stack>, parts: &mut [Part]) -> u64 {
     let points =
         |stack: &Stack| stack.pieces.iter().map(|(_, piece)| piece.points()).sum::<usize>();
-    let is_lonely = |[i, j]: &Tile| {
-        let beside = (-1..=1).flat_map(|di| (-1..=1).map(move |dj| [i + di, j + dj]));
-        !beside.filter(|t| t != &[*i, *j]).any(|t| tiles.contains_key(&t))
-    };
-    let lonely: Vec<Tile> = (tiles.iter())
-        .filter(|(tile, stack)| points(stack) <= isolated::MOST_POINTS as usize && is_lonely(tile))
-        .map(|(tile, _)| *tile)
-        .collect();
-    if lonely.len() == tiles.len() {
-        return 0;
+    let side = (isolated::BLOCK_M / TILE_M) as i64;
+    let block = |[i, j]: &Tile| [i64::from(*i).div_euclid(side), i64::from(*j).div_euclid(side), 0];
+    let mut blocks = isolated::Blocks::new();
+    for (tile, stack) in tiles.iter() {
+        *blocks.entry(block(tile)).or_default() += points(stack) as u64;
     }
+    let Some(body) = isolated::body(&blocks) else { return 0 };
+    let far: Vec<Tile> = tiles.keys().filter(|t| !body.contains(&block(t))).copied().collect();
     let dropped =
-        lonely.iter().filter_map(|tile| tiles.remove(tile)).map(|s| points(&s)).sum::<usize>();
+        far.iter().filter_map(|tile| tiles.remove(tile)).map(|s| points(&s)).sum::<usize>();
     for (number, part) in parts.iter_mut().enumerate() {
         let unit_m = unit_m(part.crs.as_ref());
         let own = tiles.iter().filter(|(_, s)| s.pieces.iter().any(|(file, _)| *file == number));
