@@ -85,16 +85,16 @@ pub struct Foliage {
 pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let Order { species, atlas, level, seed, .. } = *order;
     let f = &species.foliage;
-    let mut spots = if level == FoliageLevel::None {
-        Vec::new()
-    } else {
-        spots(skeleton, &skeleton.axes(), species)
-    };
+    if level == FoliageLevel::None {
+        return Ok(Foliage::default());
+    }
+    let bears = skeleton.bears_leaves(f.bearing_radius_m);
+    // The crown is that of all shoots, however few bear leaves; the same at any budget.
+    let Some(hull) = Hull::around(skeleton, &bears) else { return Ok(Foliage::default()) };
+    let mut spots = spots(skeleton, &skeleton.axes(), species, &bears, &hull);
     if spots.is_empty() {
         return Ok(Foliage::default());
     }
-    // The crown is that of all spots, however few bear leaves; the same ones at any budget.
-    let hull = Hull::around(&spots);
     let share = order.share.clamp(0.0, 1.0);
     if share < 1.0 {
         spots.retain(|s| seed.derive("borne", s.key).draws().unit() < share);
@@ -143,7 +143,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let usual = wanted(&hull, species, atlas, all.min(most), all, share).clamp(1.0, limit);
     let enlarge = order.twig_scale.map_or(usual, |scale| scale.clamp(0.05, MOST_SCALE));
     // The same twigs at any scale.
-    let kept = thinned(spots, &hull, most, usual);
+    let kept = thinned(spots, &hull, most, usual, f.twig_length_m);
     let outlines: Vec<_> = atlas.cells().iter().map(|c| c.outline(shape.rows())).collect();
     let fold = stance(f.shape).fold;
     let mut surface = fill(kept.len(), room, |k, out| {
@@ -154,7 +154,8 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
             (Some(model), _) => stamp::emit(model, &pose, out),
             (None, Some(twig)) => twig.emit(&pose, &mut draws, out),
             (None, None) => {
-                let cells = atlas.nearest(pose.size_m);
+                // Pictures of one scale give way to those of the next little by little.
+                let cells = atlas.nearest(pose.size_m * draws.between(BLEND[0], BLEND[1]).exp());
                 let pick = draws.index(cells.clone().count());
                 let id = cells.clone().nth(pick).unwrap_or(0);
                 let fold = fold * draws.between(0.6, 1.3);
@@ -167,6 +168,10 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     }
     Ok(Foliage { surface, twig_scale: enlarge })
 }
+
+/// Cards take the picture for one so much larger, natural logarithm: from the next fuller picture
+/// rather than from the next sparser one, so that leaves look too small rather than too large.
+const BLEND: [f32; 2] = [-0.15, 0.9];
 
 /// The wind of every vertex of twigs that take so many vertices each.
 fn swaying(wind: &Wind, spots: &[Spot], surface: &Surface, vertices: usize) -> Vec<[u8; 4]> {

@@ -49,39 +49,37 @@ pub struct Hull {
 const TOP: f32 = 0.1;
 /// Twigs at the apex of a spire are so long, as a share of their usual length, and its leader.
 const TIP_TWIG: f32 = 0.3;
+/// No place for a twig counts more than so many of usual ones, however small its twig.
+const MOST_WEIGHT: f32 = 6.0;
 const LEADER: f32 = 0.85;
 
 impl Hull {
-    pub fn around(spots: &[Spot]) -> Hull {
-        let mut lo = Vec3::splat(f32::INFINITY);
-        let mut hi = Vec3::splat(f32::NEG_INFINITY);
-        let mut apex = Vec3::NEG_INFINITY;
-        for s in spots {
-            lo = lo.min(s.at);
-            hi = hi.max(s.at);
-            if s.at.z > apex.z {
-                apex = s.at;
-            }
-        }
+    /// Around the nodes at the ends of the shoots that bear leaves; `None` for none.
+    pub fn around(skeleton: &Skeleton, bears: &[bool]) -> Option<Hull> {
+        let places =
+            || skeleton.position.iter().zip(bears).filter(|(_, bears)| **bears).map(|(p, _)| *p);
+        let highest = |a: Vec3, b: Vec3| if b.z > a.z { b } else { a };
+        let apex = places().reduce(highest)?;
+        let (lo, hi) = places().fold((apex, apex), |(lo, hi), p| (lo.min(p), hi.max(p)));
         let top_m = (TOP * (hi.z - lo.z)).max(0.05);
-        let in_top = spots.iter().filter(|s| s.at.z >= apex.z - top_m);
-        let reach_m = in_top.map(|s| (s.at - apex).truncate().length()).fold(0.0, f32::max);
+        let in_top = places().filter(|p| p.z >= apex.z - top_m);
+        let reach_m = in_top.map(|p| (p - apex).truncate().length()).fold(0.0, f32::max);
         let centre =
             Vec3::new(0.5 * (lo.x + hi.x), 0.5 * (lo.y + hi.y), lo.z + 0.35 * (hi.z - lo.z));
-        Hull {
+        Some(Hull {
             centre,
             half: ((hi - lo) * Vec3::new(0.5, 0.5, 0.65)).max(Vec3::splat(0.05)),
             apex,
             tip_slope: reach_m / top_m,
-        }
+        })
     }
 
     /// How much shorter a twig of a given length is, so that a spire narrows to its leader.
-    fn tapered(&self, spot: &Spot, twig_m: f32) -> f32 {
-        if spot.at == self.apex {
+    fn tapered(&self, at: Vec3, twig_m: f32) -> f32 {
+        if at == self.apex {
             return LEADER;
         }
-        let room_m = (self.apex.z - spot.at.z) * self.tip_slope;
+        let room_m = (self.apex.z - at.z) * self.tip_slope;
         (room_m / twig_m + TIP_TWIG).min(1.0)
     }
 
@@ -106,10 +104,16 @@ impl Hull {
     }
 }
 
-/// Every place for a twig, in the order of axes and from base to tip.
-pub fn spots(skeleton: &Skeleton, axes: &[Axis], species: &Species) -> Vec<Spot> {
+/// Every place for a twig, in the order of axes and from base to tip: where twigs are shorter, they
+/// are as much closer. `bears`: which nodes end a shoot with leaves.
+pub fn spots(
+    skeleton: &Skeleton,
+    axes: &[Axis],
+    species: &Species,
+    bears: &[bool],
+    hull: &Hull,
+) -> Vec<Spot> {
     let f = &species.foliage;
-    let bears = skeleton.bears_leaves(f.bearing_radius_m);
     let length: f32 = (0..skeleton.len() as u32)
         .filter(|&i| bears[i as usize])
         .map(|i| skeleton.internode_m(i))
@@ -130,6 +134,7 @@ pub fn spots(skeleton: &Skeleton, axes: &[Axis], species: &Species) -> Vec<Spot>
             let run = step.length();
             let shoot = step.normalize_or(Vec3::Z);
             let first = due;
+            let per_m = per_m / hull.tapered(b, f.twig_length_m.max(1e-3));
             due += run * per_m;
             let twigs = due.floor().max(0.0) as usize;
             for c in 0..twigs {
@@ -158,15 +163,16 @@ pub fn spots(skeleton: &Skeleton, axes: &[Axis], species: &Species) -> Vec<Spot>
     out
 }
 
-/// About `most` of the spots, evenly: those deep inside the crown go first; where twigs are small
-/// more stay, so that a spire is as full at its tip as below.
-pub fn thinned(spots: Vec<Spot>, hull: &Hull, most: usize, enlarge: f32) -> Vec<Spot> {
+/// About `most` of the spots, evenly: those deep inside the crown go first; where twigs, `twig_m`
+/// long as a rule, are small more stay, so that a spire is as full at its tip as below.
+pub fn thinned(spots: Vec<Spot>, hull: &Hull, most: usize, enlarge: f32, twig_m: f32) -> Vec<Spot> {
     if spots.len() <= most {
         return spots;
     }
     let weight = |s: &Spot| {
-        let small = hull.scale(Vec3::ZERO, enlarge) / hull.scale(s.at, enlarge);
-        f64::from(hull.outward(s.at).1.clamp(0.35, 1.0) * small * small)
+        let size = hull.scale(s.at, enlarge) * hull.tapered(s.at, twig_m);
+        let small = hull.scale(Vec3::ZERO, enlarge) / size;
+        f64::from(hull.outward(s.at).1.clamp(0.35, 1.0) * (small * small).min(MOST_WEIGHT))
     };
     let total: f64 = spots.iter().map(weight).sum();
     let rate = most as f64 / total.max(1e-9);
@@ -277,7 +283,7 @@ impl Pose {
         let roll = draws.between(-stance.roll, stance.roll);
         let twig_m = f.twig_length_m.min(0.6 * hull.half.max_element()).clamp(1e-3, 20.0)
             * draws.between(0.8, 1.2);
-        let twig_m = twig_m * hull.tapered(spot, twig_m);
+        let twig_m = twig_m * hull.tapered(spot.at, twig_m);
         // Never longer than boughs may be.
         let most_m = (1.5 * hull.half.truncate().max_element()).max(BOUGH_FROM * twig_m);
         let size_m = (twig_m * hull.scale(spot.at, enlarge)).min(most_m);
