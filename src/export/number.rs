@@ -51,7 +51,18 @@ struct Binade {
 /// four digits before the point.
 const LEAST_EXPONENT: i32 = -13;
 const MOST_EXPONENT: i32 = 12;
-const PLACES: u32 = 12;
+const PLACES: usize = 12;
+
+/// Powers of ten.
+static TENS: [u64; PLACES + 1] = {
+    let mut all = [1; PLACES + 1];
+    let mut k = 1;
+    while k < all.len() {
+        all[k] = 10 * all[k - 1];
+        k += 1;
+    }
+    all
+};
 
 static BINADES: [Binade; (MOST_EXPONENT - LEAST_EXPONENT + 1) as usize] = {
     let mut all = [Binade { unit: 1, rest: 1 }; (MOST_EXPONENT - LEAST_EXPONENT + 1) as usize];
@@ -59,10 +70,10 @@ static BINADES: [Binade; (MOST_EXPONENT - LEAST_EXPONENT + 1) as usize] = {
     while k < all.len() {
         let steps = 1 << (23 - LEAST_EXPONENT - k as i32);
         let mut n = 0;
-        while 10u64.pow(n + 1) <= steps {
+        while TENS[n + 1] <= steps {
             n += 1;
         }
-        all[k] = Binade { unit: 10u64.pow(n), rest: 10u64.pow(PLACES - 1 - n) };
+        all[k] = Binade { unit: TENS[n], rest: TENS[PLACES - 1 - n] };
         k += 1;
     }
     all
@@ -98,7 +109,7 @@ fn four_digits(k: u64) -> u64 {
 /// before the point.
 #[inline(always)]
 fn put(out: &mut Vec<u8>, is_negative: bool, whole: u64, part: u64, is_bare: bool) {
-    const ROOM: usize = 1 + 4 + 1 + PLACES as usize;
+    const ROOM: usize = 1 + 4 + 1 + PLACES;
     let (high, last) = (part / 10_000, four_digits(part % 10_000));
     let first = four_digits(high / 10_000) | four_digits(high % 10_000) << 32;
     let places = match (first, last) {
@@ -133,29 +144,28 @@ pub(super) fn shortest_of(out: &mut Vec<u8>, values: &[f32]) {
 pub(super) fn rounded(out: &mut Vec<u8>, value: f32, places: u32) {
     /// Of four digits, rounded.
     const LARGE: f32 = 9_999.0;
-    let places = places.min(9);
+    let places = places.min(9) as usize;
     let size = value.abs();
     // NaN, too.
     if !(size < LARGE) {
         return round_large(out, value, places);
     }
-    let unit = 10u64.pow(places);
-    let scaled = (f64::from(size) * unit as f64 + 0.5) as u64;
-    let whole = size as u64;
+    let unit = TENS[places];
+    let scaled = (f64::from(size) * unit as f64 + 0.5) as i64 as u64;
+    let whole = u64::from(size as i32 as u32);
     let part = scaled - whole * unit;
     let (whole, part) = if part < unit { (whole, part) } else { (whole + 1, 0) };
-    let part = part * 10u64.pow(PLACES - places);
-    put(out, value < 0.0 && scaled > 0, whole, part, true);
+    put(out, value < 0.0 && scaled > 0, whole, part * TENS[PLACES - places], true);
 }
 
 #[cold]
-fn round_large(out: &mut Vec<u8>, value: f32, places: u32) {
+fn round_large(out: &mut Vec<u8>, value: f32, places: usize) {
     /// Beyond, f32 has no places.
     const WHOLE: f32 = 16_777_216.0;
     if !(value.abs() < WHOLE) {
         return any_shortest(out, value);
     }
-    let text = format!("{value:.*}", places as usize);
+    let text = format!("{value:.places$}");
     let text = if places > 0 { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
     out.extend_from_slice(text.as_bytes());
 }
