@@ -92,8 +92,8 @@ static FOUR_DIGITS: [u32; 10_000] = {
     let mut all = [0; 10_000];
     let mut k = 0;
     while k < all.len() {
-        let n = k as u32;
-        all[k] = n / 1000 | n / 100 % 10 << 8 | n / 10 % 10 << 16 | n % 10 << 24;
+        let (high, low) = ((k / 100) as u8, (k % 100) as u8);
+        all[k] = u32::from_le_bytes([high / 10, high % 10, low / 10, low % 10]);
         k += 1;
     }
     all
@@ -146,8 +146,7 @@ pub(super) fn rounded(out: &mut Vec<u8>, value: f32, places: u32) {
     const LARGE: f32 = 9_999.0;
     let places = places.min(9) as usize;
     let size = value.abs();
-    // NaN, too.
-    if !(size < LARGE) {
+    if size.is_nan() || size >= LARGE {
         return round_large(out, value, places);
     }
     let unit = TENS[places];
@@ -162,7 +161,7 @@ pub(super) fn rounded(out: &mut Vec<u8>, value: f32, places: u32) {
 fn round_large(out: &mut Vec<u8>, value: f32, places: usize) {
     /// Beyond, f32 has no places.
     const WHOLE: f32 = 16_777_216.0;
-    if !(value.abs() < WHOLE) {
+    if value.is_nan() || value.abs() >= WHOLE {
         return any_shortest(out, value);
     }
     let text = format!("{value:.places$}");

@@ -9,7 +9,7 @@
 //! same f32. The compact form is IndexedTriangleSet, rounded ([`COMPACT`]).
 //!
 //! Materials are Material without gloss, which bark and leaves have little of, with the colour's
-//! texture in the Appearance: PhysicalMaterial stops x3dom and assimp.
+//! texture in the Appearance: x3dom (1.8.3) shows a standard PhysicalMaterial without its pictures.
 //! Limits: roughness, octahedral impostors, which need a shader, wind colours, colliders and
 //! material variants are not written.
 
