@@ -6,7 +6,7 @@
 LARIX is the program; it writes its demo stand of so many trees into FOLDER, once a row. Load seconds
 are of three.js in headless Chromium (with tools/readers.mjs and its modules) and of Blender, where
 PYTHON is an interpreter that has bpy. Objects are what Blender holds after the import, triangles
-those drawn.
+those drawn. Levels that stand in files beside count as bytes, and are not loaded.
 """
 
 import argparse
@@ -19,7 +19,9 @@ from pathlib import Path
 ROWS = [
     ("glb dcc", "glb", ["--profile", "dcc"]),
     ("glb dcc, 2,000 triangles a model", "glb", ["--profile", "dcc", "--triangles", "2000"]),
+    ("glb dcc, with the levels and bodies of engine", "glb", ["--profile", "dcc", "--lods", "3", "--impostor", "cross", "--collision", "convex"]),
     ("glb engine", "glb", ["--profile", "engine"]),
+    ("glb engine, the finest level alone", "glb", ["--profile", "engine", "--lods", "0", "--impostor", "none", "--collision", "none", "--wind", "none"]),
     ("glb web", "glb", ["--profile", "web"]),
     ("usda", "usda", []),
     ("usdc", "usdc", []),
@@ -66,6 +68,8 @@ def main():
         scene = report["scene"]
         export = next(stage for stage in report["stages"] if stage["stage"] == "export")
         files = [out / f"forest.{extension}"]
+        if extension == "glb":
+            files += out.glob("forest_*.glb")
         if extension in ("usda", "usdc"):
             files += [*out.glob("assets/*"), *out.glob("textures/*")]
         size = sum(os.path.getsize(file) for file in files)

@@ -9,7 +9,7 @@ use super::args::{self, Cli, Command, ScanArgs, SceneArgs, TreeArgs};
 use super::progress::Terminal;
 use crate::cache::Cache;
 use crate::diagnostic::{Error, Result};
-use crate::export::{self, Format, OutputFile, Pictures, Profile, Staged, WindAs};
+use crate::export::{self, Format, OutputFile, Profile, Staged, WindAs};
 use crate::ground::Method;
 use crate::lod;
 use crate::mesh::{FoliageLevel, Junctions, WindProfile, lightmap};
@@ -298,7 +298,7 @@ fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
         }
     };
     let mut staged = Staged::new(&dir)?;
-    stage_forest(&forest, &a.scene, &mut staged, run)?;
+    stage_forest(&forest, &a.scene, &job.cache, &mut staged, run)?;
     let mut told_of_goal = None;
     if let Some((goal, reached)) = &reached {
         let (told, warning) = reached.told(*goal, run.seconds());
@@ -322,6 +322,7 @@ fn goal(a: &args::Forest) -> Option<Goal> {
 fn stage_forest(
     forest: &Forest,
     typed: &SceneArgs,
+    cache: &Cache,
     staged: &mut Staged,
     run: &mut Recorder,
 ) -> Result<()> {
@@ -337,7 +338,7 @@ fn stage_forest(
         profile: profile(typed.levels.profile),
         wind: wind_as(typed.levels.wind_as),
     };
-    stage_scene(&forest.scene, &job, staged, run)?;
+    stage_scene(&forest.scene, &job, cache, staged, run)?;
     let inventory = crate::inventory::to_geojson(&survey.trees, &survey.frame);
     staged.add(vec![
         OutputFile::new("preview.png", preview),
@@ -350,11 +351,12 @@ fn stage_forest(
 fn stage_scene(
     scene: &ValidScene,
     job: &export::Job<'_>,
+    cache: &Cache,
     staged: &mut Staged,
     run: &mut Recorder,
 ) -> Result<()> {
     run.stage("export", |warnings| {
-        let pictures = Pictures::encode(scene, &job.picture_formats())?;
+        let pictures = pipeline::paint::coded(scene, &job.picture_formats(), cache)?;
         let files = export::files(scene, &pictures, job)?;
         warnings.extend(files.warnings);
         let bytes = staged.add(files.value)?;
@@ -450,7 +452,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
             let stem = stem(&a.output);
             let (profile, wind) = Default::default();
             let job = export::Job { stem: &stem, formats: &[format], profile, wind };
-            stage_scene(&scene, &job, &mut staged, run)?;
+            stage_scene(&scene, &job, &Cache::off(), &mut staged, run)?;
         }
         lines.push(format!(
             "{} triangles keep every height within {:.3} m",
@@ -502,8 +504,8 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     match format {
         Some(format) => {
             let (profile, wind) = (profile(a.levels.profile), wind_as(a.levels.wind_as));
-            let job = export::Job { stem: &stem, formats: &[format], profile, wind };
-            stage_scene(&scene, &job, &mut staged, run)?;
+            let files = export::Job { stem: &stem, formats: &[format], profile, wind };
+            stage_scene(&scene, &files, &job.cache, &mut staged, run)?;
         }
         None => run.stage("preview", |_| {
             let picture = pipeline::tree::preview(&scene, PORTRAIT_PX);
@@ -628,7 +630,7 @@ fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let forest = pipeline::forest::forest(&job, run)?;
     let truth = pipeline::demo::compare(&survey.stand, &forest.survey);
     let mut staged = Staged::new(&a.output)?;
-    stage_forest(&forest, &a.scene, &mut staged, run)?;
+    stage_forest(&forest, &a.scene, &job.cache, &mut staged, run)?;
     let mut summary = forest_summary("demo", a.seed, &forest, &a.scene, run);
     summary["truth"] = json!(truth);
     staged.add(vec![report_file(&summary)])?;

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::Sink;
 
 /// Rows that are formatted as one.
-const BLOCK: usize = 1 << 12;
+const BLOCK: usize = 1 << 13;
 /// Bytes that wait before they are formatted.
 const WAITING: usize = 1 << 22;
 /// Of a row, about.

@@ -20,7 +20,7 @@ use bytes::Bytes;
 
 pub use disk::{Staged, check_writable, write_all};
 pub use gltf::{Profile, WindAs};
-pub use pictures::{PictureFormat, Pictures};
+pub use pictures::{Keeper, PictureFormat, Pictures};
 
 use crate::diagnostic::{Result, Warned};
 use crate::scene::{Forms, Selection, ValidScene};

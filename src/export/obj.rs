@@ -210,17 +210,20 @@ impl<'a> Writer<'_, 'a, '_> {
         let material = self.selection.materials[self.selection.material(part) as usize];
         self.blocks.text(&format!("g {name}\nusemtl {}\n", material.name))?;
         // Normals are numbered as vertices are.
-        let first = self.vertices;
+        let first = self.vertices as i64;
         self.vertices += surface.position.len() as u64;
         let (triangles, _) = surface.index.as_chunks::<3>();
+        let first_uv = first_uv as i64;
         self.blocks.rows(triangles, move |out, corners| {
             out.push(b'f');
             for &corner in corners {
-                let vertex = first + u64::from(corner) + 1;
+                // Readers count to i32::MAX.
+                let corner = i64::from(corner) + 1;
+                let vertex = first + corner;
                 out.push(b' ');
                 number::integer(out, vertex);
                 out.push(b'/');
-                number::integer(out, first_uv + u64::from(corner) + 1);
+                number::integer(out, first_uv + corner);
                 out.push(b'/');
                 number::integer(out, vertex);
             }

@@ -37,6 +37,10 @@ impl PictureFormat {
 const COLOUR_QUALITY: f32 = 80.0;
 const RAW_QUALITY: f32 = 90.0;
 
+/// Bytes of an earlier run, found by what decides them, or else those that the call gives, which it
+/// may keep.
+pub type Keeper<'k> = dyn Fn(&[&[u8]], &dyn Fn() -> Result<Bytes>) -> Result<Bytes> + Sync + 'k;
+
 /// One picture for each of [`ValidScene::textures`], in each way of coding that is asked for.
 pub struct Pictures {
     png: Vec<Bytes>,
@@ -47,13 +51,25 @@ impl Pictures {
     /// # Errors
     /// A picture larger than a format takes.
     pub fn encode(scene: &ValidScene, kinds: &[PictureFormat]) -> Result<Self> {
+        Pictures::encode_once(scene, kinds, &|_, encode| encode())
+    }
+
+    /// The same, to the byte; what takes long may come from `keeper`.
+    ///
+    /// # Errors
+    /// As [`Pictures::encode`].
+    pub fn encode_once(
+        scene: &ValidScene,
+        kinds: &[PictureFormat],
+        keeper: &Keeper<'_>,
+    ) -> Result<Self> {
         let all = |kind: PictureFormat| -> Result<Vec<Bytes>> {
             if !kinds.contains(&kind) {
                 return Ok(Vec::new());
             }
             let encode = |t: &Texture| match kind {
                 PictureFormat::Png => t.image.png(),
-                PictureFormat::WebP => webp(t),
+                PictureFormat::WebP => webp(t, keeper),
             };
             scene.textures().par_iter().map(encode).collect()
         };
@@ -82,14 +98,22 @@ impl Pictures {
     }
 }
 
-fn webp(texture: &Texture) -> Result<Bytes> {
-    let picture = texture.image.picture();
+fn webp(texture: &Texture, keeper: &Keeper<'_>) -> Result<Bytes> {
+    /// To be raised with every change of the coder or of how it is called.
+    const CODER: &[u8] = b"webp 1";
     let quality = match texture.colorspace {
         Colorspace::Srgb => COLOUR_QUALITY,
         Colorspace::Raw => RAW_QUALITY,
     };
-    crate::raster::webp(picture, quality)
-        .map_err(|e| Error::new(format!("texture `{}`: {e}", texture.name)))
+    let encode = || {
+        crate::raster::webp(texture.image.picture(), quality)
+            .map_err(|e| Error::new(format!("texture `{}`: {e}", texture.name)))
+    };
+    match texture.image.known_png() {
+        Some(png) => keeper(&[CODER, &quality.to_le_bytes(), png], &encode),
+        // Drawn for this scene alone.
+        None => encode(),
+    }
 }
 
 /// `textures/STEM_NAME.png`: the stem keeps scenes in one folder apart.

@@ -14,7 +14,7 @@ pub mod left_out;
 pub mod levels;
 mod light;
 pub mod measure;
-mod paint;
+pub mod paint;
 pub mod rules;
 pub mod sheet;
 pub mod survey;

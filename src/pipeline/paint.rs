@@ -1,8 +1,10 @@
-//! The pictures of a species, drawn or found where they were kept.
+//! The pictures of a species, drawn, and those of a scene, coded; or found where they were kept.
 
 use crate::cache::{Cache, Key};
 use crate::diagnostic::Result;
+use crate::export::{PictureFormat, Pictures};
 use crate::raster::Image;
+use crate::scene::ValidScene;
 use crate::seed::Seed;
 use crate::species::Species;
 use crate::species::state::{Condition, Season, State};
@@ -83,6 +85,22 @@ fn leaf(species: &Species, size_px: u32, seed: Seed, cache: &Cache) -> Result<Im
     Ok(image)
 }
 
+/// The pictures of a scene as its files hold them: the same, to the byte, with or without a cache.
+///
+/// # Errors
+/// A picture that a format can't take.
+pub fn coded(scene: &ValidScene, kinds: &[PictureFormat], cache: &Cache) -> Result<Pictures> {
+    Pictures::encode_once(scene, kinds, &|decides, encode| {
+        let key = Key::of(decides.iter().copied());
+        if let Some(kept) = cache.get(key).and_then(|parts| parts.into_iter().next()) {
+            return Ok(kept);
+        }
+        let coded = encode()?;
+        cache.put(key, std::slice::from_ref(&coded));
+        Ok(coded)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -104,6 +122,34 @@ mod tests {
         let spruce = crate::species::load("picea_abies").unwrap();
         let variants = leaf_variants(&spruce, state, 64, Seed::new(1), &cache).unwrap();
         assert!(variants.iter().all(|v| v.0 != "autumn"), "an evergreen has no autumn");
+    }
+
+    #[test]
+    fn coded_pictures_come_from_the_cache_as_they_would_be_made() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = Cache::in_folder(folder.path());
+        let mut scene = crate::scene::sample::forest(&["Larix"], 2, 20.0);
+        for texture in &mut scene.textures {
+            texture.image = Image::from_png(texture.image.png().unwrap()).unwrap();
+        }
+        let scene = scene.validate().unwrap();
+        let count = scene.textures().len() as u32;
+        let of = |cache: &Cache| -> Vec<_> {
+            let all = coded(&scene, &[PictureFormat::WebP], cache).unwrap();
+            (0..count).map(|t| all.of(t, PictureFormat::WebP)).collect()
+        };
+        let made = of(&Cache::off());
+        assert_eq!(of(&cache), made);
+        let entries = || std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().path());
+        assert!(entries().count() > 0 && of(&cache) == made);
+        // Another entry in the place of each: it is taken.
+        let other = bytes::Bytes::from_static(b"other");
+        let keeper = |decides: &[&[u8]], _: &dyn Fn() -> Result<bytes::Bytes>| {
+            cache.put(Key::of(decides.iter().copied()), std::slice::from_ref(&other));
+            Ok(other.clone())
+        };
+        Pictures::encode_once(&scene, &[PictureFormat::WebP], &keeper).unwrap();
+        assert!(of(&cache).iter().all(|bytes| *bytes == other));
     }
 
     #[test]

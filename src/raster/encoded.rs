@@ -87,6 +87,11 @@ impl Image {
         Ok(self.png.get_or_init(|| png).clone())
     }
 
+    /// Its PNG bytes, where they need not be made.
+    pub fn known_png(&self) -> Option<&Bytes> {
+        self.png.get()
+    }
+
     /// Whether as many pixels are held as the size says, and any.
     pub fn is_whole(&self) -> bool {
         let pixels = u64::from(self.width) * u64::from(self.height);

@@ -279,7 +279,7 @@ impl<'a> Plan<'a> {
         let of_piece = |p: &Piece<'_>| -> crate::diagnostic::Result<Set> {
             let ordered = compress::ordered(p.surface);
             let piece = Piece { surface: &ordered, ..*p };
-            piece.kinds().into_iter().map(|kind| piece.column(kind).encoded()).collect()
+            piece.kinds().into_par_iter().map(|kind| piece.column(kind).encoded()).collect()
         };
         let pieces: Vec<Set> = self.pieces.par_iter().map(of_piece).collect::<Result<_, _>>()?;
         let placed: Set = self.placed.iter().map(Column::encoded).collect::<Result<_, _>>()?;
@@ -409,7 +409,7 @@ impl<'a> Layout<'a> {
 
 impl Body<'_> {
     /// The buffer.
-    pub fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+    pub fn write(&self, out: &mut (dyn Write + Send)) -> io::Result<()> {
         for source in &self.sources {
             source.write(out)?;
             let rest = source.bytes().next_multiple_of(4) - source.bytes();
@@ -458,7 +458,7 @@ impl Source<'_> {
         self.stride() * self.count() as u64
     }
 
-    fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+    fn write(&self, out: &mut (dyn Write + Send)) -> io::Result<()> {
         match self {
             Source::Positions(s) => pour(out, &s.position, |&p| y_up(p)),
             Source::Counted(s, grid) => pour(out, &s.position, |&p| {
@@ -501,21 +501,27 @@ fn y_up_count([x, y, z]: [i16; 3]) -> [i16; 3] {
     [x, z, -y]
 }
 
-/// Writes what becomes of items, by blocks.
-fn pour<T, N: NoUninit>(
-    out: &mut dyn Write,
+/// Writes what becomes of items, by lots: one goes to the disk while the next is made on all threads.
+fn pour<T: Sync, N: NoUninit + Send + Sync>(
+    out: &mut (dyn Write + Send),
     items: &[T],
-    numbers: impl Fn(&T) -> N,
+    numbers: impl Fn(&T) -> N + Sync,
 ) -> io::Result<()> {
     // glTF's numbers are little-endian, and so are those of every machine this is built for.
     const { assert!(cfg!(target_endian = "little")) };
     /// Large enough to go to the disk as they are.
-    const ITEMS: usize = 1 << 15;
-    let mut block = Vec::with_capacity(ITEMS.min(items.len()));
-    for items in items.chunks(ITEMS) {
-        block.clear();
-        block.extend(items.iter().map(&numbers));
-        out.write_all(bytemuck::cast_slice(&block))?;
+    const LOT: usize = 1 << 16;
+    /// That are worth a thread.
+    const SHARE: usize = 1 << 13;
+    let (mut made, mut next) = (Vec::new(), Vec::new());
+    for items in items.chunks(LOT) {
+        next.clear();
+        let (written, ()) = rayon::join(
+            || out.write_all(bytemuck::cast_slice(&made)),
+            || next.par_extend(items.par_iter().with_min_len(SHARE).map(&numbers)),
+        );
+        written?;
+        std::mem::swap(&mut made, &mut next);
     }
-    Ok(())
+    out.write_all(bytemuck::cast_slice(&made))
 }

@@ -20,8 +20,14 @@ pub(super) struct Encoded {
 /// fastest, which is also the order that compresses best.
 pub(super) fn ordered(surface: &Surface) -> Surface {
     const UNSEEN: u32 = u32::MAX;
+    /// Triangles from which on the order they were made in stays: finding the best would take most of
+    /// the time, and save a larch of 900,000 triangles 1.2 % of its bytes.
+    const MANY: usize = 1 << 16;
     let vertices = surface.position.len();
-    let mut index = optimize_vertex_cache(&surface.index, vertices);
+    let mut index = match surface.triangles() {
+        MANY.. => surface.index.clone(),
+        _ => optimize_vertex_cache(&surface.index, vertices),
+    };
     // Vertices in the order of their first use; those of no triangle go.
     let mut moved = vec![UNSEEN; vertices];
     let mut from = Vec::with_capacity(vertices);

@@ -5,6 +5,7 @@
 //! of 33 m), along each axis; directions 0.5°; texture coordinates the range / 131,070.
 
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 use crate::mesh::Surface;
 use crate::scene::Part;
@@ -53,11 +54,15 @@ impl Grid {
     }
 
     pub fn count(&self, p: Vec3) -> [i16; 3] {
-        let steps = ((p - self.centre) / self.half_m * MOST)
-            .round()
-            .clamp(Vec3::splat(-MOST), Vec3::splat(MOST));
-        [steps.x as i16, steps.y as i16, steps.z as i16]
+        let steps = (p - self.centre) / self.half_m * MOST;
+        steps.to_array().map(|v| nearest(v.clamp(-MOST, MOST)) as i16)
     }
+}
+
+/// The nearest whole number of a small one; `f32::round` is a call where the machine is not known to
+/// round by itself.
+fn nearest(v: f32) -> i32 {
+    (v + 0.5f32.copysign(v)) as i32
 }
 
 fn bounds<'s>(surfaces: impl Iterator<Item = &'s Surface>) -> (Vec3, Vec3) {
@@ -67,8 +72,7 @@ fn bounds<'s>(surfaces: impl Iterator<Item = &'s Surface>) -> (Vec3, Vec3) {
 
 /// Of a unit vector.
 pub(super) fn direction(v: Vec3) -> [i8; 3] {
-    let steps = (v * f32::from(i8::MAX)).round();
-    [steps.x as i8, steps.y as i8, steps.z as i8]
+    v.to_array().map(|v| nearest(v * f32::from(i8::MAX)) as i8)
 }
 
 /// The range of texture coordinates, v downwards as glTF has it, that 16 bits are spread over.
@@ -81,14 +85,23 @@ pub(super) struct UvRange {
 impl UvRange {
     /// The picture itself.
     pub const PICTURE: UvRange = UvRange { offset: Vec2::ZERO, scale: Vec2::ONE };
+    /// Texture coordinates that are looked through at a time.
+    const CHUNK: usize = 1 << 14;
     /// Texture coordinates so little outside the picture are drawn in.
     const TOLERANCE: f32 = 1e-3;
 
     /// Of all these parts, which share a material.
     pub fn of<'a>(parts: impl Iterator<Item = &'a Part>) -> UvRange {
-        let coordinates = parts.flat_map(|p| &p.surface.uv).map(|&uv| flipped(uv));
-        let (lo, hi) = coordinates
-            .fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(lo, hi), c| (lo.min(c), hi.max(c)));
+        let nothing = (Vec2::INFINITY, Vec2::NEG_INFINITY);
+        let both = |a: (Vec2, Vec2), b: (Vec2, Vec2)| (a.0.min(b.0), a.1.max(b.1));
+        let of = |part: &Part| {
+            let chunks = part.surface.uv.par_chunks(Self::CHUNK);
+            let one = |uvs: &[Vec2]| uvs.iter().fold(nothing, |a, &uv| both(a, (uv, uv)));
+            chunks.map(one).reduce(|| nothing, both)
+        };
+        let (low, high) = parts.map(of).fold(nothing, both);
+        // v turns over.
+        let (lo, hi) = (flipped(Vec2::new(low.x, high.y)), flipped(Vec2::new(high.x, low.y)));
         let inside =
             lo.min_element() >= -Self::TOLERANCE && hi.max_element() <= 1.0 + Self::TOLERANCE;
         if inside || !(lo.is_finite() && hi.is_finite()) {
@@ -100,8 +113,7 @@ impl UvRange {
     /// `uv` with v upwards, as the scene has it.
     pub fn count(&self, uv: Vec2) -> [u16; 2] {
         let share = ((flipped(uv) - self.offset) / self.scale).clamp(Vec2::ZERO, Vec2::ONE);
-        let steps = (share * f32::from(u16::MAX)).round();
-        [steps.x as u16, steps.y as u16]
+        share.to_array().map(|v| nearest(v * f32::from(u16::MAX)) as u16)
     }
 }
 

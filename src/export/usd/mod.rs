@@ -5,7 +5,6 @@
 //! surfaces, coarser forms, colliders and materials (UsdPreviewSurface); a package and a single
 //! tree hold everything in one layer. Z up, metres, as the scene.
 
-mod coding;
 mod layer;
 mod material;
 mod package;

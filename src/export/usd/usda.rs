@@ -207,7 +207,7 @@ impl<'l> Text<'l, '_> {
             Value::Float3(v) => self.tuple(v),
             Value::Float4(v) => self.tuple(v),
             Value::Double3([x, y, z]) => write!(self.out, "({x}, {y}, {z})"),
-            Value::Ints(items) => self.array(items, |out, v| integer(out, *v)),
+            Value::Ints(items) => self.array(items, |out, v| integer(out, i64::from(*v))),
             Value::Repeated(item, count) => self.repeated(*item, *count),
             Value::Int64s(items) => self.array(items, |out, v| integer(out, *v)),
             Value::Floats(items) => self.array(items, |out, v| shortest(out, *v)),

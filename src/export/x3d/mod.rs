@@ -9,7 +9,7 @@
 //! same f32. The compact form is IndexedTriangleSet, rounded ([`COMPACT`]).
 //!
 //! Materials are Material without gloss, which bark and leaves have little of, with the colour's
-//! texture in the Appearance: PhysicalMaterial stops x3dom and assimp.
+//! texture in the Appearance: x3dom (1.8.3) shows a standard PhysicalMaterial without its pictures.
 //! Limits: roughness, octahedral impostors, which need a shader, wind colours, colliders and
 //! material variants are not written.
 
@@ -270,7 +270,7 @@ impl<'a> Writer<'_, 'a, '_> {
         let (triangles, _) = surface.index.as_chunks::<3>();
         let solid = [("solid", solid)];
         self.xml.open_list("IndexedFaceSet", &solid, "coordIndex", triangles, |out, corners| {
-            number::spaced(out, corners, |out, &c| number::integer(out, u64::from(c)));
+            number::spaced(out, corners, |out, &c| number::integer(out, i64::from(c)));
             out.extend(b" -1");
         })?;
         self.columns(
@@ -288,7 +288,7 @@ impl<'a> Writer<'_, 'a, '_> {
         let (triangles, _) = surface.index.as_chunks::<3>();
         let solid = [("solid", solid)];
         self.xml.open_list("IndexedTriangleSet", &solid, "index", triangles, |out, corners| {
-            number::spaced(out, corners, |out, &c| number::integer(out, u64::from(c)));
+            number::spaced(out, corners, |out, &c| number::integer(out, i64::from(c)));
         })?;
         let round = |out: &mut Vec<u8>, values: &[f32], places| {
             number::spaced(out, values, |out, &v| number::rounded(out, v, places));

@@ -158,7 +158,7 @@ mod tests {
         let mut xml = Xml::new(&mut sink);
         xml.open("A", &[("b", "1 < 2 & 'x'"), ("c", &strings(&["d \"e\" \\f", "it's"]))]);
         xml.empty("B", &[("t", "a\tb\u{1}é")]);
-        let write = |out: &mut Vec<u8>, n: &u32| number::integer(out, u64::from(*n));
+        let write = |out: &mut Vec<u8>, n: &u32| number::integer(out, i64::from(*n));
         xml.open_list("C", &[("d", &numbers(&[-0.0, 0.5]))], "e", &[1, 20], write).unwrap();
         xml.list("D", "f", &[3], write).unwrap();
         xml.close("C");
