@@ -23,6 +23,7 @@ mod store;
 #[cfg(test)]
 mod tests;
 mod trace;
+mod walk;
 mod weather;
 
 use glam::{DVec3, Vec3};
@@ -138,6 +139,7 @@ impl Landscape {
         }
         let reach = 1u64 << (dag::BITS * self.dag.levels);
         if self.sides.iter().any(|side| *side == 0 || u64::from(*side) > reach)
+            || (0..3).any(|axis| self.sides[axis] >= build::MOST_VOXELS[axis])
             || !Blocks::hold(self.sides)
         {
             return Err(format!("{:?} cells in a graph {reach} wide", self.sides));
@@ -163,15 +165,24 @@ impl Landscape {
         self.dag.root.is_none()
     }
 
+    /// Cells along x, y and z within which anything is.
+    #[inline]
+    fn reach(&self) -> [u32; 3] {
+        let top = i32::from(self.blocks.top).max(0) as u32 * dag::SIDE;
+        [self.sides[0], self.sides[1], self.sides[2].min(top)]
+    }
+
     /// Local metres to voxels.
     fn to_voxels(&self, p: Vec3) -> DVec3 {
         (p.as_dvec3() - self.first_m.as_dvec3()) / f64::from(self.voxel_m)
     }
 
     /// Height of the ground over a place, in voxels.
+    #[inline]
     fn height(&self, x: f64, y: f64) -> Option<f64> {
-        let step = f64::from(self.heights.stride);
-        let (u, v) = (x.max(0.0) / step, y.max(0.0) / step);
+        // Exact, as the stride is a power of two.
+        let per = 1.0 / f64::from(self.heights.stride);
+        let (u, v) = (x.max(0.0) * per, y.max(0.0) * per);
         let (i, j) = (u as usize, v as usize);
         let [a, b, c, e] = self.heights.corners(i, j)?;
         let (u, v) = (u - i as f64, v - j as f64);

@@ -182,6 +182,7 @@ pub fn draw(
             |tracer, (band, sums)| {
                 let rows = sums.len() / width;
                 for left in (0..width).step_by(TILE) {
+                    let is_seen = sees(scene, &lens, [left, band * TILE]);
                     for i in (0..rows)
                         .flat_map(|row| (left..width.min(left + TILE)).map(move |col| (row, col)))
                     {
@@ -194,8 +195,11 @@ pub fn draw(
                         for number in pass.clone() {
                             let at = DVec2::new(col as f64, row as f64) + spread(number, start);
                             let ray = lens.ray(at, share);
-                            sums[i.0 * width + col] +=
-                                light.along(tracer, &ray, at, number, sky_rays);
+                            sums[i.0 * width + col] += if is_seen {
+                                light.along(tracer, &ray, at, number, sky_rays)
+                            } else {
+                                light.past(tracer, &ray, at, number)
+                            };
                         }
                     }
                 }
@@ -265,6 +269,12 @@ pub fn layers(scene: &Landscape, shot: &Shot) -> Result<Layers> {
     })
 }
 
+/// Whether a ray of a tile of pixels may meet anything; `first` is the tile's first column and row.
+fn sees(scene: &Landscape, lens: &Lens, first: [usize; 2]) -> bool {
+    let low = DVec2::new(first[0] as f64, first[1] as f64);
+    lens.sees(scene.reach(), low, low + TILE as f64)
+}
+
 /// Casts the rays of pixels and gives what they met, to measure how fast that is.
 pub fn count_hits(scene: &Landscape, shot: &Shot) -> u64 {
     let lens = scene.lens(&shot.camera, shot.size);
@@ -273,6 +283,9 @@ pub fn count_hits(scene: &Landscape, shot: &Shot) -> u64 {
     let band = |tracer: &mut Tracer<'_>, band: usize| {
         let mut hits = 0;
         for left in (0..width).step_by(TILE) {
+            if !sees(scene, &lens, [left, band * TILE]) {
+                continue;
+            }
             for row in band * TILE..height.min((band + 1) * TILE) {
                 for col in left..width.min(left + TILE) {
                     let ray = lens.ray(DVec2::new(col as f64 + 0.5, row as f64 + 0.5), 1.0);
@@ -348,6 +361,14 @@ impl<'a> Light<'a> {
         }
         let hit = tracer.trace(ray, 0.0, f64::INFINITY);
         self.seen(tracer, ray, hit, at, number, sky_rays)
+    }
+
+    /// Light along a ray that does not come near the scene.
+    fn past(&self, tracer: &mut Tracer<'_>, ray: &Ray, at: DVec2, number: u32) -> Vec3 {
+        match self.shot.mode {
+            Mode::Densest => self.densest(tracer, ray),
+            _ => self.seen(tracer, ray, None, at, number, 0),
+        }
     }
 
     fn densest(&self, tracer: &mut Tracer<'_>, ray: &Ray) -> Vec3 {
