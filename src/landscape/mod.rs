@@ -160,6 +160,14 @@ impl Landscape {
         Ok(())
     }
 
+    /// Height of the ground under or over a place of the landscape, local metres.
+    pub fn ground_m(&self, p: Vec3) -> Option<f32> {
+        let at = self.to_voxels(p);
+        let is_within = |a: usize| (0.0..=f64::from(self.sides[a])).contains(&at[a]);
+        let height = self.height(at.x, at.y).filter(|_| is_within(0) && is_within(1))?;
+        Some((height * f64::from(self.voxel_m)) as f32 + self.first_m.z)
+    }
+
     /// Whether rays may meet anything.
     pub fn is_empty(&self) -> bool {
         self.dag.root.is_none()
