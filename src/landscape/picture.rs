@@ -14,12 +14,12 @@ use super::brick::trilinear;
 use super::lens::Lens;
 use super::splat;
 use super::trace::{Hit, Ray, Tracer, What};
-use super::weather::{Skin, Weather};
+use super::weather::{Drops, Skin, Weather};
 use crate::diagnostic::{Error, Result};
 use crate::raster::Picture;
 use crate::render::sky::{BOUNCE_COLOUR, SKY_COLOUR, SUN_COLOUR, film, haze, sky};
 use crate::render::{Camera, srgb_from_linear};
-use crate::seed::{Draws, Seed};
+use crate::seed::{Draws, Seed, Stage};
 
 /// How voxels are shown (TD17).
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -226,9 +226,10 @@ fn spread(number: u32, start: u64) -> DVec2 {
 }
 
 fn developed(sums: &[Vec3], shot: &Shot, rays: f32) -> Picture {
+    let dither = shot.seed.stage("dither");
     let pixel = |(i, sum): (usize, &Vec3)| {
         // Less than a step of eight bits, so that skies show none.
-        let dither = shot.seed.derive("dither", i as u64).draws().unit();
+        let dither = dither.seed(i as u64).draws().unit();
         let byte = |c: f32| (srgb_from_linear(c) + dither) as u8;
         let [r, g, b] = film(*sum / rays, shot.exposure).to_array().map(byte);
         [r, g, b, 255]
@@ -311,6 +312,9 @@ struct Light<'a> {
     /// Of the sky itself: grey in rain and fog.
     overcast: f32,
     pixel: f32,
+    drops: Drops,
+    /// Of the rays from what was met.
+    draws: Stage,
 }
 
 /// Half the angle that the sun's disc takes, widened by the air about it.
@@ -334,6 +338,8 @@ impl<'a> Light<'a> {
             extinction: (HAZE_PER_M + weather.extinction_per_m()) * scene.voxel_m,
             overcast,
             pixel: lens.pixel as f32,
+            drops: Drops::new(shot.seed),
+            draws: shot.seed.stage("light"),
         }
     }
 
@@ -409,7 +415,7 @@ impl<'a> Light<'a> {
             }
         };
         if weather.rain_mm > 0.0 {
-            let streaks = weather.streaks(at.as_vec2(), self.shot.size[1] as f32, self.shot.seed);
+            let streaks = weather.streaks(at.as_vec2(), self.shot.size[1] as f32, &self.drops);
             light += Vec3::new(0.75, 0.8, 0.88) * streaks;
         }
         if weather.fog_m > 0.0 && hit.is_none() {
@@ -437,7 +443,7 @@ impl<'a> Light<'a> {
         let [ground, above] = self.scene.colours(place.x, place.y, breadth);
         let is_leafy = hit.what == What::Vegetation;
         let key = (at.x as u64) << 40 ^ (at.y as u64) << 16 ^ u64::from(number);
-        let mut draws = self.shot.seed.derive("light", key).draws();
+        let mut draws = self.draws.seed(key).draws();
         if is_leafy {
             // Clumps of leaves are rounded, and mostly seen from their lit side.
             normal = (normal + 0.35 * Vec3::Z + 0.25 * toward_eye).normalize_or(Vec3::Z);
