@@ -10,10 +10,11 @@ use std::time::Instant;
 use larix::diagnostic::Result;
 use larix::ground::Method;
 use larix::landscape::{
-    Detail, Landscape, Mirrored, Shot, Source, View, Weather, count_hits, draw,
+    Detail, Landscape, Layers, Mirrored, Shot, Source, View, Weather, count_hits, draw, layers,
 };
 use larix::pipeline::landscape::{DETAIL, Voxelized, voxelize};
 use larix::pipeline::{self, SurveyJob};
+use larix::render::Camera;
 use larix::report::{Recorder, Silent};
 use larix::seed::Seed;
 use larix::simulate::StandOptions;
@@ -52,6 +53,11 @@ fn tile(dir: &Path, detail: &Detail) -> Result<Voxelized> {
     voxelize(&job, detail, &mut run)
 }
 
+/// A tile over the whole of the scene.
+fn tiled<S>(tile: &S, side: u32) -> Mirrored<'_, S> {
+    Mirrored { tile, side, whole: WHOLE }
+}
+
 fn on<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     pool.install(work)
@@ -67,9 +73,39 @@ fn least(mut work: impl FnMut()) -> f64 {
     (0..3).map(run).fold(f64::INFINITY, f64::min)
 }
 
+/// What is straight below over the first tile, at every half voxel: near enough that the surface of
+/// half density is met.
+fn below(scene: &Landscape, side: u32) -> Result<Layers> {
+    const FROM_M: f32 = 500.0;
+    let half = 0.5 * side as f32 * VOXEL_M;
+    let low = scene.bounds_m()[0] + glam::Vec3::new(half, half, 0.0);
+    let eye = low + FROM_M * glam::Vec3::Z;
+    let camera = Camera { eye, target: low, fov_y_rad: 2.0 * (half / FROM_M).atan() };
+    layers(scene, &Shot::new(camera, [2 * side; 2]))
+}
+
+/// How far, along rays from above, a vegetation's surface lies from another: the share of rays that
+/// meet it within a millimetre of the other, and the RMS of those within a voxel's diagonal in metres;
+/// the share beyond, where one has a gap.
+fn apart(surface: &Layers, other: &Layers) -> [f64; 3] {
+    let both =
+        surface.class.iter().zip(&other.class).zip(surface.depth_m.iter().zip(&other.depth_m));
+    let off: Vec<f64> = both
+        .filter(|((a, b), _)| **a == 5 || **b == 5)
+        .map(|(_, (a, b))| f64::from((a - b).abs()))
+        .collect();
+    let reach = 3f64.sqrt() * f64::from(VOXEL_M);
+    let near: Vec<f64> = off.iter().copied().filter(|d| *d <= reach).collect();
+    let share = |count: usize| count as f64 / off.len().max(1) as f64;
+    let squares = near.iter().map(|d| d * d).sum::<f64>() / near.len().max(1) as f64;
+    let same = off.iter().filter(|d| **d < 1e-3).count();
+    [share(same), squares.sqrt(), share(off.len() - near.len())]
+}
+
 fn main() -> Result<()> {
     let dir = tempfile::tempdir().expect("a folder");
-    let detail = Detail { height_stride: 8, colour_stride: 4, ..DETAIL };
+    let detail = Detail { height_stride: 8, colour_stride: 4, density_bits: 4, ..DETAIL };
+    // The densities that the others are measured against.
     let Voxelized { columns, frame, detail, .. } = tile(dir.path(), &detail)?;
     let [cols, rows, high] = columns.voxels();
     let side = 1 << cols.min(rows).ilog2();
@@ -81,12 +117,17 @@ fn main() -> Result<()> {
         "{:>4} {:>9} {:>9} {:>9} {:>9} {:>9} {:>8} {:>9}",
         "bits", "voxels MB", "heights", "colours", "all MB", "file MB", "seconds", "peak MB"
     );
-    let whole = Mirrored { tile: &columns, side, whole: WHOLE };
+    let fine = {
+        let alone = Mirrored { whole: [side, side, WHOLE[2]], ..tiled(&columns, side) };
+        below(&Landscape::build(&alone, &detail, frame.clone(), columns.first_m, VOXEL_M)?.0, side)?
+    };
     let mut kept = None;
-    for bits in [1, 2] {
+    for bits in [1, 2, 4] {
+        let detail = Detail { density_bits: bits, ..detail };
+        let Voxelized { columns, .. } = tile(dir.path(), &detail)?;
+        let whole = tiled(&columns, side);
         ALLOCATOR.reset_peak_usage();
         let start = Instant::now();
-        let detail = Detail { density_bits: bits, ..detail };
         let (scene, _) =
             Landscape::build(&whole, &detail, frame.clone(), columns.first_m, VOXEL_M)?;
         let seconds = start.elapsed().as_secs_f64();
@@ -103,13 +144,22 @@ fn main() -> Result<()> {
             mb(m.total()),
             mb(file.len())
         );
+        let [same, rms, gaps] = apart(&below(&scene, side)?, &fine);
+        println!(
+            "     vegetation off that of 4 bits: {:.1} % the same, {rms:.3} m RMS, {:.1} % gaps",
+            100.0 * same,
+            100.0 * gaps
+        );
+        if bits != DETAIL.density_bits {
+            continue;
+        }
         if let Some(path) = std::env::args().skip(1).find(|a| a.ends_with(".voxels")) {
             std::fs::write(path, &file).expect("room for the scene");
         }
         kept = Some(scene);
     }
     let Some(scene) = kept else { return Ok(()) };
-    let off = larix::landscape::surface_error(&scene, &whole);
+    let off = larix::landscape::surface_error(&scene, &tiled(&columns, side));
     println!(
         "ground off its terrain: {:.3} m RMS, {:.3} m worst",
         off.ground_rms_m, off.ground_worst_m

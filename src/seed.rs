@@ -22,16 +22,33 @@ impl Seed {
 
     /// The seed of one thing (`key`) in one stage.
     pub fn derive(self, stage: &str, key: u64) -> Seed {
+        self.stage(stage).seed(key)
+    }
+
+    /// All seeds of one stage, for where there are many.
+    pub fn stage(self, name: &str) -> Stage {
         let mut h = self.0;
-        for byte in stage.bytes() {
+        for byte in name.bytes() {
             h = mix(h ^ u64::from(byte)).wrapping_add(0x9e37_79b9_7f4a_7c15);
         }
-        Seed(mix(h ^ mix(key.wrapping_add(0x9e37_79b9_7f4a_7c15))))
+        Stage(h)
     }
 
     /// A short stream of draws that belongs to this seed alone.
     pub fn draws(self) -> Draws {
         Draws { state: self.0 }
+    }
+}
+
+/// A stage of which seeds are derived by key.
+#[derive(Debug, Clone, Copy)]
+pub struct Stage(u64);
+
+impl Stage {
+    /// [`Seed::derive`] in this stage.
+    #[inline]
+    pub fn seed(self, key: u64) -> Seed {
+        Seed(mix(self.0 ^ mix(key.wrapping_add(0x9e37_79b9_7f4a_7c15))))
     }
 }
 

@@ -135,6 +135,11 @@ fn what_cannot_be_done_is_refused_before_anything_is_written() {
         &["kept.png", "would be written over"],
     );
     let saved = ["landscape", "a.voxels", "-o", "kept.png"];
+    refused(
+        dir,
+        &[&saved[..], &["--camera", "20,20,90,20,30,90"]].concat(),
+        &["20,20,90 is below the ground, which is 100.", "--camera a third number above 100."],
+    );
     refused(dir, &[&saved[..], &["--voxel", "1"]].concat(), &["a.voxels", "leave out"]);
     refused(
         dir,

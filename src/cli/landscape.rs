@@ -164,6 +164,8 @@ pub(super) fn run(a: &Landscape, run: &mut Recorder) -> Result<Told> {
         let detail = Detail { density_bits: a.density_bits, ..DETAIL };
         landscape::build(&job(a), &detail, run)?
     };
+    let eye = a.camera.as_ref().filter(|_| a.output.is_some());
+    let camera = eye.map(|eye| landscape::camera(&scene, eye)).transpose()?;
     let mut lines = Vec::new();
     let mut told = json!({
         "layers": {},
@@ -185,10 +187,8 @@ pub(super) fn run(a: &Landscape, run: &mut Recorder) -> Result<Told> {
     }
     if let Some(output) = &a.output {
         let [width, height] = a.size;
-        let camera = match &a.camera {
-            Some(eye) => landscape::camera(&scene, eye),
-            None => scene.camera(side(a.view), width as f32 / height as f32),
-        };
+        let aspect = width as f32 / height as f32;
+        let camera = camera.unwrap_or_else(|| scene.camera(side(a.view), aspect));
         let shot = Shot {
             effort: a.effort,
             mode: mode(a.mode),

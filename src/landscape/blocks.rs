@@ -1,7 +1,7 @@
 //! Blocks of voxels by their place: rays begin in them instead of at the root of the graph, which
 //! would be the same few steps down for all.
 
-use super::dag::{BITS, Dag, Ref};
+use super::dag::{BITS, Dag, Ref, SIDE};
 
 /// The level of the graph whose nodes are blocks.
 pub(super) const BLOCK_LEVEL: u32 = 3;
@@ -12,7 +12,14 @@ pub(super) const BLOCK: u32 = 1 << (BITS * BLOCK_LEVEL);
 pub(super) struct Blocks {
     /// Blocks along x, y and z.
     pub sides: [u32; 3],
-    /// x fastest; all bits 0 where a block is empty.
+    /// Bricks up to which anything reaches; −1 where nothing is.
+    pub top: i16,
+    /// Bricks up to which anything reaches, by column of the children of blocks, x fastest, with one
+    /// more column all around.
+    tops: Vec<i16>,
+    /// The same by column of blocks.
+    highest: Vec<i16>,
+    /// z fastest, then x; all bits 0 where a block is empty.
     nodes: Vec<u32>,
 }
 
@@ -30,8 +37,14 @@ impl Blocks {
     /// The blocks of a graph over so many cells along each axis.
     pub fn of(dag: &Dag, cells: [u32; 3]) -> Blocks {
         let sides = cells.map(|cells| cells / BLOCK + 1);
-        let count = sides.iter().map(|side| *side as usize).product();
-        let mut blocks = Blocks { sides, nodes: vec![0; count] };
+        let columns = sides[0] as usize * sides[1] as usize;
+        let mut blocks = Blocks {
+            sides,
+            top: -1,
+            tops: vec![-1; around(sides[0]) * around(sides[1])],
+            highest: vec![-1; columns],
+            nodes: vec![0; columns * sides[2] as usize],
+        };
         if let Some(root) = dag.root {
             blocks.fill(dag, root, dag.levels, [0; 3]);
         }
@@ -43,8 +56,16 @@ impl Blocks {
             return;
         }
         if level <= BLOCK_LEVEL {
-            let at = self.index(low);
-            self.nodes[at] = node.0;
+            let column = self.number(low[0], low[1]);
+            self.nodes[column * self.sides[2] as usize + low[2] as usize] = node.0;
+            for flat in 0..SIDE * SIDE {
+                let Some(reach) = reach(dag, node, flat) else { continue };
+                let reach = (low[2] * BLOCK / SIDE + reach) as i16;
+                let place = self.place([low[0] * SIDE + flat % SIDE, low[1] * SIDE + flat / SIDE]);
+                self.tops[place] = self.tops[place].max(reach);
+                self.highest[column] = self.highest[column].max(reach);
+            }
+            self.top = self.top.max(self.highest[column]);
             return;
         }
         let bits = BITS * (level - 1 - BLOCK_LEVEL);
@@ -57,25 +78,71 @@ impl Blocks {
         }
     }
 
-    fn index(&self, [x, y, z]: [u32; 3]) -> usize {
-        x as usize + self.sides[0] as usize * (y as usize + self.sides[1] as usize * z as usize)
+    fn number(&self, x: u32, y: u32) -> usize {
+        x as usize + self.sides[0] as usize * y as usize
     }
 
     /// Whether a place is among them.
-    #[inline]
-    pub fn holds(&self, [x, y, z]: [u32; 3]) -> bool {
+    fn holds(&self, [x, y, z]: [u32; 3]) -> bool {
         x < self.sides[0] && y < self.sides[1] && z < self.sides[2]
     }
 
-    /// The block at a place that they hold.
-    #[inline]
-    pub fn at(&self, place: [u32; 3]) -> Option<Ref> {
-        let node = self.nodes[self.index(place)];
-        (node != 0).then_some(Ref(node))
+    /// The number of a column of the children of blocks.
+    #[inline(always)]
+    pub fn place(&self, [x, y]: [u32; 2]) -> usize {
+        x as usize + 1 + self.row() * (y as usize + 1)
+    }
+
+    /// From the number of a column to that of its northern neighbour.
+    #[inline(always)]
+    pub fn row(&self) -> usize {
+        around(self.sides[0])
+    }
+
+    /// The column with a number that [`Blocks::place`] gives.
+    #[inline(always)]
+    pub fn at(&self, place: usize) -> [u32; 2] {
+        let (place, row) = (place as u32, self.row() as u32);
+        [(place % row).wrapping_sub(1), (place / row).wrapping_sub(1)]
+    }
+
+    /// The blocks of a column from the lowest up; all bits 0 where one is empty.
+    #[inline(always)]
+    pub fn stack(&self, [x, y]: [u32; 2]) -> &[u32] {
+        let (column, high) = (self.number(x, y), self.sides[2] as usize);
+        &self.nodes[column * high..][..high]
+    }
+
+    /// Bricks up to which anything reaches in a column of the children of blocks.
+    #[inline(always)]
+    pub fn over(&self, place: usize) -> i16 {
+        self.tops.get(place).copied().unwrap_or(-1)
+    }
+
+    /// Bricks up to which anything reaches in a column of blocks.
+    #[inline(always)]
+    pub fn highest(&self, [x, y]: [u32; 2]) -> i16 {
+        self.highest[self.number(x, y)]
     }
 
     /// Bytes held.
     pub fn memory_bytes(&self) -> usize {
-        size_of::<Self>() + 4 * self.nodes.capacity()
+        size_of::<Self>()
+            + 2 * (self.tops.capacity() + self.highest.capacity())
+            + 4 * self.nodes.capacity()
     }
+}
+
+/// Columns of the children of so many blocks, and one at either end.
+#[inline(always)]
+fn around(blocks: u32) -> usize {
+    (blocks * SIDE) as usize + 2
+}
+
+/// Bricks from the floor of a block up to which anything reaches in a column of its children.
+fn reach(dag: &Dag, block: Ref, flat: u32) -> Option<u32> {
+    let layer = (0..SIDE).rev().find_map(|z| Some((z, dag.child(block.index(), flat | z << 4)?)));
+    let (z, child) = layer?;
+    let highest = 3 - dag.mask(child.index()).leading_zeros() / 16;
+    Some(z * SIDE + highest + 1)
 }

@@ -86,6 +86,13 @@ impl Dag {
         (mask & bit != 0).then(|| Ref(self.words[node + 2 + rank]))
     }
 
+    /// The child in `slot` of a node that has it, and these in all.
+    #[inline(always)]
+    pub fn nth(&self, node: usize, mask: u64, slot: u32) -> Ref {
+        let rank = (mask & ((1u64 << slot) - 1)).count_ones() as usize;
+        Ref(self.words[node + 2 + rank])
+    }
+
     /// The highest plane of a brick: voxels of at least half the full density.
     pub fn solid(&self, brick: usize) -> u64 {
         self.word_pair(brick)

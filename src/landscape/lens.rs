@@ -90,4 +90,24 @@ impl Lens {
         let direction = self.forward + self.right * off.x + self.down * off.y;
         Ray { origin: self.eye, direction, breadth: [0.0, (self.pixel * share) as f32] }
     }
+
+    /// Whether a ray through the picture between two of its places may meet a box from 0 to `sides`:
+    /// it may not if all of the box is beyond one side of these rays' pyramid.
+    pub fn sees(&self, sides: [u32; 3], low: DVec2, high: DVec2) -> bool {
+        let mut is_beyond = [true; 4];
+        for i in 0..8u32 {
+            let corner = [0, 1, 2].map(|a| f64::from(i >> a & 1) * f64::from(sides[a]));
+            let v = DVec3::from(corner) - self.eye;
+            let at = DVec2::new(v.dot(self.right), v.dot(self.down)) / (self.pixel * self.pixel);
+            let (least, most) = (
+                at - (low - self.middle) * v.dot(self.forward),
+                at - (high - self.middle) * v.dot(self.forward),
+            );
+            let beyond = [least.x < 0.0, least.y < 0.0, most.x > 0.0, most.y > 0.0];
+            for (all, this) in is_beyond.iter_mut().zip(beyond) {
+                *all &= this;
+            }
+        }
+        !is_beyond.contains(&true)
+    }
 }

@@ -23,6 +23,7 @@ mod store;
 #[cfg(test)]
 mod tests;
 mod trace;
+mod walk;
 mod weather;
 
 use glam::{DVec3, Vec3};
@@ -138,6 +139,7 @@ impl Landscape {
         }
         let reach = 1u64 << (dag::BITS * self.dag.levels);
         if self.sides.iter().any(|side| *side == 0 || u64::from(*side) > reach)
+            || (0..3).any(|axis| self.sides[axis] >= build::MOST_VOXELS[axis])
             || !Blocks::hold(self.sides)
         {
             return Err(format!("{:?} cells in a graph {reach} wide", self.sides));
@@ -158,9 +160,24 @@ impl Landscape {
         Ok(())
     }
 
+    /// Height of the ground under or over a place of the landscape, local metres.
+    pub fn ground_m(&self, p: Vec3) -> Option<f32> {
+        let at = self.to_voxels(p);
+        let is_within = |a: usize| (0.0..=f64::from(self.sides[a])).contains(&at[a]);
+        let height = self.height(at.x, at.y).filter(|_| is_within(0) && is_within(1))?;
+        Some((height * f64::from(self.voxel_m)) as f32 + self.first_m.z)
+    }
+
     /// Whether rays may meet anything.
     pub fn is_empty(&self) -> bool {
         self.dag.root.is_none()
+    }
+
+    /// Cells along x, y and z within which anything is.
+    #[inline]
+    fn reach(&self) -> [u32; 3] {
+        let top = i32::from(self.blocks.top).max(0) as u32 * dag::SIDE;
+        [self.sides[0], self.sides[1], self.sides[2].min(top)]
     }
 
     /// Local metres to voxels.
@@ -169,9 +186,11 @@ impl Landscape {
     }
 
     /// Height of the ground over a place, in voxels.
+    #[inline]
     fn height(&self, x: f64, y: f64) -> Option<f64> {
-        let step = f64::from(self.heights.stride);
-        let (u, v) = (x.max(0.0) / step, y.max(0.0) / step);
+        // Exact, as the stride is a power of two.
+        let per = 1.0 / f64::from(self.heights.stride);
+        let (u, v) = (x.max(0.0) * per, y.max(0.0) * per);
         let (i, j) = (u as usize, v as usize);
         let [a, b, c, e] = self.heights.corners(i, j)?;
         let (u, v) = (u - i as f64, v - j as f64);

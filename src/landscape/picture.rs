@@ -14,12 +14,12 @@ use super::brick::trilinear;
 use super::lens::Lens;
 use super::splat;
 use super::trace::{Hit, Ray, Tracer, What};
-use super::weather::{Skin, Weather};
+use super::weather::{Drops, Skin, Weather};
 use crate::diagnostic::{Error, Result};
 use crate::raster::Picture;
 use crate::render::sky::{BOUNCE_COLOUR, SKY_COLOUR, SUN_COLOUR, film, haze, sky};
 use crate::render::{Camera, srgb_from_linear};
-use crate::seed::{Draws, Seed};
+use crate::seed::{Draws, Seed, Stage};
 
 /// How voxels are shown (TD17).
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -182,6 +182,7 @@ pub fn draw(
             |tracer, (band, sums)| {
                 let rows = sums.len() / width;
                 for left in (0..width).step_by(TILE) {
+                    let is_seen = sees(scene, &lens, [left, band * TILE]);
                     for i in (0..rows)
                         .flat_map(|row| (left..width.min(left + TILE)).map(move |col| (row, col)))
                     {
@@ -194,8 +195,11 @@ pub fn draw(
                         for number in pass.clone() {
                             let at = DVec2::new(col as f64, row as f64) + spread(number, start);
                             let ray = lens.ray(at, share);
-                            sums[i.0 * width + col] +=
-                                light.along(tracer, &ray, at, number, sky_rays);
+                            sums[i.0 * width + col] += if is_seen {
+                                light.along(tracer, &ray, at, number, sky_rays)
+                            } else {
+                                light.past(tracer, &ray, at, number)
+                            };
                         }
                     }
                 }
@@ -222,9 +226,10 @@ fn spread(number: u32, start: u64) -> DVec2 {
 }
 
 fn developed(sums: &[Vec3], shot: &Shot, rays: f32) -> Picture {
+    let dither = shot.seed.stage("dither");
     let pixel = |(i, sum): (usize, &Vec3)| {
         // Less than a step of eight bits, so that skies show none.
-        let dither = shot.seed.derive("dither", i as u64).draws().unit();
+        let dither = dither.seed(i as u64).draws().unit();
         let byte = |c: f32| (srgb_from_linear(c) + dither) as u8;
         let [r, g, b] = film(*sum / rays, shot.exposure).to_array().map(byte);
         [r, g, b, 255]
@@ -265,6 +270,12 @@ pub fn layers(scene: &Landscape, shot: &Shot) -> Result<Layers> {
     })
 }
 
+/// Whether a ray of a tile of pixels may meet anything; `first` is the tile's first column and row.
+fn sees(scene: &Landscape, lens: &Lens, first: [usize; 2]) -> bool {
+    let low = DVec2::new(first[0] as f64, first[1] as f64);
+    lens.sees(scene.reach(), low, low + TILE as f64)
+}
+
 /// Casts the rays of pixels and gives what they met, to measure how fast that is.
 pub fn count_hits(scene: &Landscape, shot: &Shot) -> u64 {
     let lens = scene.lens(&shot.camera, shot.size);
@@ -273,6 +284,9 @@ pub fn count_hits(scene: &Landscape, shot: &Shot) -> u64 {
     let band = |tracer: &mut Tracer<'_>, band: usize| {
         let mut hits = 0;
         for left in (0..width).step_by(TILE) {
+            if !sees(scene, &lens, [left, band * TILE]) {
+                continue;
+            }
             for row in band * TILE..height.min((band + 1) * TILE) {
                 for col in left..width.min(left + TILE) {
                     let ray = lens.ray(DVec2::new(col as f64 + 0.5, row as f64 + 0.5), 1.0);
@@ -298,6 +312,9 @@ struct Light<'a> {
     /// Of the sky itself: grey in rain and fog.
     overcast: f32,
     pixel: f32,
+    drops: Drops,
+    /// Of the rays from what was met.
+    draws: Stage,
 }
 
 /// Half the angle that the sun's disc takes, widened by the air about it.
@@ -321,6 +338,8 @@ impl<'a> Light<'a> {
             extinction: (HAZE_PER_M + weather.extinction_per_m()) * scene.voxel_m,
             overcast,
             pixel: lens.pixel as f32,
+            drops: Drops::new(shot.seed),
+            draws: shot.seed.stage("light"),
         }
     }
 
@@ -348,6 +367,14 @@ impl<'a> Light<'a> {
         }
         let hit = tracer.trace(ray, 0.0, f64::INFINITY);
         self.seen(tracer, ray, hit, at, number, sky_rays)
+    }
+
+    /// Light along a ray that does not come near the scene.
+    fn past(&self, tracer: &mut Tracer<'_>, ray: &Ray, at: DVec2, number: u32) -> Vec3 {
+        match self.shot.mode {
+            Mode::Densest => self.densest(tracer, ray),
+            _ => self.seen(tracer, ray, None, at, number, 0),
+        }
     }
 
     fn densest(&self, tracer: &mut Tracer<'_>, ray: &Ray) -> Vec3 {
@@ -388,7 +415,7 @@ impl<'a> Light<'a> {
             }
         };
         if weather.rain_mm > 0.0 {
-            let streaks = weather.streaks(at.as_vec2(), self.shot.size[1] as f32, self.shot.seed);
+            let streaks = weather.streaks(at.as_vec2(), self.shot.size[1] as f32, &self.drops);
             light += Vec3::new(0.75, 0.8, 0.88) * streaks;
         }
         if weather.fog_m > 0.0 && hit.is_none() {
@@ -416,7 +443,7 @@ impl<'a> Light<'a> {
         let [ground, above] = self.scene.colours(place.x, place.y, breadth);
         let is_leafy = hit.what == What::Vegetation;
         let key = (at.x as u64) << 40 ^ (at.y as u64) << 16 ^ u64::from(number);
-        let mut draws = self.shot.seed.derive("light", key).draws();
+        let mut draws = self.draws.seed(key).draws();
         if is_leafy {
             // Clumps of leaves are rounded, and mostly seen from their lit side.
             normal = (normal + 0.35 * Vec3::Z + 0.25 * toward_eye).normalize_or(Vec3::Z);

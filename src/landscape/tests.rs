@@ -163,6 +163,59 @@ fn nothing_is_met_where_nothing_is() {
 }
 
 #[test]
+fn a_voxel_is_met_across_a_wide_plain() {
+    let mut draws = Seed::new(17).draws();
+    let target = [833, 411, 61];
+    let scene = Made::empty([1025, 513, 130]).with(target, 3).over(|_, _| 2.0).built();
+    let centre = DVec3::from(target.map(f64::from));
+    for i in 0..400 {
+        let mut place = |side: f32| f64::from(draws.between(0.0, side));
+        // From within and from afar, from above and from below; some along an axis.
+        let mut origin = DVec3::new(place(1024.0), place(512.0), 3.0 + place(200.0));
+        if i % 4 == 0 {
+            origin[i / 4 % 2] = centre[i / 4 % 2];
+        }
+        let away = centre - origin;
+        if away.length() < 4.0 {
+            continue;
+        }
+        let hit = first(&scene, &ray(origin.to_array(), away.to_array()));
+        let hit = hit.unwrap_or_else(|| panic!("from {origin} it is missed"));
+        assert_eq!(hit.what, What::Vegetation);
+        // Half the density is at most half a voxel from the centre.
+        let off = away.length() - hit.t;
+        assert!((0.2..=0.5 + NEAR).contains(&off), "from {origin}: {off} before the centre");
+    }
+}
+
+#[test]
+fn tiles_that_see_nothing_have_no_ray_that_meets_anything() {
+    let scene = Made::wood(48, 900, 5).built();
+    let mut draws = Seed::new(6).draws();
+    let (mut skipped, mut met) = (0, 0);
+    for _ in 0..40 {
+        let mut place = || draws.between(-40.0, 40.0);
+        let eye = Vec3::new(12.0 + place(), 12.0 + place(), 8.0 + 0.5 * place());
+        let target = Vec3::new(12.0 + 0.4 * place(), 12.0 + 0.4 * place(), 6.0);
+        let camera = crate::render::Camera { eye, target, fov_y_rad: 0.9 };
+        let lens = scene.lens(&camera, [64, 64]);
+        let mut tracer = Tracer::new(&scene);
+        for tile in 0..16u32 {
+            let low = DVec2::new(f64::from(tile % 4), f64::from(tile / 4)) * 16.0;
+            let is_seen = lens.sees(scene.reach(), low, low + 16.0);
+            skipped += u32::from(!is_seen);
+            for i in 0..16u32 {
+                let at = low + DVec2::new(f64::from(i % 4), f64::from(i / 4)) * 5.3;
+                let is_met = tracer.trace(&lens.ray(at, 1.0), 0.0, f64::INFINITY).is_some();
+                assert!(is_seen || !is_met, "{camera:?} {at}");
+                met += u32::from(is_met);
+            }
+        }
+    }
+    assert!(skipped > 50 && met > 500, "{skipped} tiles skipped, {met} rays met something");
+}
+
+#[test]
 fn interpolation_is_exact_on_linear_densities() {
     let field = |p: Vec3| 0.03 + 0.05 * p.x + 0.07 * p.y + 0.11 * p.z;
     let brick = Brick::from_fn(|x, y, z| field(Vec3::new(x as f32, y as f32, z as f32)));

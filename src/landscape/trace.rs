@@ -1,21 +1,18 @@
 //! Rays through the landscape (TD17: rays stepped through the voxels, the octree to skip what is
 //! empty, trilinear interpolation where it is not).
 //!
-//! A ray steps from block to block and in them from child to child of a node (Amanatides & Woo 1987);
-//! over an empty one it steps whole, into those that hold something it goes down, and comes back up to step on. A step is to
-//! the next whole number along an axis, so that there is progress wherever the ray runs: along an
-//! axis, on a face, through a corner. Where a voxel looks smaller than the footprint
-//! of the ray (a pixel, say) the walk ends at the cell that is as large as the footprint; nearer by,
-//! vegetation is where the interpolated density passes one half, and ground is the bilinear patch
-//! between four heights, met exactly. Known limits: vegetation seen from afar is as wide as the
-//! cells it is in, up to a footprint too wide; a hill in a single footprint may be missed.
+//! Where a voxel looks smaller than the footprint of the ray (a pixel, say) its walk ends at the cell
+//! that is as large as the footprint; nearer by, vegetation is where the interpolated density passes
+//! one half, and ground is the bilinear patch between four heights, met exactly. Known limits:
+//! vegetation seen from afar is as wide as the cells it is in, up to a footprint too wide; a hill in a
+//! single footprint may be missed.
 
 use glam::{DVec3, Vec3};
 
 use super::Landscape;
-use super::blocks::{BLOCK, BLOCK_LEVEL};
 use super::brick::Brick;
-use super::dag::{BITS, Dag, Ref, SIDE};
+use super::dag::{BITS, Ref, SIDE};
+use super::walk::{Cell, Way, greater, lesser, walk};
 
 /// A half line in voxels from the centre of the first voxel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,120 +21,6 @@ pub(super) struct Ray {
     pub direction: DVec3,
     /// Breadth in voxels at the origin, and by how much more a length of `direction`.
     pub breadth: [f32; 2],
-}
-
-/// A ray as cells see it.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Way {
-    o: [f64; 3],
-    /// No part is 0.
-    d: [f64; 3],
-    inverse: [f64; 3],
-    /// Absolute values of `inverse`.
-    span: [f64; 3],
-    /// What a step adds to an index: 1, or all bits for −1.
-    step: [u32; 3],
-}
-
-impl Way {
-    pub fn new(ray: &Ray) -> Way {
-        let part = |d: f64| if d.abs() < LEAST { LEAST } else { d };
-        let d = [part(ray.direction.x), part(ray.direction.y), part(ray.direction.z)];
-        let step = |d: f64| if d > 0.0 { 1 } else { u32::MAX };
-        let inverse = [1.0 / d[0], 1.0 / d[1], 1.0 / d[2]];
-        Way {
-            o: ray.origin.to_array(),
-            d,
-            inverse,
-            span: inverse.map(f64::abs),
-            step: [step(d[0]), step(d[1]), step(d[2])],
-        }
-    }
-}
-
-/// Where a ray is among equal cells, and where it leaves its cell across each axis.
-#[derive(Debug, Clone, Copy, Default)]
-struct Steps {
-    child: [u32; 3],
-    next: [f64; 3],
-    /// Side of a cell in voxels.
-    side: f64,
-}
-
-impl Steps {
-    /// At `t`, among cells numbered from that at `low` to `last`.
-    #[inline]
-    fn new(low: [f64; 3], side: f64, last: [u32; 3], way: &Way, t: f64) -> Steps {
-        let inverse = 1.0 / side;
-        let mut steps = Steps { child: [0; 3], next: [0.0; 3], side };
-        for a in 0..3 {
-            // What is below 0 becomes 0.
-            let child = ((way.o[a] + way.d[a] * t - low[a]) * inverse) as u32;
-            steps.child[a] = child.min(last[a]);
-            let face = f64::from(steps.child[a] + u32::from(way.step[a] == 1)) * side + low[a];
-            steps.next[a] = (face - way.o[a]) * way.inverse[a];
-        }
-        steps
-    }
-
-    /// Into the next cell: where along the ray, and its number across the face that is passed; below
-    /// 0 comes after the greatest.
-    #[inline(always)]
-    fn step(&mut self, way: &Way) -> (f64, u32) {
-        let [x, y, z] = self.next;
-        let (axis, t) = if x <= y && x <= z {
-            (0, x)
-        } else if y <= z {
-            (1, y)
-        } else {
-            (2, z)
-        };
-        self.next[axis] = t + self.side * way.span[axis];
-        self.child[axis] = self.child[axis].wrapping_add(way.step[axis]);
-        (t, self.child[axis])
-    }
-}
-
-/// A node on a ray's way, and where among its children the ray is.
-#[derive(Debug, Clone, Copy, Default)]
-struct Stage {
-    node: usize,
-    mask: u64,
-    /// The node's first voxel.
-    low: [u32; 3],
-    steps: Steps,
-}
-
-impl Stage {
-    /// Where the ray enters a node.
-    #[inline]
-    fn new(dag: &Dag, node: usize, low: [u32; 3], level: u32, way: &Way, t: f64) -> Stage {
-        let side = f64::from(1u32 << (BITS * (level - 1)));
-        let first = [f64::from(low[0]), f64::from(low[1]), f64::from(low[2])];
-        let steps = Steps::new(first, side, [SIDE - 1; 3], way, t);
-        Stage { node, mask: dag.mask(node), low, steps }
-    }
-}
-
-/// A child of a node on a ray's way.
-struct Cell {
-    low: [u32; 3],
-    /// Its side is 2^bits voxels.
-    bits: u32,
-    child: Ref,
-    /// Children of the node, and which this is.
-    around: (u64, u32),
-    /// Where the ray enters and leaves it.
-    span: [f64; 2],
-    /// The ray is 2^fine voxels broad.
-    fine: i32,
-}
-
-/// A part of a ray.
-#[derive(Debug, Clone, Copy)]
-struct Span {
-    from: f64,
-    to: f64,
 }
 
 /// What a ray meets.
@@ -167,14 +50,24 @@ pub(super) struct Tracer<'a> {
     pub scene: &'a Landscape,
     keys: Vec<u64>,
     bricks: Vec<Brick>,
+    /// Whether the processor has what [`Tracer::first_by_bits`] needs.
+    #[cfg(target_arch = "x86_64")]
+    counts_bits: bool,
 }
-
-/// A direction's part below this is taken as this.
-const LEAST: f64 = 1e-12;
 
 impl<'a> Tracer<'a> {
     pub fn new(scene: &'a Landscape) -> Tracer<'a> {
-        Tracer { scene, keys: vec![u64::MAX; SHELF], bricks: vec![Brick::EMPTY; SHELF] }
+        Tracer {
+            scene,
+            keys: vec![u64::MAX; SHELF],
+            bricks: vec![Brick::EMPTY; SHELF],
+            #[cfg(target_arch = "x86_64")]
+            counts_bits: is_x86_feature_detected!("avx2")
+                && is_x86_feature_detected!("bmi1")
+                && is_x86_feature_detected!("bmi2")
+                && is_x86_feature_detected!("lzcnt")
+                && is_x86_feature_detected!("popcnt"),
+        }
     }
 
     /// The brick whose first voxel is at `low`.
@@ -201,29 +94,34 @@ impl<'a> Tracer<'a> {
 
     /// Where a way enters the scene and where it leaves it; what it meets of the earth's cut face, or
     /// `None`, where it does not enter.
-    fn enter(&self, way: &Way, from: f64, to: f64) -> Result<Span, Option<Hit>> {
+    #[inline(always)]
+    fn enter(&self, way: &Way, from: f64, to: f64) -> Result<[f64; 2], Option<Hit>> {
         let Way { o, d, inverse, .. } = way;
-        let (mut t, mut end, mut axis) = (from.max(0.0), to, None);
+        let (mut t, mut end, mut axis) = (greater(from, 0.0), to, None);
+        let reach = self.scene.reach();
         for a in 0..3 {
-            let (low, high) =
-                (-o[a] * inverse[a], (f64::from(self.scene.sides[a]) - o[a]) * inverse[a]);
-            if low.min(high) > t {
-                (t, axis) = (low.min(high), Some(a));
+            let side = f64::from(reach[a] as i32);
+            let (near, far) = if d[a] > 0.0 { (0.0, side) } else { (side, 0.0) };
+            let (near, far) = ((near - o[a]) * inverse[a], (far - o[a]) * inverse[a]);
+            if near > t {
+                (t, axis) = (near, Some(a));
             }
-            end = end.min(low.max(high));
+            end = lesser(end, far);
         }
         if t > end {
             return Err(None);
         }
         if let Some(a) = axis {
             let z = o[2] + d[2] * t;
+            // From above nothing is cut.
             if z > -1e-6
+                && z < f64::from(reach[2]) - 1e-6
                 && self.scene.height(o[0] + d[0] * t, o[1] + d[1] * t).is_some_and(|h| z < h)
             {
                 return Err(Some(Hit { t, what: What::Cut(a as u8), size: 1, around: (0, 0) }));
             }
         }
-        Ok(Span { from: t, to: end })
+        Ok([t, end])
     }
 
     /// Where a ray enters the box of the scene; 0 where it begins within.
@@ -239,6 +137,30 @@ impl<'a> Tracer<'a> {
 
     /// The first thing that a ray meets between `from` and `to` of its direction's lengths.
     pub fn trace(&mut self, ray: &Ray, from: f64, to: f64) -> Option<Hit> {
+        #[cfg(target_arch = "x86_64")]
+        if self.counts_bits {
+            // SAFETY: the processor was asked when the tracer was made.
+            return unsafe { self.first_by_bits(ray, from, to) };
+        }
+        self.first_anywhere(ray, from, to)
+    }
+
+    #[inline(never)]
+    fn first_anywhere(&mut self, ray: &Ray, from: f64, to: f64) -> Option<Hit> {
+        self.first(ray, from, to)
+    }
+
+    /// [`Tracer::first`] with the instructions of newer processors, which count bits in one. Nothing
+    /// in it rounds otherwise.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+    #[inline(never)]
+    fn first_by_bits(&mut self, ray: &Ray, from: f64, to: f64) -> Option<Hit> {
+        self.first(ray, from, to)
+    }
+
+    #[inline(always)]
+    fn first(&mut self, ray: &Ray, from: f64, to: f64) -> Option<Hit> {
         self.walk(ray, from, to, |tracer, way, cell| tracer.content(way, cell))
     }
 
@@ -261,7 +183,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// Takes a ray from cell to cell until `meet` has something to give.
-    #[inline]
+    #[inline(always)]
     fn walk(
         &mut self,
         ray: &Ray,
@@ -269,94 +191,14 @@ impl<'a> Tracer<'a> {
         to: f64,
         mut meet: impl FnMut(&mut Self, &Way, &Cell) -> Option<Hit>,
     ) -> Option<Hit> {
-        let scene = self.scene;
         let way = Way::new(ray);
-        let Span { from: start, to: end } = match self.enter(&way, from, to) {
-            Ok(span) => span,
-            Err(met) => return met,
-        };
-        let mut t = start;
-        let last = scene.blocks.sides.map(|side| side - 1);
-        let mut place = Steps::new([0.0; 3], f64::from(BLOCK), last, &way, t);
-        loop {
-            if let Some(block) = scene.blocks.at(place.child) {
-                let low = place.child.map(|i| i * BLOCK);
-                match self.through(block, low, &way, ray, (t, end), &mut meet) {
-                    Ok(out) => t = t.max(out),
-                    Err(hit) => return Some(hit),
-                }
-            }
-            t = t.max(place.step(&way).0);
-            if t >= end || !scene.blocks.holds(place.child) {
-                return None;
-            }
+        match self.enter(&way, from, to) {
+            Ok(span) => walk(self.scene, &way, span, |cell| meet(self, &way, cell)),
+            Err(met) => met,
         }
     }
 
-    /// Takes a ray through a block: what it met, or where it came out.
-    #[inline]
-    fn through(
-        &mut self,
-        block: Ref,
-        low: [u32; 3],
-        way: &Way,
-        ray: &Ray,
-        (mut t, end): (f64, f64),
-        meet: &mut impl FnMut(&mut Self, &Way, &Cell) -> Option<Hit>,
-    ) -> Result<f64, Hit> {
-        let dag = &self.scene.dag;
-        let mut level = BLOCK_LEVEL;
-        let mut stack = [Stage::default(); BLOCK_LEVEL as usize + 1];
-        let mut stage = Stage::new(dag, block.index(), low, level, way, t);
-        loop {
-            let child = stage.steps.child;
-            let number = child[0] | child[1] << 2 | child[2] << 4;
-            if stage.mask >> number & 1 != 0 {
-                let rank = (stage.mask & ((1u64 << number) - 1)).count_ones() as usize;
-                let node = Ref(dag.words[stage.node + 2 + rank]);
-                let bits = BITS * (level - 1);
-                let low = [
-                    stage.low[0] + (child[0] << bits),
-                    stage.low[1] + (child[1] << bits),
-                    stage.low[2] + (child[2] << bits),
-                ];
-                // The largest power of two that is no broader than the ray.
-                let breadth = ray.breadth[0] + ray.breadth[1] * t as f32;
-                let fine = (breadth.to_bits() >> 23) as i32 - 127;
-                if bits as i32 > fine && level > 2 {
-                    stack[level as usize] = stage;
-                    level -= 1;
-                    stage = Stage::new(dag, node.index(), low, level, way, t);
-                    continue;
-                }
-                let [x, y, z] = stage.steps.next;
-                let span = [t, x.min(y).min(z).min(end).max(t)];
-                let cell =
-                    Cell { low, bits, child: node, around: (stage.mask, number), span, fine };
-                if let Some(hit) = meet(self, way, &cell) {
-                    return Err(hit);
-                }
-            }
-            // Into the next cell, of the node or of one above.
-            loop {
-                let (out, index) = stage.steps.step(way);
-                t = t.max(out);
-                if index < SIDE {
-                    break;
-                }
-                if level == BLOCK_LEVEL {
-                    return Ok(t);
-                }
-                level += 1;
-                stage = stack[level as usize];
-            }
-            if t >= end {
-                return Ok(t);
-            }
-        }
-    }
-
-    #[inline]
+    #[inline(always)]
     fn content(&mut self, way: &Way, cell: &Cell) -> Option<Hit> {
         if cell.bits as i32 <= cell.fine {
             let (t, what) = self.far(&way.o, &way.d, cell.child, cell.span)?;
@@ -367,6 +209,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// In a cell as small as the ray is broad.
+    #[inline(always)]
     fn far(
         &self,
         o: &[f64; 3],
@@ -397,6 +240,7 @@ impl<'a> Tracer<'a> {
 
     /// In a brick that is larger than the ray is broad; where its voxels are not, whole voxels are
     /// met.
+    #[inline(never)]
     fn near(&mut self, way: &Way, cell: &Cell) -> Option<Hit> {
         let Way { o, d, .. } = way;
         let Cell { low, child, span: [t, mut out], fine, .. } = *cell;

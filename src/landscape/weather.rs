@@ -5,7 +5,7 @@
 
 use glam::{Vec2, Vec3};
 
-use crate::seed::Seed;
+use crate::seed::{Seed, Stage};
 
 /// What the weather does; zeros do nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -32,6 +32,19 @@ pub(super) struct Skin {
     pub normal: Vec3,
     /// Share of the light of the sky that it mirrors.
     pub gloss: f32,
+}
+
+/// Where drops are in a picture.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Drops {
+    columns: Stage,
+    drops: Stage,
+}
+
+impl Drops {
+    pub fn new(seed: Seed) -> Drops {
+        Drops { columns: seed.stage("rain"), drops: seed.stage("drop") }
+    }
 }
 
 impl Weather {
@@ -75,7 +88,7 @@ impl Weather {
     }
 
     /// Brightness of the drops in front of a place in the picture, which is `height` pixels high.
-    pub(super) fn streaks(&self, at: Vec2, height: f32, seed: Seed) -> f32 {
+    pub(super) fn streaks(&self, at: Vec2, height: f32, drops: &Drops) -> f32 {
         if self.rain_mm <= 0.0 {
             return 0.0;
         }
@@ -85,19 +98,17 @@ impl Weather {
         for (layer, size) in [0.10f32, 0.055, 0.03].into_iter().enumerate() {
             // Drops fall aslant; each layer has a lattice of its own.
             let x = (at.x + 0.12 * at.y) / (size * 0.16);
-            let column = x.floor();
-            let mut draws = seed.derive("rain", (column as i64 as u64) << 2 | layer as u64).draws();
+            // No part is below 0, so that this is the floor.
+            let column = x as u32;
+            let mut draws = drops.columns.seed(u64::from(column) << 2 | layer as u64).draws();
             let y = at.y / size + draws.between(0.0, 64.0);
-            let mut drop = seed
-                .derive(
-                    "drop",
-                    (column as i64 as u64) << 34 ^ (y.floor() as i64 as u64) << 2 ^ layer as u64,
-                )
-                .draws();
+            let row = y as u32;
+            let key = u64::from(column) << 34 ^ u64::from(row) << 2 ^ layer as u64;
+            let mut drop = drops.drops.seed(key).draws();
             if drop.unit() < 0.75 * amount {
                 let middle = drop.between(0.25, 0.75);
-                let across = ((x - column - middle).abs() / 0.10).min(1.0);
-                let along = y - y.floor();
+                let across = ((x - column as f32 - middle).abs() / 0.10).min(1.0);
+                let along = y - row as f32;
                 let fade = (along * (1.0 - along) * 4.0).powi(2);
                 light += (1.0 - across) * fade * 0.16 * (1.0 - 0.2 * layer as f32);
             }

@@ -97,8 +97,22 @@ pub fn load(path: &Path, run: &mut Recorder) -> Result<Landscape> {
 }
 
 /// A camera in the scan's own coordinates, in those of the landscape.
-pub fn camera(scene: &Landscape, eye: &Eye) -> Camera {
-    view::camera(&scene.frame, eye)
+///
+/// # Errors
+/// A camera below the ground.
+pub fn camera(scene: &Landscape, eye: &Eye) -> Result<Camera> {
+    let camera = view::camera(&scene.frame, eye);
+    match scene.ground_m(camera.eye) {
+        Some(ground) if camera.eye.z < ground => {
+            let height = scene.frame.world_from_local(camera.eye.with_z(ground)).z;
+            let (x, y, z) = (eye.at.x, eye.at.y, eye.at.z);
+            Err(Error::new(format!(
+                "the camera at {x},{y},{z} is below the ground, which is {height:.2} high there"
+            ))
+            .remedy(format!("give --camera a third number above {height:.2}")))
+        }
+        _ => Ok(camera),
+    }
 }
 
 /// Draws, showing each pass to `progress`.
