@@ -104,7 +104,7 @@ fn apart(surface: &Layers, other: &Layers) -> [f64; 3] {
 
 fn main() -> Result<()> {
     let dir = tempfile::tempdir().expect("a folder");
-    let detail = Detail { height_stride: 8, colour_stride: 4, density_bits: 4, ..DETAIL };
+    let detail = Detail { height_stride: 8, colour_stride: 4, density_bits: 4 };
     // The densities that the others are measured against.
     let Voxelized { columns, frame, detail, .. } = tile(dir.path(), &detail)?;
     let [cols, rows, high] = columns.voxels();

@@ -290,7 +290,7 @@ pub fn canopy_extent(
 fn extent_of(cloud: &PointCloud, height: &[f32], min_height_m: f32) -> Option<Extent> {
     let points = cloud.position.par_iter().zip(height);
     points
-        .filter(|(_, height)| **height >= min_height_m)
+        .filter(|(_, height)| height.is_finite() && **height >= min_height_m)
         .map(|(p, _)| Some((p.truncate(), p.truncate())))
         .reduce(|| None, join_extents)
 }
