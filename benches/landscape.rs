@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use larix::diagnostic::Result;
 use larix::ground::Method;
+use larix::heap;
 use larix::landscape::{
     Detail, Landscape, Layers, Mirrored, Shot, Source, View, Weather, count_hits, draw, layers,
 };
@@ -22,7 +23,7 @@ use larix::species;
 use larix::species::assign::SpeciesBy;
 
 #[global_allocator]
-static ALLOCATOR: peak_alloc::PeakAlloc = peak_alloc::PeakAlloc;
+static ALLOCATOR: heap::Counted = heap::Counted;
 
 const WHOLE: [u32; 3] = [8096, 8096, 256];
 const VOXEL_M: f32 = 0.25;
@@ -126,12 +127,12 @@ fn main() -> Result<()> {
         let detail = Detail { density_bits: bits, ..detail };
         let Voxelized { columns, .. } = tile(dir.path(), &detail)?;
         let whole = tiled(&columns, side);
-        ALLOCATOR.reset_peak_usage();
+        heap::forget_most();
         let start = Instant::now();
         let (scene, _) =
             Landscape::build(&whole, &detail, frame.clone(), columns.first_m, VOXEL_M)?;
         let seconds = start.elapsed().as_secs_f64();
-        let peak = ALLOCATOR.peak_usage_as_mb();
+        let peak = heap::most_bytes() as f64 / f64::from(1 << 20);
         let mut file = Vec::new();
         scene.write(&mut file).expect("memory for the file");
         let m = scene.memory();

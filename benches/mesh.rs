@@ -1,4 +1,4 @@
-//! Meshing of one tree's wood, with normals and texture coordinates, on one thread: triangles a
+//! Meshing of one tree, its wood alone or with its leaves, with normals and texture coordinates, on one thread: triangles a
 //! second, in the quickest of the runs of one second.
 //!
 //! `cargo bench --bench mesh`, or with a part of a name: `cargo bench --bench mesh -- oak`
@@ -35,6 +35,8 @@ fn main() {
         ("intersecting", 100_000, MeshOptions { junctions: Junctions::Intersecting, ..free }),
         ("hero", 3_333, MeshOptions { triangle_budget: Some(20_000), ..free }),
         ("20 000 of a large tree", 100_000, MeshOptions { triangle_budget: Some(20_000), ..free }),
+        ("with cards", 100_000, MeshOptions { foliage: FoliageLevel::Cards, ..free }),
+        ("with every leaf", 20_000, MeshOptions { foliage: FoliageLevel::Geometry, ..free }),
     ];
     println!("{:46} {:>9} {:>9} {:>7}", "", "triangles", "ms", "M/s");
     for (tree, name) in SPECIES {

@@ -18,7 +18,7 @@ use larix::species::{self, Species};
 
 /// Counts the heap, for the peak of each stage.
 #[global_allocator]
-static ALLOCATOR: peak_alloc::PeakAlloc = peak_alloc::PeakAlloc;
+static ALLOCATOR: larix::heap::Counted = larix::heap::Counted;
 
 fn species() -> Vec<Species> {
     let names = ["larix_sibirica", "betula_pendula", "pinus_sylvestris", "picea_obovata"];

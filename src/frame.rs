@@ -5,6 +5,7 @@
 //! Y north. World coordinates appear only in readers, writers and reports.
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 /// A coordinate reference system as the input states it; nothing is looked up.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,6 +70,14 @@ impl Frame {
         let north = (world_m.y * 4.0).floor() as i64 as u64;
         (east << 32) | (north & 0xffff_ffff)
     }
+}
+
+/// The least box about points; `None` without any.
+pub fn bounds(points: &[Vec3]) -> Option<(Vec3, Vec3)> {
+    let none = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    (points.par_chunks(1 << 16))
+        .map(|run| run.iter().fold(none, |(low, high), p| (low.min(*p), high.max(*p))))
+        .reduce_with(|a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
 
 #[cfg(test)]

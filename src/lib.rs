@@ -15,6 +15,7 @@ pub mod diagnostic;
 pub mod export;
 pub mod frame;
 pub mod ground;
+pub mod heap;
 pub mod inventory;
 pub mod landscape;
 pub mod lod;

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Rooms that each room may name. Everyone may use those at the bottom.
-const BOTTOM: [&str; 5] = ["frame", "seed", "diagnostic", "raster", "work"];
+const BOTTOM: [&str; 6] = ["frame", "seed", "diagnostic", "raster", "heap", "work"];
 
 fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
     BTreeMap::from([
@@ -13,6 +13,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
         ("seed", &[]),
         ("diagnostic", &[]),
         ("work", &[]),
+        ("heap", &[]),
         ("cache", &[]),
         ("raster", &[]),
         ("scan", &["voxel"]),

@@ -13,6 +13,7 @@ use std::ops::Range;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::frame::bounds;
 use crate::raster::{Grid, GridGeometry, scatter};
 
 /// Rings of empty cells that are filled from their neighbours; cells farther out are bare.
@@ -28,9 +29,19 @@ const KERNEL_STEP: f32 = 1.5;
 
 /// Points per occupied square metre, over squares of 2 m; 0 for no points.
 pub(super) fn density_per_sq_m(position: &[Vec3]) -> f64 {
+    let Some((low, high)) = bounds(position) else { return 0.0 };
+    let along = |v: f32| (v * 0.5).floor() as i32;
+    let of_squares = |n: usize| position.len() as f64 / (4 * n.max(1)) as f64;
+    let [cols, rows] = [(low.x, high.x), (low.y, high.y)]
+        .map(|(low, high)| (i64::from(along(high)) - i64::from(along(low)) + 1) as usize);
+    if let Some(squares) = cols.checked_mul(rows).filter(|n| *n <= position.len().max(1 << 20)) {
+        let place = |p: &Vec3| {
+            (along(p.y) - along(low.y)) as usize * cols + (along(p.x) - along(low.x)) as usize
+        };
+        return of_squares(scatter::filled(squares, position.par_iter().map(place)));
+    }
     // Column and row in one word, which sorts faster than a pair.
-    let along = |v: f32| (v * 0.5).floor() as i32 as u32;
-    let square = |p: &Vec3| u64::from(along(p.y)) << 32 | u64::from(along(p.x));
+    let square = |p: &Vec3| u64::from(along(p.y) as u32) << 32 | u64::from(along(p.x) as u32);
     let mut squares: Vec<u64> = position
         .par_chunks(1 << 16)
         .flat_map_iter(|run| {
@@ -43,7 +54,7 @@ pub(super) fn density_per_sq_m(position: &[Vec3]) -> f64 {
         .collect();
     squares.par_sort_unstable();
     squares.dedup();
-    position.len() as f64 / (4 * squares.len().max(1)) as f64
+    of_squares(squares.len())
 }
 
 /// Cells that are chosen among, metres. Far apart, so that like densities give one cell; all
@@ -270,20 +281,35 @@ fn gaussian(grid: &Grid<f32>, sigma: f32) -> Grid<f32> {
         padded.extend(std::iter::repeat_n(line[0], reach));
         padded.extend_from_slice(line);
         padded.extend(std::iter::repeat_n(line[cols - 1], reach));
-        for (k, w) in weight.iter().enumerate() {
-            for (value, v) in out.iter_mut().zip(&padded[k..k + cols]) {
-                *value += w * v;
-            }
-        }
+        weigh(out, &weight, |k| &padded[k..k + cols]);
     });
     let mut data = vec![0.0f32; grid.data.len()];
     data.par_chunks_mut(cols).enumerate().for_each(|(r, out)| {
-        for (k, w) in weight.iter().enumerate() {
+        weigh(out, &weight, |k| {
             let from = (r + k).saturating_sub(reach).min(rows - 1) * cols;
-            for (value, v) in out.iter_mut().zip(&across[from..from + cols]) {
-                *value += w * v;
-            }
-        }
+            &across[from..from + cols]
+        });
     });
     Grid { geometry: grid.geometry, data }
+}
+
+/// The weighted sum of lines, all as long as `out`. Sums of a few columns at a time stay in
+/// registers.
+fn weigh<'a>(out: &mut [f32], weight: &[f32], line: impl Fn(usize) -> &'a [f32]) {
+    const ABREAST: usize = 32;
+    let (blocks, rest) = out.as_chunks_mut::<ABREAST>();
+    for (b, sums) in blocks.iter_mut().enumerate() {
+        let mut acc = [0.0f32; ABREAST];
+        for (k, w) in weight.iter().enumerate() {
+            let (values, _) = line(k)[b * ABREAST..].as_chunks::<ABREAST>();
+            for (sum, v) in acc.iter_mut().zip(&values[0]) {
+                *sum += w * v;
+            }
+        }
+        *sums = acc;
+    }
+    let from = blocks.len() * ABREAST;
+    for (i, sum) in rest.iter_mut().enumerate() {
+        *sum = weight.iter().enumerate().map(|(k, w)| w * line(k)[from + i]).sum();
+    }
 }

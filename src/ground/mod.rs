@@ -183,9 +183,7 @@ fn zero_level(cloud: &PointCloud) -> f32 {
 
 /// Infinite the wrong way round for no points.
 fn bounds(points: &[Vec3]) -> (Vec3, Vec3) {
-    let none = || (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    let both = |a: (Vec3, Vec3), b: (Vec3, Vec3)| (a.0.min(b.0), a.1.max(b.1));
-    points.par_iter().fold(none, |b, p| both(b, (*p, *p))).reduce(none, both)
+    crate::frame::bounds(points).unwrap_or((Vec3::INFINITY, Vec3::NEG_INFINITY))
 }
 
 /// Whether heights are above ground already: of the lowest points of 5 m cells, a quarter or more

@@ -238,18 +238,15 @@ pub(super) fn build_terrain(
 ) -> Result<Terrain> {
     run.stage("terrain", |warnings| {
         let options = job.effort.terrain(job.cell_m);
-        let (terrain, held_out) = rayon::join(
-            || terrain::build(classified, &options),
-            || terrain::held_out_error(classified, &options),
-        );
-        let terrain = terrain?.into_value(warnings);
+        let (terrain, held_out) = terrain::build_measured(classified, &options)?;
+        let terrain = terrain.into_value(warnings);
         let ground = classified.kind.iter().filter(|&&k| k == Kind::Ground).count();
         let cells = terrain.heights.data.len();
         let mut outcome = Outcome::items(ground, "ground points", cells, "cells")
             .note(format!("cell {} m", terrain.heights.geometry.cell_x));
         let near = terrain.near(classified, looked_at(classified.cloud.len()));
         check_ground(job, near, classified.is_normalised, &terrain)?;
-        if let Some(held_out) = held_out? {
+        if let Some(held_out) = held_out {
             outcome = with_held_out(outcome, held_out);
         }
         Ok((terrain, outcome))

@@ -164,7 +164,7 @@ impl Tiled {
                     continue;
                 }
                 gathered.add(&ground);
-                if let Some(of_block) = terrain::held_out_of(ground, cell, self.ground_points)? {
+                if let Some(of_block) = terrain::held_out_of(&ground, cell, self.ground_points)? {
                     held_out.add(of_block);
                 }
             }

@@ -1,7 +1,7 @@
-//! The least or greatest of the values that fall on each cell, on all threads. The outcome does not
-//! depend on their number or order.
+//! The least or greatest of the values that fall on each cell, and whether any does, on all threads. The
+//! outcome does not depend on their number or order.
 
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
@@ -61,6 +61,20 @@ pub fn least_number(
     keys.into_par_iter().map(number).collect()
 }
 
+/// How many cells something falls on. Cells past the last count for nothing.
+pub fn filled(cells: usize, places: impl ParallelIterator<Item = usize>) -> usize {
+    let is_filled: Vec<AtomicBool> =
+        rayon::iter::repeat_n(false, cells).map(AtomicBool::new).collect();
+    places.for_each(|cell| {
+        if let Some(is_filled) = is_filled.get(cell)
+            && !is_filled.load(Relaxed)
+        {
+            is_filled.store(true, Relaxed);
+        }
+    });
+    is_filled.into_par_iter().filter(|filled| filled.load(Relaxed)).count()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -72,6 +86,12 @@ mod tests {
             assert!(rank(*a) < rank(*b), "{a} {b}");
         }
         assert!(v.iter().all(|v| value(rank(*v)).to_bits() == v.to_bits()));
+    }
+
+    #[test]
+    fn filled_cells_count_once() {
+        assert_eq!(filled(4, [3, 0, 3, 9, 0].into_par_iter()), 2);
+        assert_eq!(filled(0, [0].into_par_iter()), 0);
     }
 
     #[test]

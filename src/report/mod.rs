@@ -10,6 +10,5 @@ pub mod stats;
 
 pub use document::Document;
 pub use run::{
-    ErrorMeasure, Items, Observer, Outcome, Recorder, Silent, StageRecord, heap_bytes, significant,
-    table,
+    ErrorMeasure, Items, Observer, Outcome, Recorder, Silent, StageRecord, significant, table,
 };

@@ -4,6 +4,8 @@ use std::time::Instant;
 
 use serde::Serialize;
 
+use crate::heap;
+
 /// A figure a stage knows of its own error.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ErrorMeasure {
@@ -112,8 +114,7 @@ impl<'a> Recorder<'a> {
         work: impl FnOnce(&mut Vec<String>) -> Result<(T, Outcome), E>,
     ) -> Result<T, E> {
         self.observer.begin(name);
-        let memory = peak_alloc::PeakAlloc;
-        memory.reset_peak_usage();
+        heap::forget_most();
         let start = Instant::now();
         let (value, outcome) = work(&mut self.warnings)?;
         let none = || Items { count: 0, of: "none".into() };
@@ -122,7 +123,7 @@ impl<'a> Recorder<'a> {
             seconds: start.elapsed().as_secs_f64(),
             items_in: outcome.items_in.unwrap_or_else(none),
             items_out: outcome.items_out.unwrap_or_else(none),
-            peak_bytes: memory.peak_usage() as u64,
+            peak_bytes: heap::most_bytes(),
             error: outcome.error,
             notes: outcome.notes,
         };
@@ -140,11 +141,6 @@ impl<'a> Recorder<'a> {
     pub fn peak_bytes(&self) -> u64 {
         self.stages.iter().map(|s| s.peak_bytes).max().unwrap_or(0)
     }
-}
-
-/// Heap bytes that the process holds now; 0 where the allocator does not count.
-pub fn heap_bytes() -> u64 {
-    peak_alloc::PeakAlloc.current_usage() as u64
 }
 
 /// A table of the stages for a terminal, 100 columns wide.

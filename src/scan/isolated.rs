@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use super::PointCloud;
 use super::part::Part;
+use crate::raster::scatter;
 
 /// A neighbourhood with at most this many points, the point itself among them, is noise.
 pub(super) const MOST_POINTS: u32 = 2;
@@ -45,7 +46,15 @@ pub(super) fn density_per_m2(parts: &[Part], unit_m: DVec3) -> f64 {
     let points: usize = parts.iter().map(|part| part.coordinates.len()).sum();
     let edge_m = ((max - min).truncate().max_element() / f64::from(i32::MAX)).max(1.0);
     let cells = Voxels::over(min, max, DVec3::new(edge_m, edge_m, f64::INFINITY), points);
-    points as f64 / (cells.count(parts, unit_m).len() as f64 * edge_m * edge_m)
+    let key = |p: DVec3| cells.key(p * unit_m);
+    let occupied = match cells.few {
+        Some(keys) => {
+            let of_run = |run: Run| run.points(parts).map(|p| key(p) as usize);
+            scatter::filled(keys, runs(parts).into_par_iter().flat_map_iter(of_run))
+        }
+        None => count_sorted(parts, key).len(),
+    };
+    points as f64 / (occupied as f64 * edge_m * edge_m)
 }
 
 /// Which points to keep.
@@ -133,18 +142,19 @@ pub(super) fn keep(parts: &[Part], unit_m: DVec3, density_per_m2: f64) -> Option
         return None;
     }
     isolated.shrink_to_fit();
-    let flags = parts
-        .iter()
-        .map(|part| {
-            (0..part.coordinates.len())
-                .into_par_iter()
-                .map(|i| {
-                    let place = part.coordinates.get(i);
-                    place.is_none_or(|p| isolated.binary_search(&grid.key(p * unit_m)).is_err())
-                })
-                .collect()
-        })
-        .collect();
+    let mut by_key = vec![false; grid.few.unwrap_or(0)];
+    let is_isolated: &(dyn Fn(u64) -> bool + Sync) = if grid.few.is_some() {
+        isolated.iter().for_each(|&key| by_key[key as usize] = true);
+        &|key| by_key[key as usize]
+    } else {
+        &|key| isolated.binary_search(&key).is_ok()
+    };
+    let is_kept = |p: DVec3| !is_isolated(grid.key(p * unit_m));
+    let of_part = |part: &Part| {
+        let points = (0..part.coordinates.len()).into_par_iter();
+        points.map(|i| part.coordinates.get(i).is_none_or(is_kept)).collect()
+    };
+    let flags = parts.iter().map(of_part).collect();
     Some(Keep { flags, is_coarse: edge_m > wanted_m })
 }
 
@@ -200,11 +210,21 @@ impl Voxels {
         let Some(keys) = self.few else { return count_sorted(parts, key) };
         let counts: Vec<AtomicU32> = (0..keys).map(|_| AtomicU32::new(0)).collect();
         runs(parts).into_par_iter().for_each(|run| {
-            for key in run.points(parts).map(key) {
+            // Points come in the order of flight: many in a row lie in one voxel.
+            let (mut last, mut in_a_row) = (0, 0);
+            let add = |key: u64, points: u32| {
                 if let Some(count) = counts.get(key as usize) {
-                    count.fetch_add(1, Ordering::Relaxed);
+                    count.fetch_add(points, Ordering::Relaxed);
                 }
+            };
+            for key in run.points(parts).map(key) {
+                if key != last {
+                    add(last, in_a_row);
+                    (last, in_a_row) = (key, 0);
+                }
+                in_a_row += 1;
             }
+            add(last, in_a_row);
         });
         let counts = (0..).zip(counts).map(|(key, count)| (key, count.into_inner()));
         counts.filter(|(_, n)| *n > 0).collect()
@@ -264,7 +284,6 @@ fn count_sorted(parts: &[Part], key: impl Fn(DVec3) -> u64 + Sync) -> Vec<(u64, 
     let mut counts: Vec<(u64, u32)> = runs(parts)
         .into_par_iter()
         .flat_map_iter(|run| {
-            // Points come in the order of flight: many in a row lie in one voxel.
             let mut counts: Vec<(u64, u32)> = Vec::new();
             for key in run.points(parts).map(&key) {
                 match counts.last_mut() {

@@ -321,11 +321,11 @@ fn reasons(removed: &Removed) -> String {
 fn drop_points(parts: &mut [Part], keep: &[Vec<bool>]) -> u64 {
     let mut dropped = 0;
     for (part, keep) in parts.iter_mut().zip(keep) {
-        let n = keep.iter().filter(|keep| !**keep).count();
-        if n > 0 {
-            part.coordinates.retain(keep);
-            part.columns.retain(keep);
-            dropped += n as u64;
+        let out: Vec<usize> =
+            (keep.par_iter().enumerate()).filter_map(|(i, keep)| (!keep).then_some(i)).collect();
+        if !out.is_empty() {
+            rayon::join(|| part.coordinates.leave_out(&out), || part.columns.leave_out(&out));
+            dropped += out.len() as u64;
         }
     }
     dropped

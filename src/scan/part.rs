@@ -56,11 +56,11 @@ impl Coordinates {
         true
     }
 
-    /// Keeps the points whose flag is true; flags are as many as points.
-    pub fn retain(&mut self, keep: &[bool]) {
+    /// Without the points of these numbers, ascending.
+    pub fn leave_out(&mut self, out: &[usize]) {
         match self {
-            Coordinates::Scaled { steps, .. } => retain(steps, keep),
-            Coordinates::Real(world) => retain(world, keep),
+            Coordinates::Scaled { steps, .. } => leave_out(steps, out),
+            Coordinates::Real(world) => leave_out(world, out),
         }
     }
 }
@@ -69,9 +69,15 @@ pub(super) fn world_from_steps(steps: [i32; 3], scale: DVec3, offset: DVec3) -> 
     DVec3::new(f64::from(steps[0]), f64::from(steps[1]), f64::from(steps[2])) * scale + offset
 }
 
-fn retain<T>(column: &mut Vec<T>, keep: &[bool]) {
-    let mut flags = keep.iter();
-    column.retain(|_| flags.next().copied().unwrap_or(true));
+/// What lies between two that go is moved in one piece: few go.
+fn leave_out<T: Copy>(column: &mut Vec<T>, out: &[usize]) {
+    let ends = out.iter().skip(1).copied().chain([column.len()]);
+    let mut kept = out.first().copied().unwrap_or(column.len());
+    for (gone, end) in out.iter().zip(ends) {
+        column.copy_within(gone + 1..end, kept);
+        kept += end - (gone + 1);
+    }
+    column.truncate(kept);
 }
 
 /// The columns beside the coordinates, of equal length.
@@ -105,14 +111,15 @@ impl Columns {
         }
     }
 
-    pub fn retain(&mut self, keep: &[bool]) {
+    /// Without the points of these numbers, ascending.
+    pub fn leave_out(&mut self, out: &[usize]) {
         rayon::scope(|s| {
-            s.spawn(|_| retain(&mut self.intensity, keep));
-            s.spawn(|_| retain(&mut self.return_number, keep));
-            s.spawn(|_| retain(&mut self.return_count, keep));
-            s.spawn(|_| retain(&mut self.class, keep));
+            s.spawn(|_| leave_out(&mut self.intensity, out));
+            s.spawn(|_| leave_out(&mut self.return_number, out));
+            s.spawn(|_| leave_out(&mut self.return_count, out));
+            s.spawn(|_| leave_out(&mut self.class, out));
             if let Some(rgb) = &mut self.rgb {
-                s.spawn(|_| retain(rgb, keep));
+                s.spawn(|_| leave_out(rgb, out));
             }
         });
     }

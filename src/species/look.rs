@@ -56,12 +56,15 @@ impl Looks {
 /// Looks at every crown through the vegetation's returns inside its outline, in the crowns' order.
 /// Sums are of whole millimetres: they are the same in whatever order the returns come.
 pub fn measure(crowns: &[Crown], classified: &Classified, terrain: &Terrain) -> Looks {
-    let intensity = ground_intensity(classified);
-    let Some(places) = Places::new(crowns) else {
-        return Looks { of_crown: vec![None; crowns.len()], ground_intensity: intensity };
-    };
+    let (ground_intensity, of_crown) =
+        rayon::join(|| ground_intensity(classified), || looks(crowns, classified, terrain));
+    Looks { of_crown, ground_intensity }
+}
+
+fn looks(crowns: &[Crown], classified: &Classified, terrain: &Terrain) -> Vec<Option<Look>> {
+    let Some(places) = Places::new(crowns) else { return vec![None; crowns.len()] };
     let cloud = &classified.cloud;
-    let together = cloud.len().div_ceil(rayon::current_num_threads()).max(1 << 14);
+    let together = cloud.len().div_ceil(2 * rayon::current_num_threads()).max(1 << 14);
     let sums = (cloud.position.par_chunks(together).enumerate())
         .map(|(run, points)| {
             let mut sums = vec![Sums::default(); crowns.len()];
@@ -91,8 +94,7 @@ pub fn measure(crowns: &[Crown], classified: &Classified, terrain: &Terrain) -> 
             all.iter_mut().zip(run).for_each(|(sum, more)| sum.join(&more));
             all
         });
-    let of_crown = sums.unwrap_or_default().iter().map(Sums::look).collect();
-    Looks { of_crown, ground_intensity: intensity }
+    sums.unwrap_or_default().iter().map(Sums::look).collect()
 }
 
 /// Longer lengths are cut to this, so that no sum overflows: no tree is so tall.

@@ -16,7 +16,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use crate::diagnostic::{Error, Result, Warned};
-use crate::frame::Frame;
+use crate::frame::{Frame, bounds};
 use crate::ground::{Classified, Kind};
 use crate::raster::trend::trend;
 use crate::raster::{Grid, GridGeometry, inpaint};
@@ -57,12 +57,37 @@ const MOST_CELLS: usize = 100_000_000;
 /// ground points where the heights are absolute.
 pub fn build(classified: &Classified, options: &TerrainOptions) -> Result<Warned<Terrain>> {
     let ground = ground_points(classified);
-    let geometry = geometry(classified, &ground, options)?;
+    let geometry = geometry(classified, ground.len(), options)?;
+    through(&ground, geometry, classified)
+}
+
+/// [`build`] and [`held_out_error`] side by side.
+///
+/// # Errors
+/// Those of [`build`].
+pub fn build_measured(
+    classified: &Classified,
+    options: &TerrainOptions,
+) -> Result<(Warned<Terrain>, Option<HeldOut>)> {
+    let ground = ground_points(classified);
+    let geometry = geometry(classified, ground.len(), options)?;
+    let (terrain, held_out) = rayon::join(
+        || through(&ground, geometry, classified),
+        || off_held_out(&ground, geometry, classified),
+    );
+    Ok((terrain?, held_out?))
+}
+
+fn through(
+    ground: &[Vec3],
+    geometry: GridGeometry,
+    classified: &Classified,
+) -> Result<Warned<Terrain>> {
     if classified.is_normalised {
         let terrain = Terrain::level(geometry, &classified.cloud.frame);
-        return Ok(Warned::new(terrain.with_observed(&ground)));
+        return Ok(Warned::new(terrain.with_observed(ground)));
     }
-    let terrain = from_points(&ground, geometry)?;
+    let terrain = from_points(ground, geometry)?;
     let warnings = terrain.warning().into_iter().collect();
     Ok(Warned::with(terrain, warnings))
 }
@@ -238,24 +263,20 @@ fn fill(heights: &mut Grid<f32>, vertices: &[Vec3]) {
 
 fn geometry(
     classified: &Classified,
-    ground: &[Vec3],
+    ground_points: usize,
     options: &TerrainOptions,
 ) -> Result<GridGeometry> {
     let points = &classified.cloud.position;
-    let Some(first) = points.first() else {
+    let Some((low, high)) = bounds(points) else {
         return Err(Error::new("no points, so no terrain").remedy("give a scan with points"));
     };
-    let both = |a: (Vec3, Vec3), b: (Vec3, Vec3)| (a.0.min(b.0), a.1.max(b.1));
-    let (low, high) = (points.par_iter())
-        .fold(|| (*first, *first), |b, p| both(b, (*p, *p)))
-        .reduce(|| (*first, *first), both);
     let cell = match options.cell_m {
         Some(c) if c.is_finite() && c > 0.0 => f64::from(c),
         Some(c) => {
             return Err(Error::new(format!("a terrain cell of {c} m is not possible"))
                 .remedy("give --cell a number greater than 0"));
         }
-        None => choose_cell_m((high - low).truncate(), ground.len(), options.cell_in_spacings),
+        None => choose_cell_m((high - low).truncate(), ground_points, options.cell_in_spacings),
     };
     grid_over(low, high, cell)
 }
@@ -322,12 +343,19 @@ pub fn held_out_error(
     options: &TerrainOptions,
 ) -> Result<Option<HeldOut>> {
     let ground = ground_points(classified);
+    let geometry = geometry(classified, ground.len(), options)?;
+    off_held_out(&ground, geometry, classified)
+}
+
+fn off_held_out(
+    ground: &[Vec3],
+    geometry: GridGeometry,
+    classified: &Classified,
+) -> Result<Option<HeldOut>> {
     if classified.is_normalised || ground.len() < 30 {
         return Ok(None);
     }
-    let cell_m = geometry(classified, &ground, options)?.cell_x;
-    let whole = ground.len();
-    held_out_of(ground, cell_m, whole)
+    held_out_of(ground, geometry.cell_x, ground.len())
 }
 
 /// [`held_out_error`] of a piece of a scan that has so many ground points in all: of a large one, on
@@ -335,16 +363,17 @@ pub fn held_out_error(
 ///
 /// # Errors
 /// More than 100 million cells.
-pub fn held_out_of(ground: Vec<Vec3>, cell_m: f64, whole: usize) -> Result<Option<HeldOut>> {
-    let Some(first) = ground.first() else { return Ok(None) };
-    let (low, high) = ground.iter().fold((*first, *first), |(a, b), p| (a.min(*p), b.max(*p)));
+pub fn held_out_of(ground: &[Vec3], cell_m: f64, whole: usize) -> Result<Option<HeldOut>> {
+    let Some((low, high)) = bounds(ground) else { return Ok(None) };
     let one_in = (whole / HELD_OUT_FROM) as u64 + 1;
     let square = |p: &Vec3| (p.truncate() / HELD_OUT_SQUARE_M).floor();
+    let in_drawn: Vec<Vec3> = (ground.par_iter())
+        .filter(|p| hash(&square(p).to_array()).is_multiple_of(one_in))
+        .copied()
+        .collect();
     let mut drawn: BTreeMap<[i32; 2], Vec<Vec3>> = BTreeMap::new();
-    for p in &ground {
-        if hash(&square(p).to_array()).is_multiple_of(one_in) {
-            drawn.entry(square(p).as_ivec2().to_array()).or_default().push(*p);
-        }
+    for p in in_drawn {
+        drawn.entry(square(&p).as_ivec2().to_array()).or_default().push(p);
     }
     let is_out = |p: &Vec3| hash(&p.to_array()).is_multiple_of(HELD_OUT);
     let measure = |out: Vec<Vec3>, kept: &[Vec3], geometry: GridGeometry| -> Result<Vec<f64>> {
@@ -356,7 +385,7 @@ pub fn held_out_of(ground: Vec<Vec3>, cell_m: f64, whole: usize) -> Result<Optio
         Ok(out.iter().map(off).collect())
     };
     let off = if one_in == 1 || drawn.is_empty() {
-        let (out, kept): (Vec<Vec3>, Vec<Vec3>) = ground.into_iter().partition(is_out);
+        let (out, kept): (Vec<Vec3>, Vec<Vec3>) = ground.iter().partition(|p| is_out(p));
         measure(out, &kept, grid_over(low, high, cell_m)?.grown(1))?
     } else {
         let squares: Vec<([i32; 2], Vec<Vec3>)> = drawn.into_iter().collect();

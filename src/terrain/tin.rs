@@ -19,7 +19,7 @@ use delaunator::{Point, triangulate};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::raster::{Grid, GridGeometry};
+use crate::raster::{Grid, GridGeometry, Groups};
 
 /// Side of a block and width of its margin, cells.
 const BLOCK: usize = 256;
@@ -38,25 +38,34 @@ pub struct Mean {
 /// The mean point of each square of a grid that holds any, in the order of the squares: as many
 /// vertices as the grid can show, and less noise in each.
 pub fn thinned(points: &[Vec3], squares: &GridGeometry) -> Vec<Mean> {
-    // Sorted rather than summed on the grid, which may have many more squares than points.
-    let place = |(i, p): (usize, &Vec3)| {
+    let square_of = |p: &Vec3| {
         let (c, r) = squares.cell_of(p.x.into(), p.y.into())?;
-        let square = u32::try_from(squares.index(c, r)).ok()?;
-        Some(u64::from(square) << 32 | u64::from(u32::try_from(i).ok()?))
+        u32::try_from(squares.index(c, r)).ok()
+    };
+    let mean = |square: u32, numbers: &mut dyn ExactSizeIterator<Item = u32>| {
+        let count = numbers.len();
+        let sum = numbers.map(|i| points[i as usize].as_dvec3()).sum::<DVec3>();
+        Mean { square, points: count as u32, at: (sum / count as f64).as_vec3() }
+    };
+    if squares.len() <= points.len() {
+        let place = points.par_iter().map(|p| square_of(p).unwrap_or(u32::MAX));
+        let groups = Groups::new(squares.len(), place, |i| i);
+        let of = |square: u32| Some(groups.of(square as usize)).filter(|own| !own.is_empty());
+        return (0..squares.len() as u32)
+            .into_par_iter()
+            .filter_map(|square| Some(mean(square, &mut of(square)?.iter().copied())))
+            .collect();
+    }
+    // A grid may have many more squares than points.
+    let place = |(i, p): (usize, &Vec3)| {
+        Some(u64::from(square_of(p)?) << 32 | u64::from(u32::try_from(i).ok()?))
     };
     let mut places: Vec<u64> = Vec::with_capacity(points.len());
     places.par_extend(points.par_iter().enumerate().filter_map(place));
     places.par_sort_unstable();
-    let mean = |same: &[u64]| {
-        let point = |&k: &u64| points[k as u32 as usize].as_dvec3();
-        let sum = same.iter().map(point).sum::<DVec3>();
-        Mean {
-            square: (same[0] >> 32) as u32,
-            points: same.len() as u32,
-            at: (sum / same.len() as f64).as_vec3(),
-        }
-    };
-    places.par_chunk_by(|a, b| a >> 32 == b >> 32).map(mean).collect()
+    (places.par_chunk_by(|a, b| a >> 32 == b >> 32))
+        .map(|own| mean((own[0] >> 32) as u32, &mut own.iter().map(|&place| place as u32)))
+        .collect()
 }
 
 /// Height at every cell centre inside the points' hull; NaN outside. Points must be finite.
@@ -248,7 +257,7 @@ fn draw(
     let (wx, wy) = ((a.y - b.y) / area, (b.x - a.x) / area);
     for row in rows {
         let y = g.north - (row as f64 + 0.5) * g.cell_y - a.y;
-        for col in cols.clone() {
+        for col in between_sides([a, b, c], a.y + y, g, &cols) {
             let x = g.west + (col as f64 + 0.5) * g.cell_x - a.x;
             let (v, w) = (vx * x + vy * y, wx * x + wy * y);
             let u = 1.0 - v - w;
@@ -257,6 +266,34 @@ fn draw(
             }
         }
     }
+}
+
+/// Those of the columns that the sides of a triangle may lie about at a latitude, with one to
+/// spare: the box about a long thin triangle is mostly outside it.
+fn between_sides(
+    [a, b, c]: [&DVec3; 3],
+    y: f64,
+    g: &GridGeometry,
+    cols: &Range<usize>,
+) -> Range<usize> {
+    const FEW_COLS: usize = 6;
+    if cols.len() <= FEW_COLS {
+        return cols.clone();
+    }
+    let (mut west, mut east) = (f64::INFINITY, f64::NEG_INFINITY);
+    for (p, q) in [(a, b), (b, c), (c, a)] {
+        if p.y != q.y && (p.y - y) * (q.y - y) <= 0.0 {
+            let x = p.x + (y - p.y) / (q.y - p.y) * (q.x - p.x);
+            (west, east) = (west.min(x), east.max(x));
+        }
+    }
+    if west > east {
+        return cols.clone();
+    }
+    // A negative number becomes 0.
+    let first = ((west - g.west) / g.cell_x - 1.5) as usize;
+    let end = ((east - g.west) / g.cell_x + 1.5) as usize;
+    first.max(cols.start)..(end + 1).min(cols.end)
 }
 
 #[cfg(test)]

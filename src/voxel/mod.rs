@@ -107,13 +107,7 @@ struct Occupied {
 }
 
 fn bounds(points: &[Vec3]) -> Option<(Vec3, Vec3)> {
-    let empty = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    let grow = |(min, max): (Vec3, Vec3), p: &Vec3| (min.min(*p), max.max(*p));
-    let (min, max) = points
-        .par_chunks(1 << 16)
-        .map(|points| points.iter().fold(empty, grow))
-        .reduce(|| empty, |a, b| (a.0.min(b.0), a.1.max(b.1)));
-    (!points.is_empty() && min.is_finite() && max.is_finite()).then_some((min, max))
+    crate::frame::bounds(points).filter(|(min, max)| min.is_finite() && max.is_finite())
 }
 
 impl Grid {

@@ -8,8 +8,9 @@ use super::super::{Sharing, forest, survey::Survey};
 use super::Bench;
 use crate::diagnostic::{Error, Result};
 use crate::ground::{self, Method};
+use crate::heap::held_bytes;
 use crate::report::document::{Quantity, Scaled, Scaling, Series, Timing};
-use crate::report::{Outcome, Recorder, Silent, heap_bytes};
+use crate::report::{Outcome, Recorder, Silent};
 use crate::scan::PointCloud;
 use crate::terrain::{self, Terrain};
 use crate::{crown, voxel};
@@ -83,7 +84,7 @@ fn measured<P>(
     /// Longer tasks are run once.
     const LONG_S: f64 = 1.5;
     let (mut seconds, mut peak_bytes) = (Vec::new(), 0);
-    let held_bytes = heap_bytes();
+    let held_bytes = held_bytes();
     loop {
         let prepared = prepare();
         let mut run = Recorder::new(&Silent);
