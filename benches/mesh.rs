@@ -27,6 +27,7 @@ fn grown(name: &str, max_nodes: u32) -> (Species, Skeleton) {
 }
 
 fn main() {
+    larix::heap::keep_freed();
     let only: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
     let free =
         MeshOptions { triangle_budget: None, foliage: FoliageLevel::None, ..MeshOptions::HERO };

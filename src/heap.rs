@@ -1,4 +1,4 @@
-//! The heap: how much of it is held and was held at most.
+//! The heap: how much of it is held and was held at most, and what becomes of freed pages.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -76,6 +76,17 @@ pub fn most_bytes() -> u64 {
 /// From now on only what is held now and later counts for [`most_bytes`].
 pub fn forget_most() {
     MOST.store(HELD.load(Relaxed), Relaxed);
+}
+
+/// Grids, columns and meshes come and go: kept between them, their pages are not mapped and cleared
+/// anew each time. For the start of a program.
+pub fn keep_freed() {
+    #[cfg(target_env = "gnu")]
+    // SAFETY: the values are in mallopt's range.
+    unsafe {
+        libc::mallopt(libc::M_MMAP_THRESHOLD, 32 << 20);
+        libc::mallopt(libc::M_TRIM_THRESHOLD, libc::c_int::MAX);
+    }
 }
 
 #[cfg(test)]

@@ -5,5 +5,6 @@ use std::process::ExitCode;
 static ALLOCATOR: larix::heap::Counted = larix::heap::Counted;
 
 fn main() -> ExitCode {
+    larix::heap::keep_freed();
     larix::cli::run()
 }

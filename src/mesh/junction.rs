@@ -26,6 +26,9 @@ const NO_COLLAR: f32 = 1.1;
 const ROOM_ALONG: f32 = 1.2;
 const ROOM_AROUND: f32 = 0.08;
 
+/// Near enough to the bark, in the branch's radii.
+const ON_BARK: f32 = 0.01;
+
 /// A branch's foot on its parent's path.
 #[derive(Debug, Clone, Copy)]
 pub struct Branch {
@@ -131,7 +134,15 @@ pub fn leave(
                 let t = if k % 2 == 0 { inner / (inner - outer) } else { 0.5 };
                 let middle = lo + (hi - lo) * t.clamp(0.02, 0.98);
                 let (_, d) = depth(segment, w[0].at.lerp(w[1].at, middle));
-                if d > 0.0 { (lo, inner) = (middle, d) } else { (hi, outer) = (middle, d) }
+                if d > 0.0 {
+                    (lo, inner) = (middle, d)
+                } else {
+                    (hi, outer) = (middle, d)
+                }
+                if d.abs() < ON_BARK * w[0].radius_m {
+                    (lo, hi) = (middle, middle);
+                    break;
+                }
             }
             let out = if inner <= 0.0 { lo } else { hi };
             let radius = w[0].radius_m + (w[1].radius_m - w[0].radius_m) * out;

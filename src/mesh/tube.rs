@@ -505,15 +505,9 @@ fn corners(ring: &Ring, circle: &[Vec2], lobe_phase: f32, out: &mut Surface) {
     let lift = 1.0 / (1.0 + ring.slope * ring.slope).sqrt();
     let (flat, rise) = (lift, ring.tangent * (-ring.slope * lift));
     if ring.lobe == 0.0 {
-        let from = out.position.len();
-        out.position.resize(from + circle.len(), ring.centre);
-        out.normal.resize(from + circle.len(), rise);
-        let places = out.position[from..].iter_mut().zip(&mut out.normal[from..]);
-        for (c, (position, normal)) in circle.iter().zip(places) {
-            let away = ring.normal * c.x + binormal * c.y;
-            *position = ring.centre + away * ring.radius_m;
-            *normal = away * flat + rise;
-        }
+        let away = |c: &Vec2| ring.normal * c.x + binormal * c.y;
+        out.position.extend(circle.iter().map(|c| ring.centre + away(c) * ring.radius_m));
+        out.normal.extend(circle.iter().map(|c| away(c) * flat + rise));
     } else {
         // Buttresses, uneven: r(θ) = r (1 + lobe · (¾ cos(5θ + φ) + ½ cos(2θ + 2φ))).
         for (k, c) in circle.iter().enumerate() {
