@@ -46,19 +46,22 @@ impl Chains {
         }
         // What else springs from each, as a list through the nodes.
         let (mut first, mut then) = (vec![NONE; n], vec![NONE; n]);
+        let mut springs = 0;
         for i in (1..n).rev() {
             let p = skeleton.parent[i] as usize;
             if onward[p] != i as u32 {
                 (then[i], first[p]) = (first[p], i as u32);
+                springs += 1;
             }
         }
         let mut chains = Chains {
-            node: Vec::with_capacity(n + n / 2),
-            knot: Vec::with_capacity(n + n / 2),
-            chain: Vec::new(),
-            branch: Vec::new(),
-            first_branch: vec![0],
+            node: Vec::with_capacity(n + springs),
+            knot: Vec::with_capacity(n + springs),
+            chain: Vec::with_capacity(1 + springs),
+            branch: Vec::with_capacity(springs),
+            first_branch: Vec::with_capacity(2 + springs),
         };
+        chains.first_branch.push(0);
         // First node of a chain, the node it springs from, and its place among the branches.
         let mut todo = vec![(0, None, 0)];
         while let Some((start, base, slot)) = todo.pop() {

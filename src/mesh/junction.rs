@@ -74,9 +74,18 @@ impl Hole {
     }
 }
 
-/// The nearest place on a path: segment, share of it, distance, radius there; from the segment
-/// given, downhill.
-fn nearest(path: &[Ring], mut segment: usize, p: Vec3) -> (usize, f32, f32, f32) {
+/// A place on a path: its segment and share of that, the radius there, and how far another place
+/// lies within the bark.
+#[derive(Clone, Copy)]
+struct Place {
+    segment: usize,
+    share: f32,
+    radius_m: f32,
+    depth_m: f32,
+}
+
+/// The place nearest to `p`, downhill from the segment given.
+fn nearest(path: &[Ring], mut segment: usize, p: Vec3) -> Place {
     let last = path.len() - 2;
     let mut came = 0;
     let mut share = 0.0;
@@ -94,8 +103,9 @@ fn nearest(path: &[Ring], mut segment: usize, p: Vec3) -> (usize, f32, f32, f32)
     }
     let share = share.clamp(0.0, 1.0);
     let (a, b) = (&path[segment], &path[segment + 1]);
-    let radius = a.radius_m + (b.radius_m - a.radius_m) * share;
-    (segment, share, p.distance(a.centre.lerp(b.centre, share)), radius)
+    let radius_m = a.radius_m + (b.radius_m - a.radius_m) * share;
+    let depth_m = radius_m - p.distance(a.centre.lerp(b.centre, share));
+    Place { segment, share, radius_m, depth_m }
 }
 
 /// The foot of a branch whose knots begin near `base_arc_m` of the parent's path; `None` where it
@@ -112,51 +122,48 @@ pub fn leave(
         return None;
     }
     let first = path.partition_point(|r| r.arc_m <= base_arc_m).clamp(1, path.len() - 1) - 1;
-    let mut segment = first;
-    let depth = |segment: usize, p: Vec3| {
-        let (s, _, distance, radius) = nearest(path, segment, p);
-        (s, radius - distance)
-    };
-    let (s, mut inner) = depth(segment, knots[0].at);
-    segment = s;
+    let Place { mut segment, depth_m: mut inner, .. } = nearest(path, first, knots[0].at);
     let mut walked = 0.0;
     let mut found = None;
     for (i, w) in knots.windows(2).enumerate() {
         let step = w[0].at.distance(w[1].at);
-        let (s, mut outer) = depth(segment, w[1].at);
+        let end = nearest(path, segment, w[1].at);
+        let mut outer = end.depth_m;
         if outer < 0.0 {
             // False position, every other time by halves.
             let (mut lo, mut hi) = (0.0f32, 1.0f32);
+            let mut place = None;
             for k in 0..6 {
                 if inner <= 0.0 {
                     break;
                 }
                 let t = if k % 2 == 0 { inner / (inner - outer) } else { 0.5 };
                 let middle = lo + (hi - lo) * t.clamp(0.02, 0.98);
-                let (_, d) = depth(segment, w[0].at.lerp(w[1].at, middle));
+                let near = nearest(path, segment, w[0].at.lerp(w[1].at, middle));
+                let d = near.depth_m;
                 if d > 0.0 {
                     (lo, inner) = (middle, d)
                 } else {
                     (hi, outer) = (middle, d)
                 }
                 if d.abs() < ON_BARK * w[0].radius_m {
-                    (lo, hi) = (middle, middle);
+                    (lo, hi, place) = (middle, middle, Some(near));
                     break;
                 }
             }
             let out = if inner <= 0.0 { lo } else { hi };
             let radius = w[0].radius_m + (w[1].radius_m - w[0].radius_m) * out;
             let at = w[0].at.lerp(w[1].at, out);
-            found = Some((walked + step * out, at, w[1].at - w[0].at, radius, i + 1));
+            let place = place.unwrap_or_else(|| nearest(path, segment, at));
+            found = Some((walked + step * out, at, w[1].at - w[0].at, radius, i + 1, place));
             walked += step;
             break;
         }
-        (segment, inner) = (s, outer);
+        (segment, inner) = (end.segment, outer);
         walked += step;
     }
-    let (on_branch_m, at, direction, radius, beyond) = found?;
-    let (segment, share, _, parent_radius) = nearest(path, segment, at);
-    let ring = between(&path[segment], &path[segment + 1], share);
+    let (on_branch_m, at, direction, radius, beyond, place) = found?;
+    let ring = between(&path[place.segment], &path[place.segment + 1], place.share);
     let direction = direction.normalize_or(Vec3::Z);
     let away = at - ring.centre;
     let across = away - ring.tangent * ring.tangent.dot(away);
@@ -164,7 +171,7 @@ pub fn leave(
         .try_normalize()
         .or_else(|| (direction - ring.tangent * ring.tangent.dot(direction)).try_normalize())
         .unwrap_or(ring.normal);
-    let host = parent_radius.max(least.radius_m);
+    let host = place.radius_m.max(least.radius_m);
     let r = radius.max(least.radius_m).min(host);
     let has_collar = has_collar(r, sides);
     let wide = r * if has_collar { COLLAR } else { NO_COLLAR };

@@ -70,7 +70,7 @@ struct Motion {
 pub struct Wind {
     profile: WindProfile,
     seed: Seed,
-    height_m: f32,
+    per_m: f32,
     /// Distance along the wood from the stem over the longest such, and phase; one a node.
     out: Vec<[f32; 2]>,
 }
@@ -93,7 +93,7 @@ impl Wind {
         }
         let longest = branch.iter().map(|b| b[0]).fold(1e-6, f32::max);
         branch.iter_mut().for_each(|b| b[0] /= longest);
-        Wind { profile, seed, height_m: skeleton.height_m().max(1e-6), out: branch }
+        Wind { profile, seed, per_m: skeleton.height_m().max(1e-6).recip(), out: branch }
     }
 
     /// How the rings of a tube move, appended to `out`: at each of `at_m`, arc lengths along a line
@@ -155,7 +155,7 @@ impl Wind {
 
     /// How much the whole tree moves at a height.
     fn tree(&self, z: f32) -> f32 {
-        (z / self.height_m).clamp(0.0, 1.0).powi(2)
+        (z * self.per_m).clamp(0.0, 1.0).powi(2)
     }
 
     fn motion(&self, z: f32, [out, branch_phase]: [f32; 2]) -> Motion {

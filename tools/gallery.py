@@ -1,0 +1,126 @@
+#!/usr/bin/env python3
+"""Renders the contact sheets of all species: states.jpg and bark.jpg of output/gallery.
+
+    tools/gallery.py -o output/gallery [--larix target/release/larix] [--only bark]
+
+states: three seeds in leaf, autumn, winter, and the conditions III and VI. bark: the stem at its foot,
+at a quarter and at 0.7 of the height, as close as two metres. Needs Pillow beside Blender, which
+tools/contact_sheet.py needs too.
+"""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image, ImageDraw, ImageFont
+
+ROOT = Path(__file__).resolve().parent.parent
+STATES = [
+    ["--seed", "1"],
+    ["--seed", "2"],
+    ["--seed", "3"],
+    ["--season", "autumn"],
+    ["--season", "winter"],
+    ["--condition", "III"],
+    ["--condition", "VI"],
+]
+STATE_PX, BARK_PX = 240, 230
+BARK_AT, BARK_M = [0.02, 0.25, 0.7], 2.0
+WIDTH_PX = 1600
+GAP_PX = 4
+
+
+def run(*command):
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
+    if done.returncode:
+        sys.exit(f"{' '.join(map(str, command))}\n{done.stderr}")
+    return done.stdout
+
+
+def sheet(files, out, *options):
+    tool = ROOT / "tools" / "contact_sheet.py"
+    run(sys.executable, tool, *files, "-o", out, *options)
+    return Image.open(out).convert("RGB")
+
+
+def states(larix, name, folder):
+    files = []
+    for k, options in enumerate(STATES):
+        files.append(folder / f"{name}_{k}.glb")
+        run(larix, "tree", name, *options, "--texture", 512, "-o", files[-1], "--quiet")
+    options = ["--columns", len(files), "--height", STATE_PX]
+    return sheet(files, folder / f"{name}.png", *options)
+
+
+def bark(larix, name, folder):
+    file = folder / f"{name}.glb"
+    run(larix, "tree", name, "--bare", "--texture", 2048, "-o", file, "--quiet")
+    options = ["--columns", 1, "--height", BARK_PX, "--window", BARK_M]
+    places = [
+        sheet([file], folder / f"{name}_{k}.png", *options, "--at", at)
+        for k, at in enumerate(BARK_AT)
+    ]
+    whole = Image.new("RGB", (sum(p.width for p in places), BARK_PX))
+    x = 0
+    for place in places:
+        whole.paste(place, (x, 0))
+        x += place.width
+    return whole
+
+
+def label(picture, text):
+    ImageDraw.Draw(picture).text((6, 3), text, (20, 20, 20), ImageFont.load_default(14))
+    return picture
+
+
+def rows(pictures):
+    """Pictures left to right in rows, each row as wide as the page."""
+    page, row = [], []
+    for picture in pictures:
+        row.append(picture)
+        if sum(p.width for p in row) >= WIDTH_PX:
+            page.append(row)
+            row = []
+    if row:
+        page.append(row)
+    lines = []
+    for row in page:
+        room = WIDTH_PX - GAP_PX * (len(row) - 1)
+        scale = min(room / sum(p.width for p in row), 1.2)
+        line = Image.new("RGB", (WIDTH_PX, round(scale * row[0].height)), "white")
+        x = 0
+        for p in row:
+            p = p.resize((round(p.width * scale), line.height), Image.LANCZOS)
+            line.paste(p, (x, 0))
+            x += p.width + GAP_PX
+        lines.append(line)
+    height = sum(p.height for p in lines) + GAP_PX * (len(lines) - 1)
+    whole = Image.new("RGB", (WIDTH_PX, height), "white")
+    y = 0
+    for line in lines:
+        whole.paste(line, (0, y))
+        y += line.height + GAP_PX
+    return whole
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
+    parser.add_argument("--larix", type=Path, default=ROOT / "target/release/larix")
+    parser.add_argument("--only", choices=["states", "bark"])
+    args = parser.parse_args()
+    args.output.mkdir(parents=True, exist_ok=True)
+    listed = run(args.larix, "species", "list", "--quiet").split()
+    names = [name for name in listed if "/" not in name]
+    for kind, draw in [("states", states), ("bark", bark)]:
+        if args.only in (None, kind):
+            with tempfile.TemporaryDirectory() as folder:
+                titled = lambda n: n.replace("_", " ").capitalize()
+                drawn = [label(draw(args.larix, n, Path(folder)), titled(n)) for n in names]
+            rows(drawn).save(args.output / f"{kind}.jpg", quality=82, optimize=True)
+
+
+if __name__ == "__main__":
+    main()
