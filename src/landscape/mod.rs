@@ -16,6 +16,7 @@ mod build;
 mod columns;
 mod dag;
 mod lens;
+mod pack;
 mod patchwork;
 mod picture;
 mod splat;
