@@ -12,7 +12,7 @@ use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::Landscape;
-use super::brick::trilinear;
+use super::grain::{clumps, earth, mottle};
 use super::lens::Lens;
 use super::pack::LANES;
 use super::splat;
@@ -471,9 +471,12 @@ impl<'a> Light<'a> {
             // Clumps of leaves are rounded, and mostly seen from their lit side.
             normal = (normal + 0.35 * Vec3::Z + 0.25 * toward_eye).normalize_or(Vec3::Z);
         }
+        let (shade, bump) =
+            if is_leafy { clumps(place, ray.breadth[1] * hit.t as f32) } else { (1.0, Vec3::ZERO) };
+        normal = (normal + bump).normalize_or(Vec3::Z);
         let albedo = match hit.what {
             What::Ground => ground,
-            What::Vegetation => above * mottle(place),
+            What::Vegetation => above * mottle(place) * shade,
             What::Cut(_) => earth(place, self.scene.height(place.x, place.y), self.scene.voxel_m),
         };
         // Off the surface that was met, by what it may be wrong.
@@ -552,31 +555,4 @@ impl<'a> Light<'a> {
         }
         open / rays.max(1) as f32
     }
-}
-
-/// Brightness by place, so that one tree's leaves are not all alike: a lattice of random numbers two
-/// voxels apart, smooth in between.
-fn mottle(p: DVec3) -> f32 {
-    let q = p * 0.5;
-    let cell = q.floor();
-    let f = (q - cell).as_vec3();
-    let f = f * f * (3.0 - 2.0 * f);
-    let corner = |k: u64| {
-        let at = [cell.x, cell.y, cell.z].map(|v| v as i64 as u64);
-        let mut h = (at[0].wrapping_add(k & 1)).wrapping_mul(0x9e37_79b9_7f4a_7c15)
-            ^ (at[1].wrapping_add(k >> 1 & 1)).wrapping_mul(0xbf58_476d_1ce4_e5b9)
-            ^ (at[2].wrapping_add(k >> 2)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        h = (h ^ h >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        0.82 + 0.36 * ((h >> 40) as f32 / (1u64 << 24) as f32)
-    };
-    trilinear(&[0, 1, 2, 3, 4, 5, 6, 7].map(corner), f)
-}
-
-/// Colour of the earth where the scene is cut, darker with depth, in layers.
-fn earth(p: DVec3, surface: Option<f64>, voxel_m: f32) -> Vec3 {
-    let deep = ((surface.unwrap_or(p.z) - p.z).max(0.0) as f32 * voxel_m).min(60.0);
-    let layer = 0.9 + 0.1 * (deep * 1.3 + 0.4 * (deep * 0.37).sin()).sin();
-    let top = Vec3::new(0.13, 0.085, 0.05);
-    let below = Vec3::new(0.26, 0.22, 0.18);
-    top.lerp(below, 1.0 - (-deep / 4.0).exp()) * layer
 }
