@@ -132,3 +132,48 @@ impl Pack {
         (self.over[lane] != 0).then(|| (Way::of(ray, of(&self.d), of(&self.inverse)), begin))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use crate::landscape::tests::Made;
+    use crate::landscape::trace::{Ray, Tracer};
+    use crate::seed::Seed;
+
+    use super::LANES;
+
+    #[test]
+    fn rays_side_by_side_meet_what_each_meets_alone() {
+        let mut draws = Seed::new(31).draws();
+        let (mut met, mut past) = (0, 0);
+        for seed in 0..4 {
+            let scene = Made::wood(150, 400, seed).built();
+            let mut tracer = Tracer::new(&scene);
+            for round in 0..400 {
+                // From without, from within, and level with the cut faces.
+                let from = [-90.0, 10.0][round % 2];
+                let mut place = |low: f32, high: f32| f64::from(draws.between(low, high));
+                let origin = DVec3::new(place(from, 240.0), place(from, 240.0), place(1.0, 120.0));
+                let rays: [Ray; LANES] = std::array::from_fn(|_| {
+                    let target =
+                        DVec3::new(place(0.0, 150.0), place(0.0, 150.0), place(-9.0, 40.0));
+                    Ray { origin, direction: target - origin, breadth: [0.0, 0.4] }
+                });
+                let all = tracer.trace_all(&rays);
+                for (ray, hit) in rays.iter().zip(all) {
+                    let alone = tracer.trace(ray, 0.0, f64::INFINITY);
+                    let what = |hit: Option<_>| hit.map(|h: crate::landscape::trace::Hit| h.what);
+                    assert_eq!(what(hit), what(alone), "{ray:?}");
+                    if let (Some(hit), Some(alone)) = (hit, alone) {
+                        assert!((hit.t - alone.t).abs() < 1e-6, "{ray:?}");
+                        met += 1;
+                    } else {
+                        past += 1;
+                    }
+                }
+            }
+        }
+        assert!(met > 1000 && past > 1000, "{met} met, {past} past");
+    }
+}
