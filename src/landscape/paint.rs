@@ -64,9 +64,9 @@ impl Cell {
 /// wavelength what that is in green and red (Chavez 1988). Then brings the median to what leaves and
 /// soil reflect.
 ///
-/// Of photos of forests the red is spread 0.7 to 1.1 times as widely as the green and the blue 0.5 to
-/// 0.9 times (12 photos of 4 sources); channels spread more widely were stretched each alone, which
-/// makes leaves purple and emerald.
+/// In 43 photos of forests at three sites red is spread 0.95 to 1.13 times as widely as green and blue
+/// 0.41 to 0.89 times; channels spread more widely were stretched each alone, which makes leaves
+/// purple and emerald.
 pub(super) struct Clear {
     middle: Vec3,
     narrow: Vec3,
@@ -75,7 +75,7 @@ pub(super) struct Clear {
 }
 
 /// How widely red, green and blue may be spread, over the spread of green.
-const SPREAD: Vec3 = Vec3::new(1.1, 1.0, 0.9);
+const SPREAD: Vec3 = Vec3::new(1.15, 1.0, 0.9);
 /// Share of the air's blue light that it has in red, green and blue: (0.45 µm / λ)².
 const SCATTERED: Vec3 = Vec3::new(0.48, 0.67, 1.0);
 /// sRGB of the median after that, and of the brightest hundredth at most.
@@ -233,7 +233,7 @@ mod tests {
                 v.sort_unstable_by(f32::total_cmp);
                 v[950] - v[50]
             };
-            assert!(spread(0) < 1.15 * spread(1) && spread(2) < 0.95 * spread(1));
+            assert!(spread(0) < 1.2 * spread(1) && spread(2) < 0.95 * spread(1));
         }
     }
 
