@@ -12,6 +12,8 @@ pub(super) const BLOCK: u32 = 1 << (BITS * BLOCK_LEVEL);
 pub(super) struct Blocks {
     /// Blocks along x, y and z.
     pub sides: [u32; 3],
+    /// 2^[`PER_ROW_BITS`] over what [`Blocks::row`] is, rounded up: exact for as many columns as can be.
+    per_row: u64,
     /// Bricks up to which anything reaches; −1 where nothing is.
     pub top: i16,
     /// Bricks up to which anything reaches, by column of the children of blocks, x fastest, with one
@@ -23,6 +25,7 @@ pub(super) struct Blocks {
     nodes: Vec<u32>,
 }
 
+const PER_ROW_BITS: u32 = 47;
 /// Blocks of one landscape, at most.
 const MOST: u64 = 1 << 26;
 
@@ -40,6 +43,7 @@ impl Blocks {
         let columns = sides[0] as usize * sides[1] as usize;
         let mut blocks = Blocks {
             sides,
+            per_row: (1u64 << PER_ROW_BITS).div_ceil(around(sides[0]) as u64),
             top: -1,
             tops: vec![-1; around(sides[0]) * around(sides[1])],
             highest: vec![-1; columns],
@@ -102,8 +106,9 @@ impl Blocks {
     /// The column with a number that [`Blocks::place`] gives.
     #[inline(always)]
     pub fn at(&self, place: usize) -> [u32; 2] {
-        let (place, row) = (place as u32, self.row() as u32);
-        [(place % row).wrapping_sub(1), (place / row).wrapping_sub(1)]
+        let y = (place as u64 * self.per_row) >> PER_ROW_BITS;
+        let x = place as u64 - y * self.row() as u64;
+        [(x as u32).wrapping_sub(1), (y as u32).wrapping_sub(1)]
     }
 
     /// The blocks of a column from the lowest up; all bits 0 where one is empty.

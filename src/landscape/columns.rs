@@ -13,6 +13,9 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::build::{Detail, MOST_VOXELS, Source, Voxel};
+use super::paint::{
+    Brightness, Cell, Clear, LEAST_HEIGHT_M, SOIL, WATER, has_colour, ponds, soil, tint,
+};
 use crate::diagnostic::{Error, Result};
 use crate::ground::{Classified, Kind};
 use crate::raster::{Grid, GridGeometry, inpaint};
@@ -262,6 +265,10 @@ impl Columns {
         let most = cloud.rgb.iter().flatten().flatten().copied().max().unwrap_or(0);
         let scale = if most > 255 { 255.0 / 65535.0 } else { 1.0 };
         let bright = Brightness::of(&seen);
+        let ponds = match from {
+            PaintedFrom::Heights => ponds(&seen, cols, cell as f32),
+            _ => Vec::new(),
+        };
         let clear = Clear::of((0..cols * rows).step_by(7).filter_map(|i| match (from, photo) {
             (PaintedFrom::Photo, Some(photo)) => photo(place(i)).map(Vec3::from),
             (PaintedFrom::Points, _) => seen[i].mean().map(|c| c * scale),
@@ -278,6 +285,7 @@ impl Columns {
                     let mean = || cell.colour[of] * (scale / cell.count[of]);
                     (cell.count[of] > 0.0).then(|| clear.seen(mean()))
                 }
+                _ if of == 0 && ponds.get(i) == Some(&true) => Some(soil(WATER)),
                 _ => (cell.count[of] > 0.0).then(|| {
                     let tint = if of == 0 { soil(cell.low) } else { tint(cell.class, cell.height) };
                     tint * bright.of_cell(cell, of)
@@ -314,119 +322,6 @@ impl Columns {
 
 /// Columns that are made of one scan, at most: they take 33 bytes each while they are.
 const MOST_COLUMNS: f64 = 5e7;
-/// A point lower than this over the terrain colours the ground.
-const LEAST_HEIGHT_M: f32 = 1.0;
-const SOIL: Vec3 = Vec3::new(126.0, 116.0, 88.0);
-
-fn has_colour(rgb: &Option<Vec<[u16; 3]>>) -> bool {
-    rgb.iter().flatten().any(|c| *c != [0; 3])
-}
-
-/// Colour by class (ASPRS), or by height above the terrain.
-fn tint(class: u8, height_m: f32) -> Vec3 {
-    match class {
-        6 => Vec3::new(150.0, 120.0, 108.0),
-        9 => Vec3::new(70.0, 100.0, 120.0),
-        13..=16 => Vec3::new(120.0, 120.0, 125.0),
-        _ => {
-            let low = Vec3::new(116.0, 126.0, 72.0);
-            let middle = Vec3::new(80.0, 108.0, 54.0);
-            let high = Vec3::new(48.0, 84.0, 48.0);
-            let t = (height_m / 30.0).clamp(0.0, 1.0) * 2.0;
-            if t < 1.0 { low.lerp(middle, t) } else { middle.lerp(high, t - 1.0) }
-        }
-    }
-}
-
-/// Colour of the ground by the class of its points (ASPRS).
-fn soil(class: u8) -> Vec3 {
-    match class {
-        9 => Vec3::new(62.0, 92.0, 108.0),
-        11 => Vec3::new(128.0, 126.0, 122.0),
-        _ => SOIL,
-    }
-}
-
-#[derive(Debug, Clone, Copy, Default)]
-struct Cell {
-    /// Of the ground and of what is above it.
-    count: [f32; 2],
-    intensity: [f32; 2],
-    colour: [Vec3; 2],
-    /// Above the terrain, of the highest point, and its class.
-    height: f32,
-    class: u8,
-    /// The greatest class of the points at the ground.
-    low: u8,
-}
-
-impl Cell {
-    fn mean(&self) -> Option<Vec3> {
-        let count = self.count[0] + self.count[1];
-        (count > 0.0).then(|| (self.colour[0] + self.colour[1]) / count)
-    }
-}
-
-/// Takes off colours what even the darkest places show of the air's own light: the blue of the
-/// darkest tells how much, and a scattering by the square of the wavelength what that is in green and
-/// red (Chavez 1988). Then brings the median to what leaves and soil reflect.
-struct Clear {
-    dark: Vec3,
-    gain: f32,
-}
-
-/// Share of the air's blue light that it has in red, green and blue: (0.45 µm / λ)².
-const SCATTERED: Vec3 = Vec3::new(0.48, 0.67, 1.0);
-/// sRGB of the median after that, and of the brightest hundredth at most.
-const MEDIAN: f32 = 98.0;
-const BRIGHTEST: f32 = 170.0;
-
-impl Clear {
-    fn of(colours: impl Iterator<Item = Vec3>) -> Clear {
-        let colours: Vec<Vec3> = colours.collect();
-        let quantile = |values: &mut dyn Iterator<Item = f32>, share: f32| {
-            let mut values: Vec<f32> = values.collect();
-            values.sort_unstable_by(f32::total_cmp);
-            values.get((values.len() as f32 * share) as usize).copied().unwrap_or(0.0)
-        };
-        let least = [0, 1, 2].map(|c: usize| quantile(&mut colours.iter().map(|v| v[c]), 0.01));
-        // Deep shade is not black.
-        let least = (Vec3::from(least) - 8.0).max(Vec3::ZERO);
-        let dark = (SCATTERED * least.z).min(least);
-        let clear = || colours.iter().map(|v| (*v - dark).max(Vec3::ZERO));
-        let grey = |v: Vec3| v.dot(Vec3::new(0.299, 0.587, 0.114));
-        let median = quantile(&mut clear().map(grey), 0.5);
-        let bright = quantile(&mut clear().map(|v| v.max_element()), 0.99);
-        let gain = (MEDIAN / median.max(1.0)).min(BRIGHTEST / bright.max(1.0));
-        Clear { dark, gain: gain.clamp(0.3, 3.0) }
-    }
-
-    fn seen(&self, colour: Vec3) -> Vec3 {
-        ((colour - self.dark).max(Vec3::ZERO) * self.gain).min(Vec3::splat(255.0))
-    }
-}
-
-/// The middle and the spread of intensities, of the ground and of what is above it.
-struct Brightness([(f32, f32); 2]);
-
-impl Brightness {
-    fn of(cells: &[Cell]) -> Brightness {
-        Brightness([0, 1].map(|of| {
-            let means =
-                cells.iter().filter(|c| c.count[of] > 0.0).map(|c| c.intensity[of] / c.count[of]);
-            let mut means: Vec<f32> = means.collect();
-            means.sort_unstable_by(f32::total_cmp);
-            let at = |share: usize| means.get(means.len() * share / 100).copied().unwrap_or(0.0);
-            (at(50), (at(90) - at(10)).max(1e-6))
-        }))
-    }
-
-    fn of_cell(&self, cell: &Cell, of: usize) -> f32 {
-        let (middle, spread) = self.0[of];
-        1.0 + 0.4 * ((cell.intensity[of] / cell.count[of] - middle) / spread).clamp(-1.0, 1.0)
-    }
-}
-
 /// Voxels that are not vegetation themselves between two on their sides that are; sorted.
 fn filled(
     keys: &[u64],

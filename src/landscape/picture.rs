@@ -6,12 +6,15 @@
 //! come out on any number of threads, as every pixel sums its own rays in order. Known limits: light
 //! is not passed on from surface to surface; mirrors show the sky alone.
 
+use std::ops::Range;
+
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::Landscape;
-use super::brick::trilinear;
+use super::grain::{clumps, earth, mottle};
 use super::lens::Lens;
+use super::pack::LANES;
 use super::splat;
 use super::trace::{Hit, Ray, Tracer, What};
 use super::weather::{Drops, Skin, Weather};
@@ -175,7 +178,6 @@ pub fn draw(
     while done < shot.effort {
         // Each pass doubles what there is.
         let pass = done..(done.max(1) + done).min(shot.effort);
-        let share = if shot.effort > 1 { 0.7 } else { 1.0 };
         let bands: Vec<(usize, &mut [Vec3])> = sums.chunks_mut(width * TILE).enumerate().collect();
         bands.into_par_iter().for_each_init(
             || Tracer::new(scene),
@@ -183,23 +185,13 @@ pub fn draw(
                 let rows = sums.len() / width;
                 for left in (0..width).step_by(TILE) {
                     let is_seen = sees(scene, &lens, [left, band * TILE]);
-                    for i in (0..rows)
-                        .flat_map(|row| (left..width.min(left + TILE)).map(move |col| (row, col)))
-                    {
-                        let (row, col) = (band * TILE + i.0, i.1);
-                        let key = (row * width + col) as u64;
-                        let start = match shot.effort {
-                            1 => MIDDLE,
-                            _ => shot.seed.derive("pixel", key).draws().bits(),
-                        };
-                        for number in pass.clone() {
-                            let at = DVec2::new(col as f64, row as f64) + spread(number, start);
-                            let ray = lens.ray(at, share);
-                            sums[i.0 * width + col] += if is_seen {
-                                light.along(tracer, &ray, at, number, sky_rays)
-                            } else {
-                                light.past(tracer, &ray, at, number)
-                            };
+                    let right = width.min(left + TILE);
+                    for row in 0..rows {
+                        for first in (left..right).step_by(LANES) {
+                            let lanes = LANES.min(right - first);
+                            let line = &mut sums[row * width + first..][..lanes];
+                            let corner = [first, band * TILE + row];
+                            light.line(tracer, &lens, line, corner, (pass.clone(), is_seen));
                         }
                     }
                 }
@@ -288,9 +280,13 @@ pub fn count_hits(scene: &Landscape, shot: &Shot) -> u64 {
                 continue;
             }
             for row in band * TILE..height.min((band + 1) * TILE) {
-                for col in left..width.min(left + TILE) {
-                    let ray = lens.ray(DVec2::new(col as f64 + 0.5, row as f64 + 0.5), 1.0);
-                    hits += u64::from(tracer.trace(&ray, 0.0, f64::INFINITY).is_some());
+                for first in (left..width.min(left + TILE)).step_by(LANES) {
+                    let rays: [Ray; LANES] = std::array::from_fn(|lane| {
+                        let at = DVec2::new((first + lane) as f64 + 0.5, row as f64 + 0.5);
+                        lens.ray(at, 1.0)
+                    });
+                    let met = tracer.trace_all(&rays);
+                    hits += met.iter().take(width - first).flatten().count() as u64;
                 }
             }
         }
@@ -338,7 +334,7 @@ impl<'a> Light<'a> {
             extinction: (HAZE_PER_M + weather.extinction_per_m()) * scene.voxel_m,
             overcast,
             pixel: lens.pixel as f32,
-            drops: Drops::new(shot.seed),
+            drops: Drops::new(shot.seed, weather, shot.size),
             draws: shot.seed.stage("light"),
         }
     }
@@ -351,6 +347,41 @@ impl<'a> Light<'a> {
         let clear = sky(direction, self.sun);
         let up = direction.normalize_or_zero().z.max(0.0);
         clear.lerp(Vec3::splat(0.66 + 0.18 * up), self.overcast)
+    }
+
+    /// Adds the light of rays of these numbers to pixels beside each other, of which `first` is the
+    /// first one's column and row; whether they may meet anything.
+    fn line(
+        &self,
+        tracer: &mut Tracer<'_>,
+        lens: &Lens,
+        sums: &mut [Vec3],
+        first: [usize; 2],
+        (numbers, is_seen): (Range<u32>, bool),
+    ) {
+        let Shot { effort, seed, mode, size, .. } = *self.shot;
+        let (share, sky_rays) = if effort > 1 { (0.7, 1) } else { (1.0, 2) };
+        let starts: [u64; LANES] = std::array::from_fn(|lane| {
+            let key = (first[1] * size[0] as usize + first[0] + lane) as u64;
+            if effort > 1 { seed.derive("pixel", key).draws().bits() } else { MIDDLE }
+        });
+        for number in numbers {
+            let places: [DVec2; LANES] = std::array::from_fn(|lane| {
+                let corner = DVec2::new((first[0] + lane) as f64, first[1] as f64);
+                corner + spread(number, starts[lane])
+            });
+            let rays = places.map(|at| lens.ray(at, share));
+            let hits = match mode {
+                Mode::Surface if is_seen => tracer.trace_all(&rays),
+                _ => [None; LANES],
+            };
+            for (lane, sum) in sums.iter_mut().enumerate() {
+                *sum += match mode {
+                    Mode::Densest => self.densest(tracer, &rays[lane]),
+                    _ => self.seen(tracer, &rays[lane], hits[lane], places[lane], number, sky_rays),
+                };
+            }
+        }
     }
 
     /// Light that comes along a ray from the camera.
@@ -367,14 +398,6 @@ impl<'a> Light<'a> {
         }
         let hit = tracer.trace(ray, 0.0, f64::INFINITY);
         self.seen(tracer, ray, hit, at, number, sky_rays)
-    }
-
-    /// Light along a ray that does not come near the scene.
-    fn past(&self, tracer: &mut Tracer<'_>, ray: &Ray, at: DVec2, number: u32) -> Vec3 {
-        match self.shot.mode {
-            Mode::Densest => self.densest(tracer, ray),
-            _ => self.seen(tracer, ray, None, at, number, 0),
-        }
     }
 
     fn densest(&self, tracer: &mut Tracer<'_>, ray: &Ray) -> Vec3 {
@@ -415,7 +438,7 @@ impl<'a> Light<'a> {
             }
         };
         if weather.rain_mm > 0.0 {
-            let streaks = weather.streaks(at.as_vec2(), self.shot.size[1] as f32, &self.drops);
+            let streaks = self.drops.streaks(at.as_vec2(), self.shot.size[1] as f32);
             light += Vec3::new(0.75, 0.8, 0.88) * streaks;
         }
         if weather.fog_m > 0.0 && hit.is_none() {
@@ -448,9 +471,12 @@ impl<'a> Light<'a> {
             // Clumps of leaves are rounded, and mostly seen from their lit side.
             normal = (normal + 0.35 * Vec3::Z + 0.25 * toward_eye).normalize_or(Vec3::Z);
         }
+        let (shade, bump) =
+            if is_leafy { clumps(place, ray.breadth[1] * hit.t as f32) } else { (1.0, Vec3::ZERO) };
+        normal = (normal + bump).normalize_or(Vec3::Z);
         let albedo = match hit.what {
             What::Ground => ground,
-            What::Vegetation => above * mottle(place),
+            What::Vegetation => above * mottle(place) * shade,
             What::Cut(_) => earth(place, self.scene.height(place.x, place.y), self.scene.voxel_m),
         };
         // Off the surface that was met, by what it may be wrong.
@@ -529,31 +555,4 @@ impl<'a> Light<'a> {
         }
         open / rays.max(1) as f32
     }
-}
-
-/// Brightness by place, so that one tree's leaves are not all alike: a lattice of random numbers two
-/// voxels apart, smooth in between.
-fn mottle(p: DVec3) -> f32 {
-    let q = p * 0.5;
-    let cell = q.floor();
-    let f = (q - cell).as_vec3();
-    let f = f * f * (3.0 - 2.0 * f);
-    let corner = |k: u64| {
-        let at = [cell.x, cell.y, cell.z].map(|v| v as i64 as u64);
-        let mut h = (at[0].wrapping_add(k & 1)).wrapping_mul(0x9e37_79b9_7f4a_7c15)
-            ^ (at[1].wrapping_add(k >> 1 & 1)).wrapping_mul(0xbf58_476d_1ce4_e5b9)
-            ^ (at[2].wrapping_add(k >> 2)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        h = (h ^ h >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        0.82 + 0.36 * ((h >> 40) as f32 / (1u64 << 24) as f32)
-    };
-    trilinear(&[0, 1, 2, 3, 4, 5, 6, 7].map(corner), f)
-}
-
-/// Colour of the earth where the scene is cut, darker with depth, in layers.
-fn earth(p: DVec3, surface: Option<f64>, voxel_m: f32) -> Vec3 {
-    let deep = ((surface.unwrap_or(p.z) - p.z).max(0.0) as f32 * voxel_m).min(60.0);
-    let layer = 0.9 + 0.1 * (deep * 1.3 + 0.4 * (deep * 0.37).sin()).sin();
-    let top = Vec3::new(0.13, 0.085, 0.05);
-    let below = Vec3::new(0.26, 0.22, 0.18);
-    top.lerp(below, 1.0 - (-deep / 4.0).exp()) * layer
 }

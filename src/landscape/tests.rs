@@ -10,7 +10,7 @@ use crate::seed::{Draws, Seed};
 const DETAIL: Detail = Detail { density_bits: 2, height_stride: 4, colour_stride: 4 };
 
 /// Voxels by hand over a ground by formula.
-struct Made {
+pub(super) struct Made {
     voxels: [u32; 3],
     columns: Vec<Vec<Voxel>>,
     ground: Option<Box<dyn Fn(f32, f32) -> f32 + Sync>>,
@@ -36,7 +36,7 @@ impl Made {
     }
 
     /// Voxels strewn at random, over hills.
-    fn wood(side: u32, voxels: u32, seed: u64) -> Made {
+    pub fn wood(side: u32, voxels: u32, seed: u64) -> Made {
         let mut draws = Seed::new(seed).draws();
         let hills = |x: f32, y: f32| 5.0 + 2.0 * (x * 0.2).sin() + 1.5 * (y * 0.13).cos();
         let mut made = Made::empty([side, side, 32]).over(hills);
@@ -48,7 +48,7 @@ impl Made {
         made
     }
 
-    fn built(&self) -> Landscape {
+    pub fn built(&self) -> Landscape {
         self.built_with(&DETAIL)
     }
 

@@ -12,7 +12,8 @@ use glam::{DVec3, Vec3};
 use super::Landscape;
 use super::brick::Brick;
 use super::dag::{BITS, Ref, SIDE};
-use super::walk::{Cell, Way, greater, lesser, walk};
+use super::pack::{LANES, Pack};
+use super::walk::{Begin, Cell, Way, greater, lesser, walk};
 
 /// A half line in voxels from the centre of the first voxel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -145,6 +146,42 @@ impl<'a> Tracer<'a> {
         self.first_anywhere(ray, from, to)
     }
 
+    /// The first things that rays of one origin meet.
+    pub fn trace_all(&mut self, rays: &[Ray; LANES]) -> [Option<Hit>; LANES] {
+        #[cfg(target_arch = "x86_64")]
+        if self.counts_bits {
+            // SAFETY: the processor was asked when the tracer was made.
+            return unsafe { self.all_by_bits(rays) };
+        }
+        self.all(rays)
+    }
+
+    /// As [`Tracer::first_by_bits`].
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+    #[inline(never)]
+    fn all_by_bits(&mut self, rays: &[Ray; LANES]) -> [Option<Hit>; LANES] {
+        self.all(rays)
+    }
+
+    #[inline(always)]
+    fn all(&mut self, rays: &[Ray; LANES]) -> [Option<Hit>; LANES] {
+        let pack = Pack::new(self.scene, rays);
+        let mut hits = [None; LANES];
+        for (lane, (ray, hit)) in rays.iter().zip(&mut hits).enumerate() {
+            if pack.is_past(lane) {
+                continue;
+            }
+            *hit = match pack.begin(lane, ray) {
+                Some((way, begin)) => {
+                    walk(self.scene, &way, begin, |cell| self.content(&way, cell))
+                }
+                None => self.trace(ray, 0.0, f64::INFINITY),
+            };
+        }
+        hits
+    }
+
     #[inline(never)]
     fn first_anywhere(&mut self, ray: &Ray, from: f64, to: f64) -> Option<Hit> {
         self.first(ray, from, to)
@@ -193,7 +230,10 @@ impl<'a> Tracer<'a> {
     ) -> Option<Hit> {
         let way = Way::new(ray);
         match self.enter(&way, from, to) {
-            Ok(span) => walk(self.scene, &way, span, |cell| meet(self, &way, cell)),
+            Ok(span) => {
+                let begin = Begin::new(&self.scene.blocks, &way, span)?;
+                walk(self.scene, &way, begin, |cell| meet(self, &way, cell))
+            }
             Err(met) => met,
         }
     }

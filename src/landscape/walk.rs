@@ -25,7 +25,7 @@ pub(super) struct Way {
 }
 
 /// A direction's part below this is taken as this.
-const LEAST: f64 = 1e-12;
+pub(super) const LEAST: f64 = 1e-12;
 
 /// The lesser; in one instruction, as it cares for no NaN.
 #[inline(always)]
@@ -44,6 +44,12 @@ impl Way {
         let part = |d: f64| if d.abs() < LEAST { LEAST } else { d };
         let d = [part(ray.direction.x), part(ray.direction.y), part(ray.direction.z)];
         let inverse = [1.0 / d[0], 1.0 / d[1], 1.0 / d[2]];
+        Way { o: ray.origin.to_array(), d, inverse, breadth: ray.breadth }
+    }
+
+    /// Of a ray of which the rest is known.
+    #[inline(always)]
+    pub fn of(ray: &Ray, d: [f64; 3], inverse: [f64; 3]) -> Way {
         Way { o: ray.origin.to_array(), d, inverse, breadth: ray.breadth }
     }
 
@@ -198,7 +204,7 @@ fn index(scaled: f32) -> u32 {
 
 /// The whole number below 0 ≤ `v` < 2¹⁷, by the bits of 2¹⁷ + `v`.
 #[inline(always)]
-fn whole(v: f64) -> u32 {
+pub(super) fn whole(v: f64) -> u32 {
     ((greater(v, 0.0) + 131_072.0).to_bits() >> 35) as u32 & 0x1_ffff
 }
 
@@ -212,12 +218,12 @@ fn among(way: &Way, axis: usize, t: f64, side: f64, last: u32) -> (u32, f64) {
 }
 
 /// Columns of the children of blocks on a ray's way.
-struct Columns {
+pub(super) struct Columns {
     /// The column's number; see [`Blocks::place`].
-    place: usize,
+    pub place: usize,
     /// Where the ray leaves the column across x and across y.
-    x: f64,
-    y: f64,
+    pub x: f64,
+    pub y: f64,
 }
 
 impl Columns {
@@ -240,30 +246,43 @@ fn under(way: &Way, bricks: i16, t: f64, out: f64) -> Option<[f64; 2]> {
 }
 
 /// Side of a block's children in voxels, and of theirs.
-const COARSE: u32 = 1 << (2 * BITS);
+pub(super) const COARSE: u32 = 1 << (2 * BITS);
 const FINE: f32 = SIDE as f32;
 
 /// Columns that a ray passes over before it looks whether it passes over a whole block.
 const PATIENCE: u32 = 8;
 
-/// Takes a ray from cell to cell between `from` and `to` until `meet` has something to give.
+/// Where a ray begins and ends, and the column it begins in.
+pub(super) struct Begin {
+    pub span: [f64; 2],
+    pub columns: Columns,
+}
+
+impl Begin {
+    /// Between `from` and `to`, if it comes under anything there.
+    #[inline(always)]
+    pub fn new(blocks: &Blocks, way: &Way, [from, to]: [f64; 2]) -> Option<Begin> {
+        let span = under(way, blocks.top, from, to)?;
+        Some(Begin { span, columns: Columns::new(blocks, way, span[0]) })
+    }
+}
+
+/// Takes a ray from cell to cell until `meet` has something to give.
 #[inline(always)]
 pub(super) fn walk(
     scene: &Landscape,
     way: &Way,
-    [from, to]: [f64; 2],
+    Begin { span: [mut t, end], mut columns }: Begin,
     mut meet: impl FnMut(&Cell) -> Option<Hit>,
 ) -> Option<Hit> {
     let (blocks, dag) = (&scene.blocks, &scene.dag);
     let Way { o, d, inverse, .. } = way;
-    let [mut t, end] = under(way, blocks.top, from, to)?;
     let near = Near::new(way);
     let side = f64::from(COARSE);
     let rises = u32::from(d[2] > 0.0);
     let (step_x, step_y) = (side * inverse[0].abs(), side * inverse[1].abs());
     let one = |axis: usize| if d[axis] > 0.0 { 1 } else { usize::MAX };
     let (next_x, next_y) = (one(0), one(1).wrapping_mul(blocks.row()));
-    let mut columns = Columns::new(blocks, way, t);
     let mut passed = 0;
     loop {
         let Columns { place, x, y } = columns;

@@ -34,16 +34,99 @@ pub(super) struct Skin {
     pub gloss: f32,
 }
 
-/// Where drops are in a picture.
-#[derive(Debug, Clone, Copy)]
+/// Where drops are in a picture: layers of lattices, near and far.
+#[derive(Debug, Clone)]
 pub(super) struct Drops {
     columns: Stage,
     drops: Stage,
+    /// Share of the lattices' cells that hold a drop.
+    share: f32,
+    layers: [Layer; 3],
 }
 
+/// A lattice of drops, its first columns known beforehand.
+#[derive(Debug, Clone)]
+struct Layer {
+    /// Height of a cell, as a share of the picture's.
+    size: f32,
+    /// Cells of a column that are seen, at most.
+    rows: usize,
+    /// How much higher each column begins, in cells.
+    shifts: Vec<f32>,
+    /// Of each cell that is seen, column after column, where across it the drop is; NaN without one.
+    middles: Vec<f32>,
+}
+
+/// Breadth of a cell as a share of its height, and how far aslant drops fall.
+const SLIM: f32 = 0.16;
+const SLANT: f32 = 0.12;
+/// Breadth over height of a picture up to which drops are known beforehand.
+const MOST_ASPECT: f32 = 8.0;
+
 impl Drops {
-    pub fn new(seed: Seed) -> Drops {
-        Drops { columns: seed.stage("rain"), drops: seed.stage("drop") }
+    /// In a picture of so many pixels.
+    pub fn new(seed: Seed, weather: &Weather, size: [u32; 2]) -> Drops {
+        let layer = |size| Layer { size, rows: 0, shifts: Vec::new(), middles: Vec::new() };
+        let mut drops = Drops {
+            columns: seed.stage("rain"),
+            drops: seed.stage("drop"),
+            share: 0.75 * (weather.rain_mm / 30.0).clamp(0.05, 1.0),
+            layers: [0.10, 0.055, 0.03].map(layer),
+        };
+        if weather.rain_mm <= 0.0 {
+            return drops;
+        }
+        let across = (size[0] as f32 / size[1] as f32).min(MOST_ASPECT) + SLANT;
+        for number in 0..drops.layers.len() {
+            let size = drops.layers[number].size;
+            let columns = (across / (size * SLIM)) as u32 + 1;
+            let rows = (1.0 / size) as u32 + 2;
+            let shifts: Vec<f32> = (0..columns).map(|c| drops.shift(number, c)).collect();
+            let cells = (0..columns).zip(&shifts).flat_map(|(column, shift)| {
+                let first = *shift as u32;
+                (first..first + rows).map(move |row| (column, row))
+            });
+            let middles = cells.map(|(column, row)| drops.middle(number, column, row)).collect();
+            drops.layers[number] = Layer { size, rows: rows as usize, shifts, middles };
+        }
+        drops
+    }
+
+    fn shift(&self, layer: usize, column: u32) -> f32 {
+        self.columns.seed(u64::from(column) << 2 | layer as u64).draws().between(0.0, 64.0)
+    }
+
+    fn middle(&self, layer: usize, column: u32, row: u32) -> f32 {
+        let key = u64::from(column) << 34 ^ u64::from(row) << 2 ^ layer as u64;
+        let mut drop = self.drops.seed(key).draws();
+        if drop.unit() < self.share { drop.between(0.25, 0.75) } else { f32::NAN }
+    }
+
+    /// Brightness of the drops in front of a place in the picture, which is `height` pixels high.
+    pub fn streaks(&self, at: Vec2, height: f32) -> f32 {
+        let at = at / height;
+        let mut light = 0.0;
+        for (number, layer) in self.layers.iter().enumerate() {
+            // Each layer has a lattice of its own.
+            let x = (at.x + SLANT * at.y) / (layer.size * SLIM);
+            // No part is below 0, so that this is the floor.
+            let column = x as u32;
+            let shift = layer.shifts.get(column as usize).copied();
+            let y = at.y / layer.size + shift.unwrap_or_else(|| self.shift(number, column));
+            let row = y as u32;
+            let known = shift.and_then(|shift| {
+                let row = row.wrapping_sub(shift as u32) as usize;
+                layer.middles.get(column as usize * layer.rows + row)
+            });
+            let middle = known.copied().unwrap_or_else(|| self.middle(number, column, row));
+            let across = (x - column as f32 - middle).abs() / 0.10;
+            if across < 1.0 {
+                let along = y - row as f32;
+                let fade = (along * (1.0 - along) * 4.0).powi(2);
+                light += (1.0 - across) * fade * 0.16 * (1.0 - 0.2 * number as f32);
+            }
+        }
+        light
     }
 }
 
@@ -85,34 +168,5 @@ impl Weather {
             gloss *= 1.0 - cover;
         }
         Skin { albedo, normal, gloss }
-    }
-
-    /// Brightness of the drops in front of a place in the picture, which is `height` pixels high.
-    pub(super) fn streaks(&self, at: Vec2, height: f32, drops: &Drops) -> f32 {
-        if self.rain_mm <= 0.0 {
-            return 0.0;
-        }
-        let at = at / height;
-        let amount = (self.rain_mm / 30.0).clamp(0.05, 1.0);
-        let mut light = 0.0;
-        for (layer, size) in [0.10f32, 0.055, 0.03].into_iter().enumerate() {
-            // Drops fall aslant; each layer has a lattice of its own.
-            let x = (at.x + 0.12 * at.y) / (size * 0.16);
-            // No part is below 0, so that this is the floor.
-            let column = x as u32;
-            let mut draws = drops.columns.seed(u64::from(column) << 2 | layer as u64).draws();
-            let y = at.y / size + draws.between(0.0, 64.0);
-            let row = y as u32;
-            let key = u64::from(column) << 34 ^ u64::from(row) << 2 ^ layer as u64;
-            let mut drop = drops.drops.seed(key).draws();
-            if drop.unit() < 0.75 * amount {
-                let middle = drop.between(0.25, 0.75);
-                let across = ((x - column as f32 - middle).abs() / 0.10).min(1.0);
-                let along = y - row as f32;
-                let fade = (along * (1.0 - along) * 4.0).powi(2);
-                light += (1.0 - across) * fade * 0.16 * (1.0 - 0.2 * layer as f32);
-            }
-        }
-        light
     }
 }
