@@ -40,7 +40,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 28] = [
+const HOMES: [(&str, &[&str]); 29] = [
     ("hashbrown", &["landscape"]),
     ("ab_glyph", &["render"]),
     ("blake3", &["cache"]),
@@ -59,6 +59,7 @@ const HOMES: [(&str, &[&str]); 28] = [
     ("csv", &["inventory"]),
     ("flatgeobuf", &["inventory"]),
     ("flate2", &["raster", "landscape"]),
+    ("libdeflater", &["raster"]),
     ("webp", &["raster"]),
     ("weezl", &["raster"]),
     ("schemars", &["species", "report"]),

@@ -20,6 +20,11 @@ const load = name => import(pathToFileURL(require.resolve(name)).href);
 
 function chunks(file) {
   const data = fs.readFileSync(file);
+  if (file.endsWith('.gltf')) {
+    const json = JSON.parse(data.toString());
+    const buffer = path.join(path.dirname(file), decodeURIComponent(json.buffers[0].uri));
+    return [json, fs.readFileSync(buffer)];
+  }
   const length = data.readUInt32LE(12);
   return [JSON.parse(data.subarray(20, 20 + length).toString()), data.subarray(28 + length)];
 }

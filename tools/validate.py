@@ -265,13 +265,15 @@ def read_gltf(path):
     if path.suffix == ".glb":
         length = struct.unpack_from("<I", data, 12)[0]
         document = json.loads(data[20 : 20 + length])
-        if "EXT_meshopt_compression" not in document.get("extensionsUsed", []):
-            return document, data[28 + length :]
+    else:
+        document = json.loads(data)
+    if "EXT_meshopt_compression" in document.get("extensionsUsed", []):
         with tempfile.TemporaryDirectory() as folder:
             decoded = Path(folder) / "decoded.glb"
             readers("decode", path, decoded)
             return read_gltf(decoded)
-    document = json.loads(data)
+    if path.suffix == ".glb":
+        return document, data[28 + length :]
     return document, (path.parent / unquote(document["buffers"][0]["uri"])).read_bytes()
 
 

@@ -1,42 +1,101 @@
-//! Long texts, formatted in blocks on all threads and written in order, one lot while the next is
-//! formatted. What waits is bounded, so a file of any length takes little memory; the bytes do not
-//! depend on the threads.
+//! Long texts, formatted in blocks on all threads. A thread writes what it formatted, when its turn has
+//! come, while the block is still at hand in its cache. What waits is bounded, so a file of any length
+//! takes little memory; the bytes do not depend on the threads.
 
 use std::io::{self, Write};
-
-use rayon::prelude::*;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread;
 
 use super::Sink;
+use super::number::Pen;
 
 /// Rows that are formatted as one.
 const BLOCK: usize = 1 << 13;
-/// Bytes that wait before they are formatted.
-const WAITING: usize = 1 << 22;
-/// Of a row, about.
-const ROW_BYTES: usize = 32;
+/// Bytes of plain text that wait before they count as a block.
+const WAITING: usize = 1 << 16;
 
-type Format<'a> = dyn Fn(&mut Vec<u8>) + Send + Sync + 'a;
+type Format<'a> = dyn Fn(&mut Pen) + Send + Sync + 'a;
 
 enum Block<'a> {
     Text(Vec<u8>),
     Rows(Box<Format<'a>>),
 }
 
-pub(super) struct Blocks<'a, 's> {
-    sink: &'s mut dyn Sink,
-    waiting: Vec<Block<'a>>,
-    /// Of what waits, about.
-    bytes: usize,
-    formatted: Vec<Vec<u8>>,
-    /// Written, and kept for their room.
-    spare: Vec<Vec<u8>>,
+pub(super) struct Blocks<'a> {
+    text: Vec<u8>,
+    /// Blocks so far.
+    count: u64,
+    blocks: SyncSender<(u64, Block<'a>)>,
 }
 
-impl<'a, 's> Blocks<'a, 's> {
-    pub fn new(sink: &'s mut dyn Sink) -> Self {
-        Blocks { sink, waiting: Vec::new(), bytes: 0, formatted: Vec::new(), spare: Vec::new() }
-    }
+/// Whose turn it is to write, and where to.
+struct Turn<'s> {
+    next: u64,
+    sink: &'s mut dyn Sink,
+    /// Nothing is written after a failure.
+    failure: Option<io::Error>,
+}
 
+/// Writes to `sink` what `fill` gives the blocks; it must finish them.
+///
+/// # Errors
+/// The sink's, else those of `fill`.
+pub(super) fn through<'a>(
+    sink: &mut dyn Sink,
+    fill: impl FnOnce(Blocks<'a>) -> io::Result<()>,
+) -> io::Result<()> {
+    let threads = rayon::current_num_threads().max(1);
+    let (blocks, waiting) = sync_channel(threads);
+    let waiting = Mutex::new(waiting);
+    let turn = Mutex::new(Turn { next: 0, sink, failure: None });
+    let written = Condvar::new();
+    let filled = thread::scope(|scope| {
+        for _ in 0..threads {
+            thread::Builder::new().spawn_scoped(scope, || format(&waiting, &turn, &written))?;
+        }
+        fill(Blocks { text: Vec::new(), count: 0, blocks })
+    });
+    let turn = turn.into_inner().unwrap_or_else(PoisonError::into_inner);
+    turn.failure.map_or(filled, Err)
+}
+
+/// Formats and writes blocks until there are no more.
+fn format<'a>(
+    waiting: &Mutex<Receiver<(u64, Block<'a>)>>,
+    turn: &Mutex<Turn<'_>>,
+    written: &Condvar,
+) {
+    let mut pen = Pen::new();
+    loop {
+        let block = lock(waiting).recv();
+        let Ok((number, block)) = block else { return };
+        pen.clear();
+        // The others would wait for ever for a turn that was not taken.
+        let formatted = catch_unwind(AssertUnwindSafe(|| match block {
+            Block::Text(text) => pen.text(&text),
+            Block::Rows(format) => format(&mut pen),
+        }));
+        let mut turn = written
+            .wait_while(lock(turn), |turn| turn.next != number)
+            .unwrap_or_else(PoisonError::into_inner);
+        turn.next += 1;
+        if turn.failure.is_none() {
+            let failed = |_| io::Error::other("the formatting of a block failed");
+            let told = formatted.map_err(failed).and_then(|()| turn.sink.write_all(pen.as_bytes()));
+            turn.failure = told.err();
+        }
+        drop(turn);
+        written.notify_all();
+    }
+}
+
+fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl<'a> Blocks<'a> {
     pub fn text(&mut self, text: &str) -> io::Result<()> {
         self.write_all(text.as_bytes())
     }
@@ -45,58 +104,43 @@ impl<'a, 's> Blocks<'a, 's> {
     pub fn rows<T: Sync>(
         &mut self,
         items: &'a [T],
-        write: impl Fn(&mut Vec<u8>, &T) + Copy + Send + Sync + 'a,
+        write: impl Fn(&mut Pen, &T) + Copy + Send + Sync + 'a,
     ) -> io::Result<()> {
         for chunk in items.chunks(BLOCK) {
-            let format = move |out: &mut Vec<u8>| chunk.iter().for_each(|item| write(out, item));
-            self.waiting.push(Block::Rows(Box::new(format)));
-            self.add(chunk.len() * ROW_BYTES)?;
+            self.pass_on_text()?;
+            let format = move |out: &mut Pen| chunk.iter().for_each(|item| write(out, item));
+            self.pass_on(Block::Rows(Box::new(format)))?;
         }
         Ok(())
     }
 
-    /// Writes what waits.
+    /// Passes on what waits.
     pub fn finish(mut self) -> io::Result<()> {
-        self.pass_on()?;
-        self.pass_on()
+        self.pass_on_text()
     }
 
-    fn add(&mut self, bytes: usize) -> io::Result<()> {
-        self.bytes += bytes;
-        if self.bytes < WAITING { Ok(()) } else { self.pass_on() }
+    fn pass_on_text(&mut self) -> io::Result<()> {
+        if self.text.is_empty() {
+            return Ok(());
+        }
+        let text = std::mem::take(&mut self.text);
+        self.pass_on(Block::Text(text))
     }
 
-    /// Writes what is formatted, and formats what waits.
-    fn pass_on(&mut self) -> io::Result<()> {
-        self.bytes = 0;
-        let waiting = std::mem::take(&mut self.waiting);
-        let mut texts = std::mem::take(&mut self.spare);
-        texts.iter_mut().for_each(Vec::clear);
-        texts.resize_with(texts.len().max(waiting.len()), Vec::new);
-        let (sink, formatted) = (&mut self.sink, &self.formatted);
-        let (written, ()) = rayon::join(
-            || formatted.iter().try_for_each(|text| sink.write_all(text)),
-            || {
-                let pairs = waiting.into_par_iter().zip(&mut texts);
-                pairs.for_each(|(block, out)| match block {
-                    Block::Text(text) => *out = text,
-                    Block::Rows(format) => format(out),
-                });
-            },
-        );
-        self.spare = std::mem::replace(&mut self.formatted, texts);
-        written
+    fn pass_on(&mut self, block: Block<'a>) -> io::Result<()> {
+        let numbered = (self.count, block);
+        self.count += 1;
+        self.blocks.send(numbered).map_err(|_| io::Error::other("the formatting threads stopped"))
     }
 }
 
 /// As text between rows.
-impl Write for Blocks<'_, '_> {
+impl Write for Blocks<'_> {
     fn write(&mut self, text: &[u8]) -> io::Result<usize> {
-        match self.waiting.last_mut() {
-            Some(Block::Text(last)) => last.extend_from_slice(text),
-            _ => self.waiting.push(Block::Text(text.to_vec())),
+        self.text.extend_from_slice(text);
+        if self.text.len() >= WAITING {
+            self.pass_on_text()?;
         }
-        self.add(text.len())?;
         Ok(text.len())
     }
 
@@ -112,15 +156,16 @@ mod tests {
 
     #[test]
     fn blocks_are_joined_in_order_without_a_seam() {
-        let items: Vec<u64> = (0..(WAITING / 8) as u64 + 5).collect();
+        let items: Vec<u64> = (0..(40 * BLOCK) as u64 + 5).collect();
         let mut sink = io::Cursor::new(Vec::new());
-        let mut blocks = Blocks::new(&mut sink);
-        blocks.text("begin").unwrap();
-        let write = |out: &mut Vec<u8>, n: &u64| out.extend(format!(" {n}").as_bytes());
-        blocks.rows(&items, write).unwrap();
-        blocks.text(" e").unwrap();
-        blocks.text("nd").unwrap();
-        blocks.finish().unwrap();
+        through(&mut sink, |mut blocks| {
+            blocks.text("begin")?;
+            blocks.rows(&items, |out, n| out.text(format!(" {n}").as_bytes()))?;
+            blocks.text(" e")?;
+            blocks.text("nd")?;
+            blocks.finish()
+        })
+        .unwrap();
         let plain: Vec<String> = items.iter().map(u64::to_string).collect();
         let expected = format!("begin {} end", plain.join(" "));
         assert!(sink.into_inner() == expected.into_bytes());
@@ -143,12 +188,13 @@ mod tests {
                 Ok(0)
             }
         }
-        let items: Vec<u64> = (0..100_000).collect();
+        let items: Vec<u64> = (0..(40 * BLOCK) as u64).collect();
         for room in [0, 100, WAITING / 8] {
             let mut sink = Full(room);
-            let mut blocks = Blocks::new(&mut sink);
-            let write = |out: &mut Vec<u8>, n: &u64| out.extend(n.to_le_bytes());
-            let told = blocks.rows(&items, write).and_then(|()| blocks.finish());
+            let told = through(&mut sink, |mut blocks| {
+                blocks.rows(&items, |out, n| out.text(&n.to_le_bytes()))?;
+                blocks.finish()
+            });
             assert_eq!(told.unwrap_err().kind(), io::ErrorKind::StorageFull, "{room}");
         }
     }

@@ -189,8 +189,11 @@ pub fn files<'a>(
             warnings.extend(made.warnings);
         }
     }
+    // What two formats need stands there once.
+    let mut paths = BTreeSet::new();
     for kind in job.pictures_beside() {
-        files.extend(pictures.files(scene, stem, kind));
+        let files_of = pictures.files(scene, stem, kind);
+        files.extend(files_of.filter(|file| paths.insert(file.path.clone())));
     }
     Ok(Warned::with(files, warnings))
 }

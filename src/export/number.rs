@@ -2,6 +2,73 @@
 
 use std::hint::select_unpredictable;
 
+/// A text that grows. A number is stored in a piece of one length, of which some is then written over.
+pub(super) struct Pen {
+    bytes: Vec<u8>,
+    /// Of the text; beyond is room.
+    end: usize,
+}
+
+/// Of the longest number in one piece.
+const ROOM: usize = 24;
+
+impl Pen {
+    pub fn new() -> Self {
+        Pen { bytes: Vec::new(), end: 0 }
+    }
+
+    pub fn clear(&mut self) {
+        self.end = 0;
+    }
+
+    pub fn as_bytes(&self) -> &[u8] {
+        self.bytes.get(..self.end).unwrap_or_default()
+    }
+
+    pub fn push(&mut self, byte: u8) {
+        self.piece(|room| {
+            room[0] = byte;
+            1
+        });
+    }
+
+    #[inline]
+    pub fn text(&mut self, text: &[u8]) {
+        let end = self.end + text.len();
+        if self.bytes.len() < end {
+            self.grow(text.len());
+        }
+        if let Some(room) = self.bytes.get_mut(self.end..end) {
+            room.copy_from_slice(text);
+            self.end = end;
+        }
+    }
+
+    /// `store` gives how much of what it stored is text.
+    #[inline(always)]
+    fn piece(&mut self, store: impl FnOnce(&mut [u8; ROOM]) -> usize) {
+        if self.bytes.len() < self.end + ROOM {
+            self.grow(ROOM);
+        }
+        let room = self.bytes.get_mut(self.end..).and_then(|b| b.first_chunk_mut());
+        if let Some(room) = room {
+            self.end += store(room);
+        }
+    }
+
+    #[cold]
+    fn grow(&mut self, by: usize) {
+        const LEAST: usize = 1 << 10;
+        self.bytes.resize((self.end + by).next_power_of_two().max(LEAST), 0);
+    }
+}
+
+impl From<Vec<u8>> for Pen {
+    fn from(bytes: Vec<u8>) -> Self {
+        Pen { end: bytes.len(), bytes }
+    }
+}
+
 /// The fewest digits that read back as the same f32, and of those the nearest; zero has no sign.
 ///
 /// Between 0.0001 and 8192 in whole numbers, which is exact and has no branch that is hard to
@@ -10,38 +77,30 @@ use std::hint::select_unpredictable;
 /// PLDI 2018, and Giulietti, *The Schubfach way to render doubles*, 2020). All others, and ties, as
 /// `zmij` has them.
 #[inline]
-pub(super) fn shortest(out: &mut Vec<u8>, value: f32) {
+pub(super) fn shortest(out: &mut Pen, value: f32) {
     let bits = value.to_bits();
-    let exponent = (bits >> 23 & 0xFF) as i32 - 127;
-    let Some(binade) = BINADES.get(exponent.wrapping_sub(LEAST_EXPONENT) as usize) else {
-        return any_shortest(out, value);
-    };
+    let exponent = (bits >> 23 & 0xFF).wrapping_sub((127 + LEAST_EXPONENT) as u32);
+    let Some(binade) = BINADES.get(exponent as usize) else { return any_shortest(out, value) };
     let fraction = u64::from(bits & 0x7F_FFFF);
-    let significand = fraction | 1 << 23;
-    // Binary places of the significand.
-    let places = (23 - exponent) as u32 & 63;
-    let half = (1u64 << places) >> 1;
-    let exact = significand * binade.unit;
-    let near = (exact + half) >> places;
-    let twice_off = 2 * exact.abs_diff(near << places);
+    // All binades have their point at one place.
+    let exact = (fraction | 1 << 23) * binade.unit;
+    let near = (exact + HALF) >> POINT;
+    let twice_off = 2 * exact.abs_diff(near << POINT);
     // A power of two has a nearer neighbour below.
     if twice_off == binade.unit || (fraction == 0 && twice_off != 0) {
         return any_shortest(out, value);
     }
     let exact = 10 * exact;
-    let finer = (exact + half - 1 + (exact >> places & 1)) >> places;
+    let finer = (exact + HALF - 1 + (exact >> POINT & 1)) >> POINT;
     let digits = select_unpredictable(twice_off < binade.unit, 10 * near, finer);
-    let unit = 10 * binade.unit;
-    let whole = significand >> places;
-    let part = digits - whole * unit;
-    let (whole, part) = if part < unit { (whole, part) } else { (whole + 1, 0) };
-    put(out, bits >> 31 == 1, whole, part * binade.rest, false);
+    put(out, bits >> 31 == 1, digits * binade.rest, false);
 }
 
 /// Numbers from 2^e on, below 2^(e + 1).
 #[derive(Clone, Copy)]
 struct Binade {
-    /// 10^n, with the most places n whose step is no finer than that of f32.
+    /// What a step of f32 is in steps of 10^-n, 2^-[`POINT`] each, with the most places n whose step is
+    /// no finer than that of f32.
     unit: u64,
     /// 10^([`PLACES`] − n − 1).
     rest: u64,
@@ -52,6 +111,9 @@ struct Binade {
 const LEAST_EXPONENT: i32 = -13;
 const MOST_EXPONENT: i32 = 12;
 const PLACES: usize = 12;
+/// Binary places of the least binade.
+const POINT: i32 = 23 - LEAST_EXPONENT;
+const HALF: u64 = 1 << (POINT - 1);
 
 /// Powers of ten.
 static TENS: [u64; PLACES + 1] = {
@@ -68,23 +130,23 @@ static BINADES: [Binade; (MOST_EXPONENT - LEAST_EXPONENT + 1) as usize] = {
     let mut all = [Binade { unit: 1, rest: 1 }; (MOST_EXPONENT - LEAST_EXPONENT + 1) as usize];
     let mut k = 0;
     while k < all.len() {
-        let steps = 1 << (23 - LEAST_EXPONENT - k as i32);
+        let steps = 1 << (POINT - k as i32);
         let mut n = 0;
         while TENS[n + 1] <= steps {
             n += 1;
         }
-        all[k] = Binade { unit: TENS[n], rest: TENS[PLACES - 1 - n] };
+        all[k] = Binade { unit: TENS[n] << k, rest: TENS[PLACES - 1 - n] };
         k += 1;
     }
     all
 };
 
 #[cold]
-fn any_shortest(out: &mut Vec<u8>, value: f32) {
+fn any_shortest(out: &mut Pen, value: f32) {
     let mut buffer = zmij::Buffer::new();
     // `+ 0.0` takes the sign off a zero.
     let text = buffer.format(value + 0.0);
-    out.extend_from_slice(text.strip_suffix(".0").unwrap_or(text).as_bytes());
+    out.text(text.strip_suffix(".0").unwrap_or(text).as_bytes());
 }
 
 /// The values of four digits, the first in the lowest byte.
@@ -101,47 +163,47 @@ static FOUR_DIGITS: [u32; 10_000] = {
 
 const ZEROS: u64 = 0x3030_3030_3030_3030;
 
-fn four_digits(k: u64) -> u64 {
-    FOUR_DIGITS.get(k as usize).copied().unwrap_or(0).into()
+/// Of a number below 10^8.
+#[inline(always)]
+fn eight_digits(k: u64) -> u64 {
+    let four = |k: u64| u64::from(FOUR_DIGITS.get(k as usize).copied().unwrap_or(0));
+    four(k / 10_000) | four(k % 10_000) << 32
 }
 
-/// `whole` < 10,000 and `part` / 10^[`PLACES`], without zeros at the end; `is_bare`: without the one
-/// before the point.
+/// `parts` / 10^[`PLACES`] < 10,000, without zeros at the end; `is_bare`: without the one before the
+/// point.
 #[inline(always)]
-fn put(out: &mut Vec<u8>, is_negative: bool, whole: u64, part: u64, is_bare: bool) {
-    const ROOM: usize = 1 + 4 + 1 + PLACES;
-    let (high, last) = (part / 10_000, four_digits(part % 10_000));
-    let first = four_digits(high / 10_000) | four_digits(high % 10_000) << 32;
-    let places = match (first, last) {
-        (0, 0) => 0,
-        (_, 0) => 8 - first.leading_zeros() as usize / 8,
-        _ => 16 - last.leading_zeros() as usize / 8,
+fn put(out: &mut Pen, is_negative: bool, parts: u64, is_bare: bool) {
+    const LOW: u64 = 100_000_000;
+    let (high, low) = (eight_digits(parts / LOW), eight_digits(parts % LOW));
+    let (whole, first) = (high & 0xFFFF_FFFF, high >> 32);
+    let places = match low {
+        0 => 8 - first.leading_zeros() as usize / 8,
+        _ => 12 - low.leading_zeros() as usize / 8,
     };
-    let whole = four_digits(whole);
     let least = if is_bare && places > 0 { 1 << 32 } else { 1 << 24 };
-    let unwritten = (whole | least).trailing_zeros() / 8;
-    // Stored in pieces of one length, of which some is then cut off.
-    let start = out.len();
-    out.extend_from_slice(&[0; ROOM]);
-    let Some(to) = out[start..].first_chunk_mut::<ROOM>() else { return };
-    to[0] = b'-';
-    let at = usize::from(is_negative);
-    to[at..at + 4].copy_from_slice(&(((whole | ZEROS) >> (8 * unwritten)) as u32).to_le_bytes());
-    let at = at + 4 - (unwritten as usize).min(4);
-    to[at] = b'.';
-    to[at + 1..at + 9].copy_from_slice(&(first | ZEROS).to_le_bytes());
-    to[at + 9..at + 13].copy_from_slice(&((last | ZEROS) as u32).to_le_bytes());
-    out.truncate(start + at + places + usize::from(places > 0));
+    let unwritten = (whole | least).trailing_zeros() as usize / 8;
+    out.piece(|to| {
+        to[0] = b'-';
+        let at = usize::from(is_negative);
+        let whole = (whole | ZEROS) >> (8 * unwritten);
+        to[at..at + 4].copy_from_slice(&(whole as u32).to_le_bytes());
+        let at = at + 4 - unwritten.min(4);
+        to[at] = b'.';
+        to[at + 1..at + 5].copy_from_slice(&((first | ZEROS) as u32).to_le_bytes());
+        to[at + 5..at + 13].copy_from_slice(&(low | ZEROS).to_le_bytes());
+        at + places + usize::from(places > 0)
+    });
 }
 
 /// `values` by [`shortest`], a space between them.
-pub(super) fn shortest_of(out: &mut Vec<u8>, values: &[f32]) {
+pub(super) fn shortest_of(out: &mut Pen, values: &[f32]) {
     spaced(out, values, |out, &v| shortest(out, v));
 }
 
 /// Rounded to so many places (at most 9), without zeros that say nothing: `-.5`, `12`.
 #[inline]
-pub(super) fn rounded(out: &mut Vec<u8>, value: f32, places: u32) {
+pub(super) fn rounded(out: &mut Pen, value: f32, places: u32) {
     /// Of four digits, rounded.
     const LARGE: f32 = 9_999.0;
     let places = places.min(9) as usize;
@@ -149,16 +211,12 @@ pub(super) fn rounded(out: &mut Vec<u8>, value: f32, places: u32) {
     if size.is_nan() || size >= LARGE {
         return round_large(out, value, places);
     }
-    let unit = TENS[places];
-    let scaled = (f64::from(size) * unit as f64 + 0.5) as i64 as u64;
-    let whole = u64::from(size as i32 as u32);
-    let part = scaled - whole * unit;
-    let (whole, part) = if part < unit { (whole, part) } else { (whole + 1, 0) };
-    put(out, value < 0.0 && scaled > 0, whole, part * TENS[PLACES - places], true);
+    let scaled = (f64::from(size) * TENS[places] as f64 + 0.5) as i64 as u64;
+    put(out, value < 0.0 && scaled > 0, scaled * TENS[PLACES - places], true);
 }
 
 #[cold]
-fn round_large(out: &mut Vec<u8>, value: f32, places: usize) {
+fn round_large(out: &mut Pen, value: f32, places: usize) {
     /// Beyond, f32 has no places.
     const WHOLE: f32 = 16_777_216.0;
     if value.is_nan() || value.abs() >= WHOLE {
@@ -166,23 +224,24 @@ fn round_large(out: &mut Vec<u8>, value: f32, places: usize) {
     }
     let text = format!("{value:.places$}");
     let text = if places > 0 { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
-    out.extend_from_slice(text.as_bytes());
+    out.text(text.as_bytes());
 }
 
 #[inline]
-pub(super) fn integer(out: &mut Vec<u8>, value: i64) {
+pub(super) fn integer(out: &mut Pen, value: i64) {
     let Some(k) = u64::try_from(value).ok().filter(|k| *k < 100_000_000) else {
-        return out.extend_from_slice(itoa::Buffer::new().format(value).as_bytes());
+        return out.text(itoa::Buffer::new().format(value).as_bytes());
     };
-    let digits = four_digits(k / 10_000) | four_digits(k % 10_000) << 32;
+    let digits = eight_digits(k);
     let unwritten = (digits | 1 << 56).trailing_zeros() / 8;
-    let length = out.len() + 8 - unwritten as usize;
-    out.extend_from_slice(&((digits | ZEROS) >> (8 * unwritten)).to_le_bytes());
-    out.truncate(length);
+    out.piece(|to| {
+        to[..8].copy_from_slice(&((digits | ZEROS) >> (8 * unwritten)).to_le_bytes());
+        8 - unwritten as usize
+    });
 }
 
 /// The items with a space between them.
-pub(super) fn spaced<T>(out: &mut Vec<u8>, items: &[T], write: impl Fn(&mut Vec<u8>, &T)) {
+pub(super) fn spaced<T>(out: &mut Pen, items: &[T], write: impl Fn(&mut Pen, &T)) {
     for (at, item) in items.iter().enumerate() {
         if at > 0 {
             out.push(b' ');
@@ -198,10 +257,10 @@ mod tests {
     use super::*;
     use crate::seed::Seed;
 
-    fn text(write: impl FnOnce(&mut Vec<u8>)) -> String {
-        let mut out = Vec::new();
+    fn text(write: impl FnOnce(&mut Pen)) -> String {
+        let mut out = Pen::new();
         write(&mut out);
-        String::from_utf8(out).unwrap()
+        String::from_utf8(out.as_bytes().to_vec()).unwrap()
     }
 
     #[test]

@@ -13,7 +13,7 @@ use std::io;
 
 use glam::{Vec2, Vec3};
 
-use super::blocks::Blocks;
+use super::blocks::{self, Blocks};
 use super::gltf::y_up;
 use super::number;
 use super::pictures::{plain, texture_path};
@@ -68,14 +68,16 @@ pub(super) fn files<'a>(
     let materials = mtl(&selection, textures_of);
     let named = library.clone();
     let content = Content::stream(move |sink| {
-        let writer = Writer {
-            selection: &selection,
-            vertices: 0,
-            texture_coordinates: 0,
-            first_uv: vec![None; selection.models.len()],
-            blocks: Blocks::new(sink),
-        };
-        writer.document(&named)
+        blocks::through(sink, |blocks| {
+            let writer = Writer {
+                selection: &selection,
+                vertices: 0,
+                texture_coordinates: 0,
+                first_uv: vec![None; selection.models.len()],
+                blocks,
+            };
+            writer.document(&named)
+        })
     });
     let files =
         vec![OutputFile { path: file.into(), content }, OutputFile::new(library, materials)];
@@ -125,17 +127,17 @@ fn parts_of<'a>(forms: &[crate::scene::Form<'a>]) -> &'a [Part] {
     forms.first().map_or(&[], |form| form.parts)
 }
 
-struct Writer<'w, 'a, 's> {
+struct Writer<'w, 'a> {
     selection: &'w Selection<'a>,
     /// Written so far.
     vertices: u64,
     texture_coordinates: u64,
     /// Number before the model's first texture coordinate, once written.
     first_uv: Vec<Option<u64>>,
-    blocks: Blocks<'a, 's>,
+    blocks: Blocks<'a>,
 }
 
-impl<'a> Writer<'_, 'a, '_> {
+impl<'a> Writer<'_, 'a> {
     fn document(mut self, library: &str) -> io::Result<()> {
         let frame = self.selection.scene().frame();
         let (origin, unit_m) = (frame.origin, frame.unit_m());
@@ -185,7 +187,7 @@ impl<'a> Writer<'_, 'a, '_> {
         let first = self.texture_coordinates;
         self.texture_coordinates += surface.uv.len() as u64;
         self.blocks.rows(&surface.uv, |out, uv| {
-            out.extend(b"vt ");
+            out.text(b"vt ");
             number::shortest_of(out, &uv.to_array());
             out.push(b'\n');
         })?;
@@ -196,12 +198,12 @@ impl<'a> Writer<'_, 'a, '_> {
         let place = *place;
         let surface = &part.surface;
         self.blocks.rows(&surface.position, move |out, &p| {
-            out.extend(b"v ");
+            out.text(b"v ");
             number::shortest_of(out, &y_up(place.point(p)));
             out.push(b'\n');
         })?;
         self.blocks.rows(&surface.normal, move |out, &n| {
-            out.extend(b"vn ");
+            out.text(b"vn ");
             number::spaced(out, &y_up(place.normal(n)), |out, &v| {
                 number::rounded(out, v, NORMAL_PLACES);
             });

@@ -298,6 +298,35 @@ fn names_of_files_and_textures_shared_by_formats() {
     assert_eq!(glb_alone.len(), 1);
 }
 
+/// Opaque colours and normals are JPEG for engines, everything else PNG; USD beside them needs PNG throughout.
+#[test]
+fn engines_and_others_share_a_folder() {
+    let scene = forest(&["Larix sibirica"], 2, 20.0).validate().unwrap();
+    let all = made(&scene, "x", &[Format::Gltf, Format::Usda], Profile::Engine);
+    let json = all.iter().find(|f| f.path.ends_with("x.gltf")).unwrap();
+    let json: serde_json::Value = serde_json::from_slice(&json.bytes).unwrap();
+    let names = |extension: &str| -> Vec<String> {
+        let of_kind = all.iter().filter(|f| f.path.extension().is_some_and(|e| e == extension));
+        of_kind.map(|f| f.path.display().to_string()).collect()
+    };
+    assert_eq!(names("png").len(), scene.textures().len());
+    let jpeg = ["photo", "Larix_sibirica_bark", "Larix_sibirica_bark_normal"];
+    assert_eq!(names("jpg"), jpeg.map(|name| format!("textures/x_{name}.jpg")));
+    for (image, texture) in json["images"].as_array().unwrap().iter().zip(scene.textures()) {
+        let file =
+            all.iter().find(|f| f.path == Path::new(image["uri"].as_str().unwrap())).unwrap();
+        let read = crate::raster::Picture::from_bytes(&file.bytes).unwrap();
+        assert_eq!((read.width, read.height), (texture.image.width(), texture.image.height()));
+        let is_jpeg = image["uri"].as_str().unwrap().ends_with(".jpg");
+        assert!(is_jpeg || read == *texture.image.picture(), "{image}");
+    }
+    let glb = &made(&scene, "x", &[Format::Glb], Profile::Engine)[0];
+    let kinds = ["image/jpeg", "image/png"].map(|kind| {
+        glb.bytes.windows(kind.len()).filter(|bytes| *bytes == kind.as_bytes()).count()
+    });
+    assert_eq!(kinds, [jpeg.len(), scene.textures().len() - jpeg.len()]);
+}
+
 /// The vertices of every tree, where the gltf crate puts them, are where the scene does.
 #[test]
 fn glb_reads_back_as_the_scene() {

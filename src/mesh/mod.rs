@@ -61,13 +61,31 @@ impl Surface {
 
     /// Least and greatest corner; zero for an empty surface.
     pub fn bounds(&self) -> (Vec3, Vec3) {
-        let Some(&first) = self.position.first() else { return (Vec3::ZERO, Vec3::ZERO) };
-        let of = |points: &[Vec3]| {
-            points.iter().fold((first, first), |(lo, hi), p| (lo.min(*p), hi.max(*p)))
-        };
+        if self.position.is_empty() {
+            return (Vec3::ZERO, Vec3::ZERO);
+        }
+        let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         let chunks = self.position.par_chunks(CHUNK);
-        chunks.map(of).reduce(|| (first, first), |a, b| (a.0.min(b.0), a.1.max(b.1)))
+        chunks.map(bounds_of).reduce(|| nothing, |a, b| (a.0.min(b.0), a.1.max(b.1)))
     }
+}
+
+fn bounds_of(points: &[Vec3]) -> (Vec3, Vec3) {
+    /// Numbers of four points, which machines take at once.
+    const LANES: usize = 12;
+    let (fours, _) = bytemuck::cast_slice::<Vec3, f32>(points).as_chunks::<LANES>();
+    let (mut lo, mut hi) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
+    for four in fours {
+        for (k, &v) in four.iter().enumerate() {
+            lo[k] = if v < lo[k] { v } else { lo[k] };
+            hi[k] = if v > hi[k] { v } else { hi[k] };
+        }
+    }
+    let corners = lo.as_chunks().0.iter().zip(hi.as_chunks().0);
+    let corners = corners.map(|(&lo, &hi)| (Vec3::from_array(lo), Vec3::from_array(hi)));
+    let all = corners.chain(points[4 * fours.len()..].iter().map(|&p| (p, p)));
+    let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    all.fold(nothing, |(lo, hi), (low, high)| (lo.min(low), hi.max(high)))
 }
 
 /// A tree's mesh; tree-local metres, root collar at the origin, Z up.

@@ -87,6 +87,17 @@ impl Image {
         Ok(self.png.get_or_init(|| png).clone())
     }
 
+    /// Whether no pixel lets anything through; of PNG bytes, whether they hold no alpha.
+    pub fn is_opaque(&self) -> bool {
+        /// Where the kind of colour stands, and RGB's.
+        const COLOUR_TYPE: usize = 25;
+        const RGB: u8 = 2;
+        match self.png.get() {
+            Some(png) => png.get(COLOUR_TYPE) == Some(&RGB),
+            None => self.picture().is_opaque(),
+        }
+    }
+
     /// Its PNG bytes, where they need not be made.
     pub fn known_png(&self) -> Option<&Bytes> {
         self.png.get()

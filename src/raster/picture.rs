@@ -1,8 +1,9 @@
 //! Eight-bit RGBA pictures and their PNG form.
 
-use image::{ImageBuffer, Rgba};
+use image::ImageBuffer;
 
 use super::geotiff::{Samples, hide};
+use super::png;
 use crate::diagnostic::{Error, Result};
 
 /// An sRGB picture with straight (not premultiplied) alpha, row 0 on top.
@@ -50,21 +51,15 @@ impl Picture {
 
     /// PNG bytes; RGB if every pixel is opaque, RGBA otherwise.
     pub fn to_png(&self) -> Result<Vec<u8>> {
-        let fail =
-            |e: image::ImageError| Error::new(format!("a picture could not be encoded: {e}"));
-        let mut out = std::io::Cursor::new(Vec::new());
-        if self.data.iter().all(|p| p[3] == 255) {
-            let raw: Vec<u8> = self.data.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
-            let image = ImageBuffer::<image::Rgb<u8>, _>::from_raw(self.width, self.height, raw)
-                .ok_or_else(|| Error::new("a picture's size and data disagree"))?;
-            image.write_to(&mut out, image::ImageFormat::Png).map_err(fail)?;
-        } else {
-            let raw: Vec<u8> = bytemuck::cast_slice(&self.data).to_vec();
-            let image = ImageBuffer::<Rgba<u8>, _>::from_raw(self.width, self.height, raw)
-                .ok_or_else(|| Error::new("a picture's size and data disagree"))?;
-            image.write_to(&mut out, image::ImageFormat::Png).map_err(fail)?;
+        if !self.is_opaque() {
+            return png::encode(self.width, self.height, &self.data);
         }
-        Ok(out.into_inner())
+        let raw: Vec<[u8; 3]> = self.data.iter().map(|p| [p[0], p[1], p[2]]).collect();
+        png::encode(self.width, self.height, &raw)
+    }
+
+    pub fn is_opaque(&self) -> bool {
+        self.data.iter().all(|p| p[3] == 255)
     }
 
     /// Decodes PNG or JPEG bytes of at most `most_px` pixels a side; the size is looked at first.

@@ -27,6 +27,7 @@ const SOURCES: &[(&str, &str)] = &[
     ("../raster/pad.rs", include_str!("../raster/pad.rs")),
     ("../raster/encoded.rs", include_str!("../raster/encoded.rs")),
     ("../raster/picture.rs", include_str!("../raster/picture.rs")),
+    ("../raster/png.rs", include_str!("../raster/png.rs")),
     ("../seed.rs", include_str!("../seed.rs")),
 ];
 

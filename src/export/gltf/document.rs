@@ -18,7 +18,7 @@ use crate::mesh::Surface;
 use crate::scene::{self, Alpha, Form, Model, Part, Selection, TreeFacts, Wrap};
 
 /// Terrain keeps its 32-bit positions where 16 bits would move it farther than this, metres.
-pub(super) const MOST_TERRAIN_ERROR_M: f32 = 0.005;
+pub(super) const MOST_TERRAIN_ERROR_M: f32 = 0.001;
 
 /// Where buffer and pictures are.
 #[derive(Debug, Clone, Copy)]
@@ -104,7 +104,12 @@ pub(super) fn build<'a>(
         materials: materials(selection, &uv_ranges),
         textures,
         samplers,
-        images: images(selection, coding, beside, first_picture),
+        images: images(
+            selection,
+            selection.textures.iter().map(|&t| pictures.format_of(t, coding)),
+            beside,
+            first_picture,
+        ),
         accessors,
         buffer_views: views,
         buffers,
@@ -520,25 +525,29 @@ fn textures<'a>(
 
 fn images<'a>(
     selection: &Selection<'a>,
-    coding: PictureFormat,
+    formats: impl Iterator<Item = PictureFormat>,
     beside: Beside<'_>,
     first_view: u32,
 ) -> Vec<Image<'a>> {
-    let image = |(view, (texture, _)): (u32, (&'a scene::Texture, Wrap))| match beside {
-        Beside::Nothing => Image {
-            name: &texture.name,
-            uri: None,
-            mime_type: Some(coding.mime_type()),
-            buffer_view: Some(view),
-        },
-        Beside::Files { stem, .. } => Image {
-            name: &texture.name,
-            uri: Some(percent_encoded(&texture_path(stem, &texture.name, coding))),
-            mime_type: None,
-            buffer_view: None,
-        },
-    };
-    (first_view..).zip(selection.pictures()).map(image).collect()
+    let image =
+        |((view, (texture, _)), format): ((u32, (&'a scene::Texture, _)), PictureFormat)| {
+            let name = texture.name.as_str();
+            match beside {
+                Beside::Nothing => Image {
+                    name,
+                    uri: None,
+                    mime_type: Some(format.mime_type()),
+                    buffer_view: Some(view),
+                },
+                Beside::Files { stem, .. } => Image {
+                    name,
+                    uri: Some(percent_encoded(&texture_path(stem, name, format))),
+                    mime_type: None,
+                    buffer_view: None,
+                },
+            }
+        };
+    (first_view..).zip(selection.pictures()).zip(formats).map(image).collect()
 }
 
 /// A relative path as a URI (RFC 3986): everything but unreserved characters and `/` encoded.

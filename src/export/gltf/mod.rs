@@ -32,7 +32,8 @@ pub enum Profile {
     #[default]
     Dcc,
     /// Game engines: trees drawn together by cells, forms in one file with the share of the
-    /// picture at which they change, directions and texture coordinates in fewer bits.
+    /// picture at which they change, directions and texture coordinates in fewer bits, opaque
+    /// colours and normals as JPEG.
     Engine,
     /// Browsers: trees drawn together, numbers of fewer bits, compressed; WebP textures; one form
     /// a file.
@@ -64,7 +65,8 @@ impl Profile {
     /// How its textures are coded.
     pub fn picture_format(self) -> PictureFormat {
         match self {
-            Profile::Dcc | Profile::Engine => PictureFormat::Png,
+            Profile::Dcc => PictureFormat::Png,
+            Profile::Engine => PictureFormat::Jpeg,
             Profile::Web => PictureFormat::WebP,
         }
     }

@@ -4,28 +4,30 @@
 use std::io::{self, Write};
 
 use crate::export::Sink;
-use crate::export::blocks::Blocks;
-use crate::export::number::{integer, shortest};
+use crate::export::blocks::{self, Blocks};
+use crate::export::number::{Pen, integer, shortest};
 
 use super::layer::{Content, Field, Layer, Prim, Property, Specifier, Value};
 
 pub(super) fn write(layer: &Layer, out: &mut dyn Sink) -> io::Result<()> {
-    let mut text = Text { out: Blocks::new(out), depth: 0 };
-    text.line("#usda 1.0")?;
-    text.metadata("", &layer.metadata)?;
-    for prim in &layer.prims {
-        text.line("")?;
-        text.prim(prim)?;
-    }
-    text.out.finish()
+    blocks::through(out, |blocks| {
+        let mut text = Text { out: blocks, depth: 0 };
+        text.line("#usda 1.0")?;
+        text.metadata("", &layer.metadata)?;
+        for prim in &layer.prims {
+            text.line("")?;
+            text.prim(prim)?;
+        }
+        text.out.finish()
+    })
 }
 
-struct Text<'l, 's> {
-    out: Blocks<'l, 's>,
+struct Text<'l> {
+    out: Blocks<'l>,
     depth: usize,
 }
 
-impl<'l> Text<'l, '_> {
+impl<'l> Text<'l> {
     fn indent(&mut self) -> io::Result<()> {
         for _ in 0..self.depth {
             self.out.write_all(b"    ")?;
@@ -217,7 +219,7 @@ impl<'l> Text<'l, '_> {
             Value::Quatfs(items) | Value::Quaths(items) => {
                 self.array(items, |out, v| tuple(out, v))
             }
-            Value::Strings(items) => self.array(items, |out, v| out.extend(quoted(v).as_bytes())),
+            Value::Strings(items) => self.array(items, |out, v| out.text(quoted(v).as_bytes())),
             // Metadata alone, which `field` writes.
             Value::Dictionary(_) | Value::Prepended(_) | Value::Selections(_) | Value::Arc(_) => {
                 Ok(())
@@ -229,10 +231,10 @@ impl<'l> Text<'l, '_> {
         self.bytes_of(|out| tuple(out, values))
     }
 
-    fn bytes_of(&mut self, write: impl FnOnce(&mut Vec<u8>)) -> io::Result<()> {
-        let mut out = Vec::new();
+    fn bytes_of(&mut self, write: impl FnOnce(&mut Pen)) -> io::Result<()> {
+        let mut out = Pen::new();
         write(&mut out);
-        self.out.write_all(&out)
+        self.out.write_all(out.as_bytes())
     }
 
     fn repeated(&mut self, item: i32, count: usize) -> io::Result<()> {
@@ -256,13 +258,13 @@ impl<'l> Text<'l, '_> {
     fn array<T: Sync>(
         &mut self,
         items: &'l [T],
-        write: impl Fn(&mut Vec<u8>, &T) + Copy + Send + Sync + 'l,
+        write: impl Fn(&mut Pen, &T) + Copy + Send + Sync + 'l,
     ) -> io::Result<()> {
         self.out.write_all(b"[")?;
         if let Some((first, rest)) = items.split_first() {
             self.bytes_of(|out| write(out, first))?;
             self.out.rows(rest, move |out, item| {
-                out.extend_from_slice(b", ");
+                out.text(b", ");
                 write(out, item);
             })?;
         }
@@ -301,12 +303,15 @@ pub(super) fn unorm4(bytes: &[u8; 4]) -> [f32; 4] {
 }
 
 /// `(a, b, …)`.
-fn tuple(out: &mut Vec<u8>, values: &[f32]) {
-    let mut before: &[u8] = b"(";
-    for &value in values {
-        out.extend_from_slice(before);
+#[inline]
+fn tuple(out: &mut Pen, values: &[f32]) {
+    for (at, &value) in values.iter().enumerate() {
+        if at == 0 {
+            out.push(b'(');
+        } else {
+            out.text(b", ");
+        }
         shortest(out, value);
-        before = b", ";
     }
     out.push(b')');
 }

@@ -20,6 +20,7 @@ use std::io;
 use glam::{Vec2, Vec3};
 
 use self::xml::{Xml, numbers, strings};
+use super::blocks;
 use super::gltf::y_up;
 use super::number;
 use super::pictures::texture_path;
@@ -58,22 +59,24 @@ pub fn worst_shift_m(scene: &ValidScene) -> f32 {
 pub(super) fn file<'a>(selection: Selection<'a>, stem: &str, is_compact: bool) -> OutputFile<'a> {
     let textures_of = stem.to_owned();
     let content = Content::stream(move |sink| {
-        let writer = Writer {
-            selection: &selection,
-            stem: &textures_of,
-            places: is_compact.then_some(COMPACT),
-            has_material: vec![false; selection.materials.len()],
-            has_texture: vec![false; selection.textures.len()],
-            has_model: vec![false; selection.models.len()],
-            xml: Xml::new(sink),
-        };
-        writer.document()
+        blocks::through(sink, |blocks| {
+            let writer = Writer {
+                selection: &selection,
+                stem: &textures_of,
+                places: is_compact.then_some(COMPACT),
+                has_material: vec![false; selection.materials.len()],
+                has_texture: vec![false; selection.textures.len()],
+                has_model: vec![false; selection.models.len()],
+                xml: Xml::new(blocks),
+            };
+            writer.document()
+        })
     });
     OutputFile { path: format!("{stem}.x3d").into(), content }
 }
 
 /// What was defined is used from then on.
-struct Writer<'w, 'a, 's> {
+struct Writer<'w, 'a> {
     selection: &'w Selection<'a>,
     stem: &'w str,
     /// Where numbers are rounded.
@@ -81,10 +84,10 @@ struct Writer<'w, 'a, 's> {
     has_material: Vec<bool>,
     has_texture: Vec<bool>,
     has_model: Vec<bool>,
-    xml: Xml<'a, 's>,
+    xml: Xml<'a>,
 }
 
-impl<'a> Writer<'_, 'a, '_> {
+impl<'a> Writer<'_, 'a> {
     fn document(mut self) -> io::Result<()> {
         let scene = self.selection.scene();
         self.xml.line("<?xml version=\"1.0\" encoding=\"UTF-8\"?>");
@@ -271,7 +274,7 @@ impl<'a> Writer<'_, 'a, '_> {
         let solid = [("solid", solid)];
         self.xml.open_list("IndexedFaceSet", &solid, "coordIndex", triangles, |out, corners| {
             number::spaced(out, corners, |out, &c| number::integer(out, i64::from(c)));
-            out.extend(b" -1");
+            out.text(b" -1");
         })?;
         self.columns(
             surface,
@@ -290,7 +293,7 @@ impl<'a> Writer<'_, 'a, '_> {
         self.xml.open_list("IndexedTriangleSet", &solid, "index", triangles, |out, corners| {
             number::spaced(out, corners, |out, &c| number::integer(out, i64::from(c)));
         })?;
-        let round = |out: &mut Vec<u8>, values: &[f32], places| {
+        let round = |out: &mut number::Pen, values: &[f32], places| {
             number::spaced(out, values, |out, &v| number::rounded(out, v, places));
         };
         self.columns(
@@ -306,9 +309,9 @@ impl<'a> Writer<'_, 'a, '_> {
     fn columns(
         &mut self,
         surface: &'a Surface,
-        position: impl Fn(&mut Vec<u8>, &Vec3) + Copy + Send + Sync + 'a,
-        normal: impl Fn(&mut Vec<u8>, &Vec3) + Copy + Send + Sync + 'a,
-        uv: impl Fn(&mut Vec<u8>, &Vec2) + Copy + Send + Sync + 'a,
+        position: impl Fn(&mut number::Pen, &Vec3) + Copy + Send + Sync + 'a,
+        normal: impl Fn(&mut number::Pen, &Vec3) + Copy + Send + Sync + 'a,
+        uv: impl Fn(&mut number::Pen, &Vec2) + Copy + Send + Sync + 'a,
     ) -> io::Result<()> {
         self.xml.list("Coordinate", "point", &surface.position, position)?;
         self.xml.list("Normal", "vector", &surface.normal, normal)?;

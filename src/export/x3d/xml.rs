@@ -2,21 +2,20 @@
 
 use std::io;
 
-use super::super::Sink;
 use super::super::blocks::Blocks;
 use super::super::number;
 
-pub(super) struct Xml<'a, 's> {
-    blocks: Blocks<'a, 's>,
+pub(super) struct Xml<'a> {
+    blocks: Blocks<'a>,
     text: String,
     depth: usize,
 }
 
 type Attributes<'t> = [(&'t str, &'t str)];
 
-impl<'a, 's> Xml<'a, 's> {
-    pub fn new(sink: &'s mut dyn Sink) -> Self {
-        Xml { blocks: Blocks::new(sink), text: String::new(), depth: 0 }
+impl<'a> Xml<'a> {
+    pub fn new(blocks: Blocks<'a>) -> Self {
+        Xml { blocks, text: String::new(), depth: 0 }
     }
 
     pub fn line(&mut self, text: &str) {
@@ -48,7 +47,7 @@ impl<'a, 's> Xml<'a, 's> {
         name: &str,
         list: &str,
         items: &'a [T],
-        write: impl Fn(&mut Vec<u8>, &T) + Copy + Send + Sync + 'a,
+        write: impl Fn(&mut number::Pen, &T) + Copy + Send + Sync + 'a,
     ) -> io::Result<()> {
         self.begin_list(name, &[], list, items, write)?;
         self.text.push_str("/>\n");
@@ -62,7 +61,7 @@ impl<'a, 's> Xml<'a, 's> {
         attributes: &Attributes<'_>,
         list: &str,
         items: &'a [T],
-        write: impl Fn(&mut Vec<u8>, &T) + Copy + Send + Sync + 'a,
+        write: impl Fn(&mut number::Pen, &T) + Copy + Send + Sync + 'a,
     ) -> io::Result<()> {
         self.begin_list(name, attributes, list, items, write)?;
         self.text.push_str(">\n");
@@ -76,14 +75,14 @@ impl<'a, 's> Xml<'a, 's> {
         attributes: &Attributes<'_>,
         list: &str,
         items: &'a [T],
-        write: impl Fn(&mut Vec<u8>, &T) + Copy + Send + Sync + 'a,
+        write: impl Fn(&mut number::Pen, &T) + Copy + Send + Sync + 'a,
     ) -> io::Result<()> {
         self.begin(name, attributes);
         self.text.push(' ');
         self.text.push_str(list);
         self.text.push_str("=\"");
         self.pass_on()?;
-        let line = move |out: &mut Vec<u8>, item: &T| {
+        let line = move |out: &mut number::Pen, item: &T| {
             write(out, item);
             out.push(b'\n');
         };
@@ -143,27 +142,31 @@ pub(super) fn strings(items: &[&str]) -> String {
 }
 
 pub(super) fn numbers(values: &[f32]) -> String {
-    let mut out = Vec::new();
+    let mut out = number::Pen::new();
     number::shortest_of(&mut out, values);
-    String::from_utf8(out).unwrap_or_default()
+    String::from_utf8_lossy(out.as_bytes()).into_owned()
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::super::blocks;
     use super::*;
 
     #[test]
     fn elements_attributes_and_lists() {
         let mut sink = io::Cursor::new(Vec::new());
-        let mut xml = Xml::new(&mut sink);
-        xml.open("A", &[("b", "1 < 2 & 'x'"), ("c", &strings(&["d \"e\" \\f", "it's"]))]);
-        xml.empty("B", &[("t", "a\tb\u{1}é")]);
-        let write = |out: &mut Vec<u8>, n: &u32| number::integer(out, i64::from(*n));
-        xml.open_list("C", &[("d", &numbers(&[-0.0, 0.5]))], "e", &[1, 20], write).unwrap();
-        xml.list("D", "f", &[3], write).unwrap();
-        xml.close("C");
-        xml.close("A");
-        xml.finish().unwrap();
+        blocks::through(&mut sink, |blocks| {
+            let mut xml = Xml::new(blocks);
+            xml.open("A", &[("b", "1 < 2 & 'x'"), ("c", &strings(&["d \"e\" \\f", "it's"]))]);
+            xml.empty("B", &[("t", "a\tb\u{1}é")]);
+            let write = |out: &mut number::Pen, n: &u32| number::integer(out, i64::from(*n));
+            xml.open_list("C", &[("d", &numbers(&[-0.0, 0.5]))], "e", &[1, 20], write)?;
+            xml.list("D", "f", &[3], write)?;
+            xml.close("C");
+            xml.close("A");
+            xml.finish()
+        })
+        .unwrap();
         let expected = "<A b=\"1 &lt; 2 &amp; 'x'\" c='\"d \\\"e\\\" \\\\f\" \"it&apos;s\"'>\n \
                         <B t=\"a&#9;b\u{fffd}é\"/>\n <C d=\"0 0.5\" e=\"1\n20\n\">\n  \
                         <D f=\"3\n\"/>\n </C>\n</A>\n";
