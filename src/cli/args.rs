@@ -194,6 +194,27 @@ pub(super) fn positive(text: &str) -> Result<f32, String> {
     }
 }
 
+fn cell(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if (0.01..=100.0).contains(&v) => Ok(v),
+        _ => Err("give a number from 0.01 to 100, in metres".into()),
+    }
+}
+
+fn voxel(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if (0.01..=20.0).contains(&v) => Ok(v),
+        _ => Err("give a number from 0.01 to 20, in metres".into()),
+    }
+}
+
+fn tile(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if (128.0..=100_000.0).contains(&v) => Ok(v),
+        _ => Err("give a number from 128 to 100000, in metres".into()),
+    }
+}
+
 fn metres(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
@@ -260,11 +281,11 @@ pub struct ScanArgs {
     #[arg(long, value_enum, default_value = "smrf")]
     pub ground: Ground,
     /// Terrain cell in metres; from the density where absent.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = cell)]
     pub cell: Option<f32>,
     /// Work through the scan in tiles of this side in metres (steps of 64, at least 128), which bounds
     /// the memory; scans of more than 30 million points go so by themselves.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = tile)]
     pub tile: Option<f32>,
 }
 
@@ -282,7 +303,7 @@ pub struct TreeArgs {
     #[arg(long, value_enum, default_value = "auto")]
     pub species_by: SpeciesBy,
     /// Voxel in metres; from the density where absent.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = voxel)]
     pub voxel: Option<f32>,
     /// How much time may be taken for how small an error.
     #[arg(long, value_enum, default_value = "normal")]

@@ -81,6 +81,8 @@ pub(super) struct Whole {
 pub(super) fn read(job: &SurveyJob, run: &mut Recorder) -> Result<Scan> {
     run.stage("scan", |warnings| {
         let scan = scan::read(&job.scans, &READ)?.into_value(warnings);
+        terrain::check_extent(scan.bounds.min, scan.bounds.max, scan.cloud.len(), job.cell_m)
+            .map_err(|e| e.in_file(&job.scans[0]))?;
         let outcome = scan_outcome(&scan.census, scan.density_per_m2);
         Ok((scan, outcome))
     })

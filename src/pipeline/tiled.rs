@@ -41,6 +41,9 @@ impl Tiled {
     pub fn read(job: &SurveyJob, run: &mut Recorder) -> Result<Tiled> {
         run.stage("scan", |warnings| {
             let scan = TiledScan::read(&job.scans, &READ)?.into_value(warnings);
+            let points = scan.census.kept as usize;
+            terrain::check_extent(scan.bounds.min, scan.bounds.max, points, job.cell_m)
+                .map_err(|e| e.in_file(&job.scans[0]))?;
             let outcome = scan_outcome(&scan.census, scan.density_per_m2 as f32);
             let tiled = Tiled {
                 scan,

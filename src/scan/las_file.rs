@@ -103,7 +103,7 @@ fn read_inner(path: &Path, options: &ReadOptions, sink: Option<Sink<'_>>) -> Res
         None if is_laz => {
             return Err(damaged("the header says LAZ but no record tells how it is packed"));
         }
-        _ => decode_plain(&mut source, &layout, options, &mut decoded)?,
+        _ => decode_plain(&mut source, &header, &layout, options, &mut decoded)?,
     };
     let found = decoded.kept + decoded.all.removed.total();
     warnings.extend(told);
@@ -295,16 +295,18 @@ fn walk(
 
 fn decode_plain(
     source: &mut (impl Read + Seek),
+    header: &las::raw::Header,
     layout: &Layout,
     options: &ReadOptions,
     decoded: &mut Gathered<'_>,
 ) -> Result<Vec<String>> {
     let record_bytes = layout.record_bytes as u64;
     let room = layout.data_end.saturating_sub(layout.data_offset) / record_bytes;
+    let goes_on = layout.point_count == 0 || goes_on(source, header, layout, room)?;
     source.seek(SeekFrom::Start(layout.data_offset)).map_err(io_error)?;
     let batch = (BATCH_BYTES / record_bytes).max(1);
     let mut slab = Vec::new();
-    let mut left = if layout.point_count == 0 { room } else { layout.point_count.min(room) };
+    let mut left = if goes_on { room } else { layout.point_count.min(room) };
     while left > 0 {
         let n = left.min(batch);
         slab.resize((n * record_bytes) as usize, 0);
@@ -321,13 +323,41 @@ fn decode_plain(
         left -= n;
     }
     let spare = room.saturating_sub(layout.point_count);
-    Ok(if layout.point_count > 0 && spare > 0 {
+    Ok(if !goes_on && spare > 0 {
         vec![format!(
             "bytes for {spare} more points follow those the header promises; they are not read"
         )]
     } else {
         Vec::new()
     })
+}
+
+/// Whether what follows the points that the header promises are points too: whole records, the first
+/// and the last of them within the bounds that it states.
+fn goes_on(
+    source: &mut (impl Read + Seek),
+    header: &las::raw::Header,
+    layout: &Layout,
+    room: u64,
+) -> Result<bool> {
+    let record_bytes = layout.record_bytes as u64;
+    let bytes = layout.data_end.saturating_sub(layout.data_offset);
+    if room <= layout.point_count || !bytes.is_multiple_of(record_bytes) {
+        return Ok(false);
+    }
+    for number in [layout.point_count, room - 1] {
+        let mut head = [0u8; 12];
+        source
+            .seek(SeekFrom::Start(layout.data_offset + number * record_bytes))
+            .and_then(|_| source.read_exact(&mut head))
+            .map_err(io_error)?;
+        let step = |k: usize| i32::from_le_bytes([head[k], head[k + 1], head[k + 2], head[k + 3]]);
+        let place = world_from_steps([step(0), step(4), step(8)], layout.scale, layout.offset);
+        if bounds_are_wrong(header, layout, (place, place)) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
 }
 
 fn header_error(error: las::Error) -> Error {

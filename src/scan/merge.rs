@@ -1,7 +1,8 @@
 //! Files to one cloud: which reader reads each, one coordinate system, one origin.
 
+use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
@@ -55,6 +56,7 @@ pub(super) fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Sc
             }
         }
     }
+    tell_isolated(paths, &census, &mut warnings)?;
     let (frame, (min_m, max_m)) = frame(paths, &parts, &census, options)?;
     let cloud = assemble(parts, frame, &mut warnings);
     census.kept = cloud.len() as u64;
@@ -130,6 +132,44 @@ pub(super) fn census(parts: &[Part], warnings: &mut Vec<String>) -> Census {
         warnings.push("no coordinate system is stated: world units are taken as metres".into());
     }
     census
+}
+
+/// So many isolated points are told, and so many more are no noise, in parts of all.
+const MANY_ISOLATED: f64 = 0.05;
+const MOST_ISOLATED: f64 = 0.5;
+/// Among fewer points shares say little.
+const LEAST_POINTS: u64 = 100;
+
+/// Tells of points that were dropped for standing alone, where they are many.
+///
+/// # Errors
+/// Most points stand alone: these are no coordinates of a scan.
+pub(super) fn tell_isolated(
+    paths: &[PathBuf],
+    census: &Census,
+    warnings: &mut Vec<String>,
+) -> Result<()> {
+    let (isolated, all) = (census.removed.isolated, census.in_files);
+    let share = isolated as f64 / all.max(1) as f64;
+    if all < LEAST_POINTS || share <= MANY_ISOLATED {
+        return Ok(());
+    }
+    if share <= MOST_ISOLATED {
+        let percent = 100.0 * share;
+        warnings.push(format!(
+            "{isolated} of {all} points ({percent:.0} %) stand alone and are left out as noise: check \
+             the scale in the header or the order of the columns"
+        ));
+        return Ok(());
+    }
+    let error = Error::new(format!("{isolated} of {all} points stand alone, as in no scan")).remedy(
+        "check the scale and offset in the header, or the order of the columns: x, y and z come \
+         first",
+    );
+    Err(match paths.first() {
+        Some(first) => error.in_file(first),
+        None => error,
+    })
 }
 
 fn unit_m(parts: &[Part]) -> DVec3 {
@@ -240,10 +280,37 @@ fn refuse_twins(paths: &[PathBuf]) -> Result<()> {
     let mut known: Vec<PathBuf> =
         paths.iter().filter_map(|path| std::fs::canonicalize(path).ok()).collect();
     known.sort();
-    match known.windows(2).find(|pair| pair[0] == pair[1]) {
-        Some(pair) => Err(Error::new("is given twice").in_file(&pair[0]).remedy("name it once")),
-        None => Ok(()),
+    if let Some(pair) = known.windows(2).find(|pair| pair[0] == pair[1]) {
+        return Err(Error::new("is given twice").in_file(&pair[0]).remedy("name it once"));
     }
+    let mut seen: BTreeMap<(u64, Vec<u8>), &Path> = BTreeMap::new();
+    for path in &known {
+        // A file that can't be read is told by its reader.
+        let Ok(print) = fingerprint(path) else { continue };
+        // Files without points may be alike.
+        if print.0 > LEAST_BYTES
+            && let Some(other) = seen.insert(print, path)
+        {
+            let what = format!("holds the same bytes as {}", other.display());
+            return Err(Error::new(what).in_file(path).remedy("give one of them"));
+        }
+    }
+    Ok(())
+}
+
+/// Shorter files hold little but their header.
+const LEAST_BYTES: u64 = 4096;
+
+/// Length of a file, and its beginning and end.
+fn fingerprint(path: &Path) -> std::io::Result<(u64, Vec<u8>)> {
+    const END_BYTES: u64 = 1 << 16;
+    let mut file = File::open(path)?;
+    let length = file.metadata()?.len();
+    let mut ends = Vec::new();
+    (&mut file).take(END_BYTES).read_to_end(&mut ends)?;
+    file.seek(SeekFrom::Start(length.saturating_sub(END_BYTES)))?;
+    file.take(END_BYTES).read_to_end(&mut ends)?;
+    Ok((length, ends))
 }
 
 fn refuse_degrees(part: &Part) -> Result<()> {

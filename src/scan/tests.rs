@@ -269,6 +269,62 @@ fn noise_is_counted_by_its_reason() {
 }
 
 #[test]
+fn points_past_a_count_that_is_too_low_are_read_where_they_are_points() {
+    let folder = tempfile::tempdir().unwrap();
+    let records: Vec<_> =
+        (0..900).map(|i| ([i % 30 * 1000, i / 30 * 1000, 0], 0b001_001, 2)).collect();
+    let header = |points: u32| las::raw::Header {
+        number_of_point_records: points,
+        x_scale_factor: 0.001,
+        y_scale_factor: 0.001,
+        z_scale_factor: 0.001,
+        max_x: 29.0,
+        max_y: 29.0,
+        ..las::raw::Header::default()
+    };
+    let with = |points: u32| {
+        let mut bytes = Vec::new();
+        header(points).write_to(&mut bytes).unwrap();
+        let whole = las_bytes(&records);
+        let from = bytes.len();
+        bytes.extend_from_slice(&whole[from..]);
+        bytes
+    };
+    let read = read_one(&write_file(&folder, "low.las", &with(450))).unwrap();
+    assert_eq!(read.value.census.in_files, 900);
+    let told = "the header promises 450 points but 900 are there; all were read";
+    assert!(read.warnings.iter().any(|w| w.ends_with(told)), "{:?}", read.warnings);
+    // What is no point is not taken for one.
+    let mut odd = with(900);
+    odd.extend([0x7f; 20]);
+    let read = read_one(&write_file(&folder, "odd.las", &odd)).unwrap();
+    assert_eq!(read.value.census.in_files, 900);
+    assert!(
+        read.warnings.iter().any(|w| w.contains("bytes for 1 more points")),
+        "{:?}",
+        read.warnings
+    );
+}
+
+#[test]
+fn points_that_stand_alone_are_told_and_most_of_them_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    // A field of points, and points far from it and from each other.
+    let text = |alone: usize| {
+        let field = (0..900).map(|i| format!("{} {} 0\n", i % 30, i / 30));
+        let strays = (0..alone).map(|i| format!("{} {} 0\n", 1000 + 100 * i, 50 * i));
+        field.chain(strays).collect::<String>()
+    };
+    let few = read_one(&write_file(&folder, "few.xyz", text(30).as_bytes())).unwrap();
+    assert!(!few.warnings.iter().any(|w| w.contains("stand alone")), "{:?}", few.warnings);
+    let some = read_one(&write_file(&folder, "some.xyz", text(100).as_bytes())).unwrap();
+    let told = "100 of 1000 points (10 %) stand alone and are left out as noise";
+    assert!(some.warnings.iter().any(|w| w.starts_with(told)), "{:?}", some.warnings);
+    let error = error_of(&write_file(&folder, "most.xyz", text(1000).as_bytes()));
+    assert_eq!(error.message(), "1000 of 1900 points stand alone, as in no scan");
+}
+
+#[test]
 fn a_point_beyond_reason_does_not_hide_other_noise() {
     let folder = tempfile::tempdir().unwrap();
     let mut text: String = (0..900).map(|i| format!("{} {} 0\n", i % 30, i / 30)).collect();
@@ -485,6 +541,10 @@ fn bad_files_give_one_clear_error() {
     assert_eq!(read(&[], &ReadOptions::default()).unwrap_err().message(), "no scan is given");
     let twice = vec![write_file(&folder, "good.las", &las); 2];
     assert_eq!(read(&twice, &ReadOptions::default()).unwrap_err().message(), "is given twice");
+    let many: Vec<_> = (0..300).map(|i| ([i * 100, 0, 0], 0b001_001, 1)).collect();
+    let alike = ["a.las", "b.las"].map(|name| write_file(&folder, name, &las_bytes(&many)));
+    let error = read(&alike, &ReadOptions::default()).unwrap_err();
+    assert!(error.message().starts_with("holds the same bytes as "), "{error}");
 }
 
 #[test]

@@ -148,6 +148,7 @@ impl TiledScan {
         scan.survey()?;
         if options.drop_isolated {
             scan.drop_isolated()?;
+            merge::tell_isolated(paths, &scan.census, &mut warnings)?;
             scan.survey()?;
             for part in &mut parts {
                 part.bounds = None;

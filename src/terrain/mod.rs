@@ -281,6 +281,25 @@ fn geometry(
     grid_over(low, high, cell)
 }
 
+/// Cells that a terrain may have for each point of its scan.
+const MOST_CELLS_A_POINT: usize = 64;
+
+/// Whether a terrain can be made over a box with so many points, told before any work is done.
+///
+/// # Errors
+/// More than 100 million cells, or far more than points where no cell is asked for.
+pub fn check_extent(low: Vec3, high: Vec3, points: usize, cell_m: Option<f32>) -> Result<()> {
+    let asked = cell_m.filter(|c| c.is_finite() && *c > 0.0).map(f64::from);
+    let coarsest = CELLS_M[CELLS_M.len() - 1];
+    let cells = grid_over(low, high, asked.unwrap_or(coarsest))?.len();
+    if asked.is_some() || cells <= (MOST_CELLS_A_POINT * points).max(1 << 20) {
+        return Ok(());
+    }
+    let km = (high - low) * 1e-3;
+    Err(Error::new(format!("{points} points lie scattered over {:.1} × {:.1} km", km.x, km.y))
+        .remedy("look for a wrong scale in the header or points far from the rest, or give --cell"))
+}
+
 /// The cell for so many ground points over an extent in metres, at least so many of their mean
 /// distances.
 pub fn choose_cell_m(extent_m: Vec2, ground_points: usize, in_spacings: f64) -> f64 {
@@ -635,6 +654,17 @@ mod tests {
             .iter()
             .fold((f32::MAX, f32::MIN), |(a, b), &z| (a.min(z), b.max(z)));
         assert!(low > 9.5 && high < 13.5, "{low} {high}");
+    }
+
+    #[test]
+    fn scattered_points_are_refused_unless_a_cell_is_asked_for() {
+        let far = Vec3::new(20_000.0, 10_000.0, 50.0);
+        let error = check_extent(Vec3::ZERO, far, 10_000, None).unwrap_err();
+        assert_eq!(error.message(), "10000 points lie scattered over 20.0 × 10.0 km");
+        check_extent(Vec3::ZERO, far, 10_000, Some(10.0)).unwrap();
+        check_extent(Vec3::ZERO, far, 1_000_000, None).unwrap();
+        check_extent(Vec3::ZERO, far * 0.05, 3, None).unwrap();
+        assert!(check_extent(Vec3::ZERO, far, usize::MAX / 64, Some(0.1)).is_err());
     }
 
     #[test]
