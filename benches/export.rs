@@ -87,6 +87,7 @@ fn bytes_in(folder: &Path) -> u64 {
 }
 
 fn main() {
+    larix::heap::keep_freed();
     let mut words: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
     let mut option = |name: &str| {
         let at = words.iter().position(|w| w == name)?;

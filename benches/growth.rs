@@ -16,6 +16,7 @@ use larix::species::{self, Species};
 use rayon::prelude::*;
 
 fn main() {
+    larix::heap::keep_freed();
     for n in ITERATIONS {
         let string = derived(&rule_13(), n);
         let bytes = string.symbols.len() + 8 * string.parameters.len();

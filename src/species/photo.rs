@@ -67,6 +67,20 @@ impl Photo {
             || geometry.north < low.y;
         if is_apart {
             let scan_epsg = frame.crs.as_ref().and_then(|c| c.epsg);
+            if in_degrees(&geometry) {
+                return Err(Error::new(format!(
+                    "the photo is in degrees: {:.4} to {:.4} east, {:.4} to {:.4} north",
+                    geometry.west,
+                    geometry.east(),
+                    geometry.south(),
+                    geometry.north,
+                ))
+                .in_file(name)
+                .remedy(format!(
+                    "bring it into the scan's coordinate system: gdalwarp -t_srs {} {name} warped.tif",
+                    scan_epsg.map_or("EPSG:…".into(), |code| format!("EPSG:{code}")),
+                )));
+            }
             return Err(Error::new(format!(
                 "the photo lies elsewhere than the scan: photo x {:.0} to {:.0}, y {:.0} to {:.0}{}; \
                  scan x {:.0} to {:.0}, y {:.0} to {:.0}{}",
@@ -190,6 +204,15 @@ fn scale(raster: &Raster) -> f32 {
     255.0 / full
 }
 
+/// Whether a photo's numbers are a small place on the globe rather than metres.
+fn in_degrees(g: &GridGeometry) -> bool {
+    g.west >= -180.0
+        && g.east() <= 180.0
+        && g.south() >= -90.0
+        && g.north <= 90.0
+        && g.cell_x < 1e-3
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -275,6 +298,11 @@ mod tests {
             g.west += 5000.0;
         }
         insta::assert_snapshot!(format!("{:?}", place(r).unwrap_err()), @"photo.tif: the photo lies elsewhere than the scan: photo x 505000 to 505010, y 6000000 to 6000010 (EPSG 32617); scan x 500000 to 500010, y 6000000 to 6000010 (remedy: give a photo of the scanned place, in the scan's coordinate system)");
+        let mut r = raster(Samples::U8(vec![9; 300]), 10, 3);
+        if let Some(g) = &mut r.geometry {
+            (g.west, g.north, g.cell_x, g.cell_y) = (-80.5, 37.4, 1e-5, 1e-5);
+        }
+        insta::assert_snapshot!(format!("{:?}", place(r).unwrap_err()), @"photo.tif: the photo is in degrees: -80.5000 to -80.4999 east, 37.3999 to 37.4000 north (remedy: bring it into the scan's coordinate system: gdalwarp -t_srs EPSG:… photo.tif warped.tif)");
         assert!(place(raster(Samples::U8(vec![]), 10, 3)).is_err());
     }
 }
