@@ -1,10 +1,11 @@
 //! Species, height and stem diameter on real scans, beside what was measured in the field: the
-//! pipeline as users run it, on the annotated plots with and without the photo.
+//! pipeline as users run it, on the annotated plots with and without the photo. Prints the tables of
+//! docs/inventory.md and writes them when `UPDATE_DOCS` is set.
 //!
 //! With `FEATURES_CSV` set, what `tools/fit_kind.py` fits to is written there: the features of every
 //! annotated crown.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -25,8 +26,24 @@ use larix::terrain::{self, TerrainOptions};
 /// The default mix of the command line.
 const MIX: [&str; 5] =
     ["larix_sibirica", "betula_pendula", "pinus_sylvestris", "picea_obovata", "salix_caprea"];
-/// USDA codes of the conifers that grow on the plots.
-const CONIFERS: [&str; 5] = ["PIEL", "PINUS", "PIPA2", "PITA", "TSCA"];
+/// The genera of the USDA codes on the plots.
+const GENERA: [(&str, &str); 14] = [
+    ("AC", "Acer"),
+    ("AM", "Amelanchier"),
+    ("BE", "Betula"),
+    ("CA", "Carya"),
+    ("LITU", "Liriodendron"),
+    ("MAGNO", "Magnolia"),
+    ("NYSY", "Nyssa"),
+    ("OXYDE", "Oxydendrum"),
+    ("PI", "Pinus"),
+    ("PRSE", "Prunus"),
+    ("QU", "Quercus"),
+    ("ROPS", "Robinia"),
+    ("TSCA", "Tsuga"),
+    ("", ""),
+];
+const CONIFERS: [&str; 5] = ["Abies", "Larix", "Picea", "Pinus", "Tsuga"];
 const SITES: [&str; 2] = ["MLBS", "OSBS"];
 
 fn data(name: &str) -> Option<PathBuf> {
@@ -42,14 +59,16 @@ fn data(name: &str) -> Option<PathBuf> {
 struct Annotated {
     /// World units: west, south, east, north.
     bounds: [f64; 4],
+    /// USDA code; empty where nobody named it.
     taxon: String,
+    genus: &'static str,
     stem_diameter_m: Option<f64>,
     height_m: Option<f64>,
 }
 
 impl Annotated {
     fn is_conifer(&self) -> bool {
-        CONIFERS.contains(&self.taxon.as_str())
+        CONIFERS.contains(&self.genus)
     }
 }
 
@@ -57,9 +76,12 @@ fn annotated() -> Option<BTreeMap<String, Vec<Annotated>>> {
     let mut plots: BTreeMap<String, Vec<Annotated>> = BTreeMap::new();
     for row in csv::Reader::from_path(data("idtrees/boxes.csv")?).unwrap().records() {
         let row = row.unwrap();
+        let genus = GENERA.iter().find(|(code, _)| row[6].starts_with(code)).unwrap().1;
+        assert!(row[6].is_empty() || !genus.is_empty(), "no genus for {}", &row[6]);
         plots.entry(row[0].to_owned()).or_default().push(Annotated {
             bounds: std::array::from_fn(|k| row[2 + k].parse().unwrap()),
             taxon: row[6].to_owned(),
+            genus,
             stem_diameter_m: row[7].parse::<f64>().ok().map(|cm| 0.01 * cm),
             height_m: row[8].parse().ok(),
         });
@@ -122,47 +144,99 @@ fn matches(truth: &[Annotated], survey: &Survey) -> Vec<(usize, usize)> {
     out
 }
 
-/// Trees by site, true kind and found genus.
-#[derive(Default)]
-struct Confusion(BTreeMap<(&'static str, bool, String), usize>);
+/// A tree of which the field and the inventory say what it is.
+struct Named {
+    site: usize,
+    field: &'static str,
+    found: String,
+}
 
-impl Confusion {
-    fn count(&self, of: impl Fn(&str, bool, bool) -> bool) -> f64 {
-        let is_conifer = |genus: &str| ["Abies", "Larix", "Picea", "Pinus"].contains(&genus);
-        let all = self.0.iter().filter(|((s, t, g), _)| of(s, *t, is_conifer(g)));
-        all.map(|(_, n)| *n as f64).sum()
+impl Named {
+    fn are_conifers(&self) -> [bool; 2] {
+        [self.field, &self.found].map(|genus| CONIFERS.contains(&genus))
     }
 
-    /// Share of the trees whose kind is right.
-    fn right(&self, site: Option<&str>) -> f64 {
-        let here = |s: &str| site.is_none_or(|site| site == s);
-        self.count(|s, t, f| here(s) && t == f) / self.count(|s, _, _| here(s)).max(1.0)
+    fn has_kind(&self) -> bool {
+        let [field, found] = self.are_conifers();
+        field == found
     }
 
-    fn print(&self, title: &str) {
-        println!("{title}: kind right of {:.3} of all", self.right(None));
-        for site in SITES {
-            let n = |t: bool, f: bool| self.count(|s, a, b| s == site && a == t && b == f);
-            println!(
-                "  {site} {:.3}: conifers {} right, {} wrong; broadleaves {} right, {} wrong",
-                self.right(Some(site)),
-                n(true, true),
-                n(true, false),
-                n(false, false),
-                n(false, true)
-            );
-            for is_conifer in [true, false] {
-                let mut line =
-                    format!("    {}:", if is_conifer { "conifers" } else { "broadleaves" });
-                for ((s, t, genus), n) in &self.0 {
-                    if *s == site && *t == is_conifer {
-                        write!(line, " {genus} {n}").unwrap();
-                    }
-                }
-                println!("{line}");
+    fn has_genus(&self) -> bool {
+        self.field == self.found
+    }
+}
+
+/// Share of the trees of a site, or of all.
+fn share(trees: &[Named], site: Option<usize>, is_right: impl Fn(&Named) -> bool) -> f64 {
+    let here: Vec<&Named> = trees.iter().filter(|t| site.is_none_or(|s| s == t.site)).collect();
+    here.iter().filter(|t| is_right(t)).count() as f64 / here.len().max(1) as f64
+}
+
+/// The trees, each taken for the commonest genus at its site of the commoner kind there.
+fn commonest(trees: &[Named]) -> Vec<Named> {
+    let usual = |site: usize| {
+        let here: Vec<&Named> = trees.iter().filter(|t| t.site == site).collect();
+        let conifers = here.iter().filter(|t| t.are_conifers()[0]).count();
+        let of_kind = here.iter().filter(|t| t.are_conifers()[0] == (2 * conifers > here.len()));
+        let mut count: BTreeMap<&str, usize> = BTreeMap::new();
+        of_kind.for_each(|t| *count.entry(t.field).or_default() += 1);
+        count.into_iter().max_by_key(|(_, n)| *n).map_or("", |(genus, _)| genus)
+    };
+    let found = SITES.iter().enumerate().map(|(site, _)| usual(site)).collect::<Vec<_>>();
+    let taken = |t: &Named| Named { found: found[t.site].to_owned(), ..*t };
+    trees.iter().map(taken).collect()
+}
+
+/// A table with `head` over the first column, as Markdown.
+fn table(head: &[String], rows: &[Vec<String>]) -> String {
+    let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+    let mut out = line(head) + "|---" + &"|--:".repeat(head.len() - 1) + "|\n";
+    rows.iter().for_each(|row| out += &line(row));
+    out
+}
+
+fn accuracy(title: &str, trees: &[Named]) -> Vec<String> {
+    let mut row = vec![title.to_owned()];
+    for site in [None, Some(0), Some(1)] {
+        row.push(format!("{:.3}", share(trees, site, Named::has_kind)));
+    }
+    row.push(format!("{:.3}", share(trees, None, Named::has_genus)));
+    row
+}
+
+/// Confusion matrices: conifer or broadleaf, then genus. Rows are the field's.
+fn matrices(title: &str, trees: &[Named]) -> String {
+    let count = |is: &dyn Fn(&Named) -> bool| trees.iter().filter(|t| is(t)).count().to_string();
+    let kinds = [("conifer", true), ("broadleaf", false)];
+    let mut rows = Vec::new();
+    for site in [Some(0), Some(1), None] {
+        for (kind, of) in kinds {
+            let here = |t: &Named| site.is_none_or(|s| s == t.site) && t.are_conifers()[0] == of;
+            let mut row = vec![format!("{kind}, {}", site.map_or("both", |s| SITES[s]))];
+            for (_, found) in kinds {
+                row.push(count(&|t| here(t) && t.are_conifers()[1] == found));
             }
+            rows.push(row);
         }
     }
+    let head = ["field ↓ decided →", "conifer", "broadleaf"].map(str::to_owned);
+    let out = format!("{title}:\n\n{}\n", table(&head, &rows));
+
+    let genera = |of: &dyn Fn(&Named) -> String| {
+        let all: BTreeSet<_> = trees.iter().map(of).collect();
+        let (mut all, broadleaves): (Vec<_>, Vec<_>) =
+            all.into_iter().partition(|g| CONIFERS.contains(&g.as_str()));
+        all.extend(broadleaves);
+        all
+    };
+    let found = genera(&|t| t.found.clone());
+    let mut rows = Vec::new();
+    for genus in genera(&|t| t.field.to_owned()) {
+        let mut row = vec![genus.clone()];
+        row.extend(found.iter().map(|f| count(&|t| t.field == genus && t.found == *f)));
+        rows.push(row);
+    }
+    out + &table(&[&head[..1], &found].concat(), &rows)
 }
 
 #[derive(Default)]
@@ -178,60 +252,122 @@ impl Errors {
     }
 }
 
-/// Errors of height and stem diameter at the two sites, and of kind and genus.
+/// What one way of deciding the species gives.
+#[derive(Default)]
+struct Outcome {
+    named: Vec<Named>,
+    /// Of height, m, and stem diameter, m, by site.
+    errors: [[Errors; 2]; 2],
+    /// Crowns annotated, found and matched, by site.
+    crowns: [[usize; 3]; 2],
+}
+
 fn run(
     plots: &BTreeMap<String, Vec<Annotated>>,
     names: &[&str],
     by: SpeciesBy,
     with_photo: bool,
-) -> (Confusion, [[Errors; 2]; 2]) {
-    let (mut confusion, mut errors) = (Confusion::default(), <[[Errors; 2]; 2]>::default());
+) -> Outcome {
+    let mut out = Outcome::default();
     for (plot, truth) in plots {
         let mut recorder = Recorder::new(&Silent);
         let survey = survey::inventory(&job(plot, names, by, with_photo), &mut recorder).unwrap();
         let site = usize::from(plot.starts_with("OSBS"));
-        for (i, j) in matches(truth, &survey) {
+        let pairs = matches(truth, &survey);
+        let counts = [truth.len(), survey.trees.len(), pairs.len()];
+        out.crowns[site].iter_mut().zip(counts).for_each(|(sum, n)| *sum += n);
+        for (i, j) in pairs {
             let (t, tree) = (&truth[i], &survey.trees[j]);
             if !t.taxon.is_empty() {
-                let genus = tree.species.split(' ').next().unwrap().to_owned();
-                *confusion.0.entry((SITES[site], t.is_conifer(), genus)).or_default() += 1;
+                let found = tree.species.split(' ').next().unwrap().to_owned();
+                out.named.push(Named { site, field: t.genus, found });
             }
             let of = |found: f32, truth: Option<f64>| truth.map(|t| f64::from(found) - t);
-            errors[site][0].0.extend(of(tree.crown.height_m, t.height_m));
-            errors[site][1].0.extend(of(tree.stem_diameter_m, t.stem_diameter_m));
+            out.errors[site][0].0.extend(of(tree.crown.height_m, t.height_m));
+            out.errors[site][1].0.extend(of(tree.stem_diameter_m, t.stem_diameter_m));
         }
     }
-    (confusion, errors)
+    out
+}
+
+const DOCS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/inventory.md");
+
+/// The page with `text` between the marks of that name.
+fn placed(page: &str, name: &str, text: &str) -> String {
+    println!("{text}");
+    let mark = format!("<!-- {name}, by tests/species_plots.rs -->\n");
+    let (before, rest) = page.split_once(&mark).unwrap();
+    let (_, after) = rest.split_once("<!-- end -->").unwrap();
+    format!("{before}{mark}\n{text}\n<!-- end -->{after}")
 }
 
 #[test]
-fn kinds_and_sizes_beside_the_field() {
+fn kinds_and_sizes_beside_the_field_stand_on_their_page() {
     let Some(plots) = annotated() else { return };
-    let (ranges, _) = run(&plots, &MIX, SpeciesBy::Luminance, true);
-    ranges.print("luminance ranges");
-    let (alone, _) = run(&plots, &MIX, SpeciesBy::Auto, false);
-    alone.print("without a photo");
-    let (both, errors) = run(&plots, &MIX, SpeciesBy::Auto, true);
-    both.print("with the photo");
+    let ranges = run(&plots, &MIX, SpeciesBy::Luminance, true).named;
+    let alone = run(&plots, &MIX, SpeciesBy::Auto, false).named;
+    let those_there =
+        run(&plots, &["pinus_sylvestris", "quercus_robur"], SpeciesBy::Auto, true).named;
+    let Outcome { named: both, errors, crowns } = run(&plots, &MIX, SpeciesBy::Auto, true);
+
+    let head = ["", "kind right", "MLBS", "OSBS", "genus right"].map(str::to_owned);
+    let rows = [
+        accuracy("luminance ranges alone", &ranges),
+        accuracy("without the photo", &alone),
+        accuracy("with the photo", &both),
+        accuracy("with the photo, pine and oak named", &those_there),
+        accuracy("always the site's commoner kind", &commonest(&both)),
+    ];
+    let matrices = [
+        matrices("Luminance ranges alone", &ranges),
+        matrices("Without the photo", &alone),
+        matrices("With the photo", &both),
+    ];
+    let kinds = format!("{}\n{}", table(&head, &rows), matrices.join("\n"));
+
+    let head = ["", "annotated", "found", "matched", "F1"].map(str::to_owned);
+    let all = std::array::from_fn(|k| crowns[0][k] + crowns[1][k]);
+    let lines = [(SITES[0], crowns[0]), (SITES[1], crowns[1]), ("both", all)];
+    let rows = lines.map(|(site, [annotated, found, matched])| {
+        let f1 = 2.0 * matched as f64 / (annotated + found).max(1) as f64;
+        let cells = [annotated, found, matched].map(|n| n.to_string());
+        [&[site.to_owned()], cells.as_slice(), &[format!("{f1:.3}")]].concat()
+    });
+    let trees = table(&head, &rows);
+
+    let head =
+        ["", "trees", "height: RMSE, m", "bias, m", "stems", "diameter: RMSE, cm", "bias, cm"];
+    let rows = [0, 1].map(|site| {
+        let mut row = vec![SITES[site].to_owned()];
+        for (errors, unit) in errors[site].iter().zip([1.0, 100.0]) {
+            row.push(errors.0.len().to_string());
+            row.push(format!("{:.2}", unit * errors.rmse()));
+            row.push(format!("{:+.2}", unit * errors.bias()).replace('-', "−"));
+        }
+        row
+    });
+    let sizes = table(&head.map(str::to_owned), &rows);
+
+    let page = std::fs::read_to_string(DOCS).unwrap();
+    let new = placed(&page, "trees", &trees);
+    let new = placed(&new, "kinds", &kinds);
+    let new = placed(&new, "sizes", &sizes);
     for (site, [height, stem]) in SITES.iter().zip(&errors) {
-        println!(
-            "{site}: {} heights, RMSE {:.2} m, bias {:+.2}; {} stems, RMSE {:.3} m, bias {:+.3}",
-            height.0.len(),
-            height.rmse(),
-            height.bias(),
-            stem.0.len(),
-            stem.rmse(),
-            stem.bias()
-        );
         assert!(height.rmse() < 6.0 && height.bias().abs() < 4.0, "{site}");
         assert!(stem.rmse() < 0.16 && stem.bias().abs() < 0.08, "{site}");
     }
+    let right = |trees: &[Named], site| share(trees, site, Named::has_kind);
     // Held out plot by plot, the model reaches 0.9 and more; the ranges are right of a quarter.
-    assert!(alone.right(None) > 0.85 && both.right(None) > 0.85);
-    for site in SITES {
-        assert!(both.right(Some(site)) > 0.8, "{site}");
+    assert!(right(&alone, None) > 0.85 && right(&both, None) > 0.85);
+    for (site, name) in SITES.iter().enumerate() {
+        assert!(right(&both, Some(site)) > 0.8, "{name}");
     }
-    assert!(both.right(None) > ranges.right(None));
+    assert!(right(&both, None) > right(&ranges, None));
+    if std::env::var_os("UPDATE_DOCS").is_some() {
+        std::fs::write(DOCS, new).unwrap();
+        return;
+    }
+    assert!(page == new, "set UPDATE_DOCS to write the page anew: {DOCS}");
 }
 
 /// A crown as wide as its box, and nothing else known of it.

@@ -69,6 +69,8 @@ def main(path):
     site = np.array([p.split("_")[0] for p in plot])
     for s in sorted(set(site)):
         print(f"{s}: {((site == s) & (y == 1)).sum()} conifers, {((site == s) & (y == 0)).sum()} broadleaves")
+    commoner = sum(max((y[site == s] == k).sum() for k in (0, 1)) for s in set(site))
+    print(f"always the commoner kind of the site {commoner / len(y):.3f} of {len(y)}")
     for title, columns in SUBSETS.items():
         z = np.zeros(len(y))
         for p in set(plot):
