@@ -282,14 +282,26 @@ impl<'a> Plan<'a> {
             piece.kinds().into_par_iter().map(|kind| piece.column(kind).encoded()).collect()
         };
         let pieces: Vec<Set> = self.pieces.par_iter().map(of_piece).collect::<Result<_, _>>()?;
-        let placed: Set = self.placed.iter().map(Column::encoded).collect::<Result<_, _>>()?;
         let mut layout = Layout::default();
-        for (kind, mut accessor, encoded) in pieces.into_iter().flatten().chain(placed) {
-            layout.open_compressed(kind, &encoded);
-            accessor.buffer_view = layout.views.len() as u32 - 1;
+        for (kind, mut accessor, encoded) in pieces.into_iter().flatten() {
+            accessor.buffer_view = layout.append_compressed(kind, encoded);
             layout.accessors.push(accessor);
-            layout.append_apart(Source::Encoded(encoded));
         }
+        let mut accessors: Vec<Accessor> = self.placed.iter().map(|c| c.accessor.clone()).collect();
+        // All instances' columns of a kind as one: a view of its own says more than a few trees do.
+        for kind in [Kind::Translation, Kind::Rotation, Kind::Scale] {
+            let of_kind = || self.placed.iter().enumerate().filter(|(_, c)| c.kind == kind);
+            let Some((_, first)) = of_kind().next() else { continue };
+            let mut raw = Vec::new();
+            for (c, column) in of_kind() {
+                accessors[c].buffer_view = layout.views.len() as u32;
+                accessors[c].byte_offset = raw.len() as u64;
+                column.source.write(&mut raw).map_err(|e| compress::refused(&e))?;
+            }
+            let encoded = compress::attributes(&raw, first.source.stride() as usize)?;
+            layout.append_compressed(kind, Arc::new(encoded));
+        }
+        layout.accessors.extend(accessors);
         layout.append_pictures(pictures);
         Ok(layout)
     }
@@ -357,8 +369,8 @@ impl<'a> Layout<'a> {
         within
     }
 
-    /// A view of decoded bytes, of which the encoded ones start here.
-    fn open_compressed(&mut self, kind: Kind, encoded: &Encoded) {
+    /// A view of decoded bytes, of which the encoded ones are added here; its number.
+    fn append_compressed(&mut self, kind: Kind, encoded: Arc<Encoded>) -> u32 {
         let target = match kind {
             Kind::LongIndex | Kind::ShortIndex => Some(ELEMENT_ARRAY_BUFFER),
             Kind::Translation | Kind::Rotation | Kind::Scale => None,
@@ -383,12 +395,10 @@ impl<'a> Layout<'a> {
             extensions: Some(ViewExtensions { meshopt }),
         });
         self.decoded_bytes = (self.decoded_bytes + byte_length).next_multiple_of(4);
-    }
-
-    /// Adds bytes that no view grows by.
-    fn append_apart(&mut self, source: Source<'a>) {
+        let source = Source::Encoded(encoded);
         self.bytes = (self.bytes + source.bytes()).next_multiple_of(4);
         self.body.sources.push(source);
+        self.views.len() as u32 - 1
     }
 
     fn append_pictures(&mut self, pictures: Vec<Bytes>) {
