@@ -1,6 +1,8 @@
 //! Arguments as typed.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
+use std::str::FromStr;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::{DVec3, Vec2};
@@ -180,59 +182,22 @@ fn texture_px(text: &str) -> Result<u32, String> {
     }
 }
 
-fn tolerance(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(v) if (1e-5..=1.0).contains(&v) => Ok(v),
-        _ => Err("give a length from 0.00001 to 1, in metres".into()),
+/// Reads a number of metres within `range`.
+fn within(range: RangeInclusive<f32>) -> impl Fn(&str) -> Result<f32, String> + Clone {
+    move |text| match text.parse() {
+        Ok(value) if range.contains(&value) => Ok(value),
+        _ => Err(format!("give a number from {} to {}, in metres", range.start(), range.end())),
     }
 }
 
-pub(super) fn positive(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
-        _ => Err("give a number greater than 0, in metres".into()),
-    }
-}
-
-fn cell(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(v) if (0.01..=100.0).contains(&v) => Ok(v),
-        _ => Err("give a number from 0.01 to 100, in metres".into()),
-    }
-}
-
-fn voxel(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(v) if (0.01..=20.0).contains(&v) => Ok(v),
-        _ => Err("give a number from 0.01 to 20, in metres".into()),
-    }
-}
-
-fn tile(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(v) if (128.0..=100_000.0).contains(&v) => Ok(v),
-        _ => Err("give a number from 128 to 100000, in metres".into()),
-    }
-}
-
-fn metres(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
-        _ => Err("give a number greater than 0, in metres".into()),
-    }
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
-        _ => Err("give a number of seconds greater than 0".into()),
-    }
-}
-
-fn years(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
-        _ => Err("give a number of years greater than 0".into()),
+/// Reads a finite number of `units` above 0.
+pub(super) fn above_zero<N>(units: &'static str) -> impl Fn(&str) -> Result<N, String> + Clone
+where
+    N: FromStr + Into<f64> + Copy,
+{
+    move |text| match text.parse::<N>() {
+        Ok(value) if value.into() > 0.0 && value.into().is_finite() => Ok(value),
+        _ => Err(format!("give a number greater than 0, in {units}")),
     }
 }
 
@@ -281,11 +246,11 @@ pub struct ScanArgs {
     #[arg(long, value_enum, default_value = "smrf")]
     pub ground: Ground,
     /// Terrain cell in metres; from the density where absent.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = cell)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = within(0.01..=100.0))]
     pub cell: Option<f32>,
     /// Work through the scan in tiles of this side in metres (steps of 64, at least 128), which bounds
     /// the memory; scans of more than 30 million points go so by themselves.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = tile)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = within(128.0..=100_000.0))]
     pub tile: Option<f32>,
 }
 
@@ -303,13 +268,13 @@ pub struct TreeArgs {
     #[arg(long, value_enum, default_value = "auto")]
     pub species_by: SpeciesBy,
     /// Voxel in metres; from the density where absent.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = voxel)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = within(0.01..=20.0))]
     pub voxel: Option<f32>,
     /// How much time may be taken for how small an error.
     #[arg(long, value_enum, default_value = "normal")]
     pub effort: Effort,
     /// Trees lower than this are left out.
-    #[arg(long, value_name = "M", default_value = "2", allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_name = "M", default_value = "2", allow_negative_numbers = true, value_parser = above_zero::<f32>("metres"))]
     pub min_height: f32,
     /// Same seed, same bytes.
     #[arg(long, default_value_t = 1)]
@@ -415,7 +380,7 @@ pub struct SceneArgs {
     #[command(flatten)]
     pub wood: WoodArgs,
     /// How near the terrain's triangles keep to its heights, in metres.
-    #[arg(long, value_name = "M", default_value = "0.05", allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_name = "M", default_value = "0.05", allow_negative_numbers = true, value_parser = above_zero::<f32>("metres"))]
     pub terrain_error: f32,
     /// Side of the tree textures in pixels; 0 for none: bark and leaves in a colour each.
     #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = texture_px)]
@@ -455,7 +420,7 @@ pub struct WoodArgs {
     /// How far a tree's silhouette may be off, in metres RMS: it takes the fewest triangles that
     /// keep to it, up to --triangles (then 100000 where absent, 1000000 with --foliage geometry). With
     /// --camera, far trees may be off by a pixel.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = tolerance)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = within(1e-5..=1.0))]
     pub tolerance: Option<f32>,
 }
 
@@ -493,11 +458,11 @@ pub struct Forest {
 pub struct GoalArgs {
     /// The cheapest settings whose terrain (held out) and crowns (points to wood, mean) are off by no
     /// more than this, in metres.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = metres,
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = above_zero::<f64>("metres"),
         conflicts_with_all = ["time", "effort", "tolerance", "triangles", "unique", "scene_triangles"])]
     pub error: Option<f64>,
     /// The settings with the least such error that take no longer than this, in seconds.
-    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = seconds,
+    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = above_zero::<f64>("seconds"),
         conflicts_with_all = ["effort", "tolerance", "triangles", "unique", "scene_triangles"])]
     pub time: Option<f64>,
 }
@@ -519,7 +484,7 @@ pub struct Terrain {
     pub scan: ScanArgs,
     /// How near a mesh keeps to every height of the raster, in metres; 0.05 where absent. With it
     /// the triangles that each error takes are told for a raster too.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = above_zero::<f32>("metres"))]
     pub terrain_error: Option<f32>,
     /// .tif (Cloud Optimized GeoTIFF) for heights; .glb, .gltf, .usda, .usdc, .usdz, .x3d or .obj for a mesh
     #[arg(short, long, value_name = "FILE")]
@@ -531,10 +496,10 @@ pub struct Tree {
     /// A name from `larix species list`, or a rule file.
     pub species: String,
     /// Height in metres; the species' typical height where absent.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = above_zero::<f32>("metres"))]
     pub height: Option<f32>,
     /// Height by the species' growth in so many years.
-    #[arg(long, value_name = "YEARS", allow_negative_numbers = true, value_parser = years, conflicts_with = "height")]
+    #[arg(long, value_name = "YEARS", allow_negative_numbers = true, value_parser = above_zero::<f32>("years"), conflicts_with = "height")]
     pub age: Option<f32>,
     /// The same tree as it stood at stage 1 to 12 of its life; each stage holds the one before.
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=i64::from(STAGES)))]
@@ -667,7 +632,7 @@ pub struct Show {
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
     /// Height in metres; the species' typical height where absent.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = above_zero::<f32>("metres"))]
     pub height: Option<f32>,
     /// Longer side of the sheet in pixels.
     #[arg(long, value_name = "PX", default_value_t = 1600, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(300..=6000))]

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use glam::Vec3;
 use serde_json::json;
 
-use super::args::{self, Ground, positive};
+use super::args::{self, Ground};
 use super::commands::{Told, extension, method, place, stem, summary};
 use crate::diagnostic::{Error, Result};
 use crate::export::{self, Content, OutputFile, Staged};
@@ -65,10 +65,10 @@ pub struct Landscape {
     #[arg(long, value_enum, default_value = "smrf")]
     pub ground: Ground,
     /// Terrain cell in metres; from the density where absent.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = args::above_zero::<f32>("metres"))]
     pub cell: Option<f32>,
     /// Edge of a voxel in metres; from the density where absent.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = args::above_zero::<f32>("metres"))]
     pub voxel: Option<f32>,
     /// Bits kept of a voxel's density: more make smoother surfaces of more bytes.
     #[arg(long, value_name = "N", default_value_t = DETAIL.density_bits, value_parser = clap::value_parser!(u32).range(1..=4))]
