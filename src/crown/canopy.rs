@@ -14,7 +14,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::frame::bounds;
-use crate::raster::{Grid, GridGeometry, scatter};
+use crate::raster::{Grid, GridGeometry, floor, scatter};
 
 /// Rings of empty cells that are filled from their neighbours; cells farther out are bare.
 const FILL_RINGS: usize = 3;
@@ -30,7 +30,7 @@ const KERNEL_STEP: f32 = 1.5;
 /// Points per occupied square metre, over squares of 2 m; 0 for no points.
 pub(super) fn density_per_sq_m(position: &[Vec3]) -> f64 {
     let Some((low, high)) = bounds(position) else { return 0.0 };
-    let along = |v: f32| (v * 0.5).floor() as i32;
+    let along = |v: f32| floor(v * 0.5);
     let of_squares = |n: usize| position.len() as f64 / (4 * n.max(1)) as f64;
     let [cols, rows] = [(low.x, high.x), (low.y, high.y)]
         .map(|(low, high)| (i64::from(along(high)) - i64::from(along(low)) + 1) as usize);

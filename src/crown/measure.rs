@@ -14,6 +14,8 @@ use crate::terrain::Terrain;
 
 /// T15: the layer of the root is five to six voxels thick.
 const ROOT_LAYER_VOXELS: usize = 6;
+/// Higher layers count as this one: no tree has so many of any sensible thickness.
+const LAYERS_TOP: usize = 1 << 20;
 /// The crown ends below where layers hold less than this part of the mean above, or spread less
 /// than this part of the widest.
 const BASE_COUNT: f32 = 0.1;
@@ -101,27 +103,31 @@ fn root_place(
     outline: &[Vec2],
     diameter_m: f32,
 ) -> Vec2 {
-    // The layer and the point's number in one word.
-    let layer = |h: f32| u64::from((h.max(0.0) / voxel_m) as u32);
-    let mut sorted: Vec<u64> =
-        heights.iter().zip(0u64..).map(|(&h, i)| layer(h) << 32 | i).collect();
-    sorted.sort_unstable();
-    let layer = |k: u64| (k >> 32) as usize;
+    let layer = |h: f32| ((h.max(0.0) / voxel_m) as usize).min(LAYERS_TOP);
+    let top = heights.iter().copied().map(layer).max().unwrap_or(0);
+    let mut counts = vec![0u32; top + 1];
+    for &h in heights {
+        counts[layer(h)] += 1;
+    }
     // The window of layers with the most points; of equals the lowest.
-    let (mut best, mut end) = (0..0, 0);
-    for start in 0..sorted.len() {
-        while end < sorted.len() && layer(sorted[end]) < layer(sorted[start]) + ROOT_LAYER_VOXELS {
-            end += 1;
+    let (mut most, mut best, mut within) = (0, 0, 0);
+    for end in 0..counts.len() {
+        within += counts[end];
+        if let Some(below) = end.checked_sub(ROOT_LAYER_VOXELS) {
+            within -= counts[below];
         }
-        if end - start > best.len() {
-            best = start..end;
+        if within > most {
+            (most, best) = (within, (end + 1).saturating_sub(ROOT_LAYER_VOXELS));
         }
     }
+    let best = best..best + ROOT_LAYER_VOXELS;
     let mut sum = glam::DVec2::ZERO;
-    for &k in &sorted[best.clone()] {
-        sum += points[k as u32 as usize].truncate().as_dvec2();
+    for (p, &h) in points.iter().zip(heights) {
+        if best.contains(&layer(h)) {
+            sum += p.truncate().as_dvec2();
+        }
     }
-    let mass = (sum / best.len().max(1) as f64).as_vec2();
+    let mass = (sum / f64::from(most.max(1))).as_vec2();
     let middle = outline::centroid(outline);
     let near = middle + (mass - middle).clamp_length_max(0.25 * diameter_m);
     if contains(outline, near) { near } else { middle }

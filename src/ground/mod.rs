@@ -12,7 +12,7 @@ use lowest::Lowest;
 use rayon::prelude::*;
 
 use crate::diagnostic::{Error, Result, Warned};
-use crate::raster::{GridGeometry, scatter};
+use crate::raster::{GridGeometry, floor, scatter};
 use crate::scan::PointCloud;
 
 /// What a point is, VL = T ∪ L ∪ E (T15); E is what is neither (water, buildings, wires).
@@ -260,7 +260,7 @@ impl Spread {
     pub fn of(classified: &Classified) -> Spread {
         const MEASURED: usize = 100_000;
         let one_in = (classified.cloud.len() / MEASURED) as u64 + 1;
-        let cell = |v: f32| (v * 2.0).floor() as i32;
+        let cell = |v: f32| floor(v * 2.0);
         let is_drawn = |x: i32, y: i32| {
             let mix =
                 |h: u64, v: i32| (h ^ u64::from(v as u32)).wrapping_mul(0x9e37_79b9_7f4a_7c15);

@@ -6,9 +6,8 @@ use flatgeobuf::{
     ColumnType, FgbCrs, FgbWriter, FgbWriterOptions, GeometryType, geozero::ColumnValue,
     geozero::GeomProcessor, geozero::GeozeroGeometry, geozero::PropertyProcessor,
 };
-use serde_json::Value;
 
-use super::{COLUMNS, Tree, Values, ring, value};
+use super::{COLUMNS, Field, Tree, Values, fields, ring};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 
@@ -67,27 +66,16 @@ pub fn to_fgb(trees: &[Tree], frame: &Frame) -> Result<Vec<u8>> {
         writer
             .add_feature_geom(Polygon(ring(tree, frame)), |feature| {
                 outcome =
-                    COLUMNS.iter().enumerate().try_fold(
-                        false,
-                        |_, (i, (name, values))| match value(values, tree, frame) {
-                            Value::String(text) => {
-                                feature.property(i, name, &ColumnValue::String(&text))
-                            }
-                            Value::Bool(flag) => {
-                                feature.property(i, name, &ColumnValue::Bool(flag))
-                            }
-                            Value::Number(n) => match (values, n.as_i64(), n.as_f64()) {
-                                (Values::Count(_), Some(n), _) => {
-                                    feature.property(i, name, &ColumnValue::Long(n))
-                                }
-                                (_, _, Some(x)) => {
-                                    feature.property(i, name, &ColumnValue::Double(x))
-                                }
-                                _ => Ok(false),
-                            },
-                            _ => Ok(false),
-                        },
-                    );
+                    fields(tree, frame).enumerate().try_fold(false, |_, (i, (name, field))| {
+                        let value = match field {
+                            Field::Text(text) => ColumnValue::String(text),
+                            Field::Flag(flag) => ColumnValue::Bool(flag),
+                            Field::Count(count) => ColumnValue::Long(count as i64),
+                            Field::Number(number) => ColumnValue::Double(number),
+                            Field::Empty => return Ok(false),
+                        };
+                        feature.property(i, name, &value)
+                    });
             })
             .map_err(|e| fail(&e))?;
         outcome.map_err(|e| fail(&e))?;

@@ -5,7 +5,8 @@ mod fgb;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use serde_json::{Map, Value, json};
+use serde::{Serialize, Serializer};
+use serde_json::json;
 
 use crate::crown::Crown;
 use crate::diagnostic::{Error, Result};
@@ -84,18 +85,32 @@ fn root(tree: &Tree, frame: &Frame) -> DVec3 {
     frame.world_from_local(tree.crown.root)
 }
 
-/// The value of a column; a number that is not finite is empty.
-fn value(values: &Values, tree: &Tree, frame: &Frame) -> Value {
+/// What a column holds of one tree.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(untagged)]
+enum Field<'a> {
+    Text(&'a str),
+    Count(u64),
+    Flag(bool),
+    Number(f64),
+    Empty,
+}
+
+/// A number that is not finite is empty.
+fn field<'a>(values: &Values, tree: &'a Tree, frame: &Frame) -> Field<'a> {
     match values {
-        Text(text) => json!(text(tree)),
-        Count(count) => json!(count(tree)),
-        Flag(flag) => json!(flag(tree)),
-        Number(number) => json!(number(tree, frame).filter(|v| v.is_finite()).map(rounded)),
+        Text(text) => Field::Text(text(tree)),
+        Count(count) => Field::Count(count(tree)),
+        Flag(flag) => Field::Flag(flag(tree)),
+        Number(number) => match number(tree, frame).filter(|v| v.is_finite()) {
+            Some(number) => Field::Number(rounded(number)),
+            None => Field::Empty,
+        },
     }
 }
 
-fn columns(tree: &Tree, frame: &Frame) -> Map<String, Value> {
-    COLUMNS.iter().map(|(name, values)| ((*name).into(), value(values, tree, frame))).collect()
+fn fields<'a>(tree: &'a Tree, frame: &Frame) -> impl Iterator<Item = (&'static str, Field<'a>)> {
+    COLUMNS.iter().map(move |(name, values)| (*name, field(values, tree, frame)))
 }
 
 /// The outline in world coordinates, closed (first corner repeated), counter-clockwise.
@@ -112,6 +127,33 @@ fn ring(tree: &Tree, frame: &Frame) -> Vec<[f64; 2]> {
     ring
 }
 
+#[derive(Serialize)]
+struct Feature<'a> {
+    #[serde(rename = "type")]
+    kind: &'static str,
+    id: &'a str,
+    properties: Properties<'a>,
+    geometry: Polygon,
+}
+
+#[derive(Serialize)]
+struct Polygon {
+    #[serde(rename = "type")]
+    kind: &'static str,
+    coordinates: [Vec<[f64; 2]>; 1],
+}
+
+struct Properties<'a> {
+    tree: &'a Tree,
+    frame: &'a Frame,
+}
+
+impl Serialize for Properties<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        serializer.collect_map(fields(self.tree, self.frame))
+    }
+}
+
 /// A GeoJSON FeatureCollection, one polygon a tree. Coordinates are the scan's own; the `crs`
 /// member names their system, as GDAL and QGIS read it.
 pub fn to_geojson(trees: &[Tree], frame: &Frame) -> Vec<u8> {
@@ -123,13 +165,14 @@ pub fn to_geojson(trees: &[Tree], frame: &Frame) -> Vec<u8> {
     }
     out += "\"features\":[";
     let feature = |tree: &Tree| {
-        let feature = json!({
-            "type": "Feature",
-            "id": tree.id,
-            "properties": columns(tree, frame),
-            "geometry": {"type": "Polygon", "coordinates": [ring(tree, frame)]},
-        });
-        format!("\n{feature}")
+        let feature = Feature {
+            kind: "Feature",
+            id: &tree.id,
+            properties: Properties { tree, frame },
+            geometry: Polygon { kind: "Polygon", coordinates: [ring(tree, frame)] },
+        };
+        // Text and finite numbers, into memory: nothing can fail.
+        format!("\n{}", serde_json::to_string(&feature).unwrap_or_default())
     };
     let features: Vec<String> = trees.par_iter().map(feature).collect();
     out += &features.join(",");
@@ -147,14 +190,14 @@ pub fn to_csv(trees: &[Tree], frame: &Frame) -> Result<Vec<u8>> {
     let header = COLUMNS.iter().map(|(name, _)| *name).chain(["outline_wkt"]);
     out.write_record(header).map_err(|e| fail(&e))?;
     for tree in trees {
-        let mut row: Vec<String> = columns(tree, frame)
-            .values()
-            .map(|v| match v {
-                Value::Null => String::new(),
-                Value::String(s) => s.clone(),
-                other => other.to_string(),
-            })
-            .collect();
+        let text = |(_, field): (&str, Field<'_>)| match field {
+            Field::Empty => String::new(),
+            Field::Text(text) => text.to_owned(),
+            Field::Count(count) => count.to_string(),
+            Field::Flag(flag) => flag.to_string(),
+            Field::Number(number) => json!(number).to_string(),
+        };
+        let mut row: Vec<String> = fields(tree, frame).map(text).collect();
         let corners: Vec<String> =
             ring(tree, frame).iter().map(|[x, y]| format!("{x} {y}")).collect();
         row.push(format!("POLYGON (({}))", corners.join(", ")));
@@ -168,6 +211,7 @@ mod tests {
     use super::*;
     use crate::frame::Crs;
     use glam::{DVec3, Vec2};
+    use serde_json::Value;
 
     fn example() -> (Vec<Tree>, Frame) {
         let origin = DVec3::new(500_000.0, 6_200_000.0, 100.0);

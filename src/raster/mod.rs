@@ -112,6 +112,12 @@ fn quotient(a: f64, b: f64) -> f64 {
     if is_normal(b.to_bits()) && is_normal(inverse) { a * f64::from_bits(inverse) } else { a / b }
 }
 
+/// `v.floor() as i32`, without the call that this is where processors are not known to have it.
+pub(crate) fn floor(v: f32) -> i32 {
+    let whole = v as i32;
+    whole.saturating_sub(i32::from(whole as f32 > v))
+}
+
 /// Values on a grid, row-major from the north-west.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grid<T> {
@@ -207,6 +213,15 @@ mod tests {
                 let (is, expected) = (quotient(a, b), a / b);
                 assert!(is == expected || is.is_nan() && expected.is_nan(), "{a} / {b}: {is}");
             }
+        }
+    }
+
+    #[test]
+    fn floors_are_those_of_the_library() {
+        let mut d = crate::seed::Seed::new(4).draws();
+        let at_ends = [0.0, -0.0, 0.5, -0.5, -1.0, 1e9, -1e9, 3e9, -3e9, f32::NAN, f32::INFINITY];
+        for v in at_ends.into_iter().chain((0..1000).map(|_| d.between(-1e3, 1e3))) {
+            assert_eq!(floor(v), v.floor() as i32, "{v}");
         }
     }
 

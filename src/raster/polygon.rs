@@ -8,8 +8,10 @@ pub fn contains(polygon: &[Vec2], p: Vec2) -> bool {
     let Some(mut a) = polygon.last().copied() else { return false };
     for &b in polygon {
         if (a.y > p.y) != (b.y > p.y) {
-            let t = f64::from(p.y - a.y) / f64::from(b.y - a.y);
-            is_inside ^= f64::from(p.x - a.x) < t * f64::from(b.x - a.x);
+            let [across, along] = [p.x - a.x, b.x - a.x].map(f64::from);
+            let [up, rise] = [p.y - a.y, b.y - a.y].map(f64::from);
+            let (point, edge) = (across * rise, up * along);
+            is_inside ^= if rise > 0.0 { point < edge } else { point > edge };
         }
         a = b;
     }

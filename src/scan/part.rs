@@ -1,11 +1,10 @@
 //! The points of one file, before the files share an origin.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use std::path::PathBuf;
 
 use super::Removed;
-use crate::frame::Crs;
+use crate::frame::{Crs, extremes};
 
 /// World coordinates as the file holds them, so that the origin can be chosen from exact values.
 #[derive(Debug)]
@@ -36,9 +35,16 @@ impl Coordinates {
 
     /// World coordinates; `None` without points.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        let around = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
-        let places = (0..self.len()).into_par_iter().filter_map(|i| self.get(i));
-        places.map(|p| (p, p)).reduce_with(around)
+        let [a, b] = match self {
+            // World coordinates grow with the steps, or fall.
+            Coordinates::Scaled { steps, scale, offset } => extremes(steps, i32::MAX, i32::MIN)?
+                .map(|steps| world_from_steps(steps, *scale, *offset)),
+            Coordinates::Real(world) => {
+                extremes(bytemuck::cast_slice(world), f64::INFINITY, f64::NEG_INFINITY)?
+                    .map(DVec3::from)
+            }
+        };
+        Some((a.min(b), a.max(b)))
     }
 
     /// Takes the points of another piece of the same file; false, and nothing taken, where their

@@ -119,7 +119,8 @@ struct Sums {
 impl Sums {
     /// `first`: of a first return, the distance from the middle and the intensity.
     fn add(&mut self, height_m: f32, first: Option<(f32, Option<&u16>)>) {
-        let mm = |m: f32| (m.min(LONGEST_M) * 1000.0).round() as u64;
+        // To the nearest, of what is not negative.
+        let mm = |m: f32| (f64::from(m.min(LONGEST_M) * 1000.0) + 0.5) as u64;
         let height = mm(height_m);
         self.count += 1;
         self.height += height;

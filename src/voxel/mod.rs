@@ -77,14 +77,45 @@ pub fn centres_of_mass(points: &[Vec3], size_m: f32) -> Vec<Vec3> {
     let least_m = (extent_m / f64::from(MAX_SIDE - 2)).max(1e-3) as f32;
     let size_m = if size_m.is_finite() { size_m.max(least_m) } else { least_m };
     let Some(grid) = Grid::over(points, size_m) else { return Vec::new() };
-    let key = |(i, p): (u32, &Vec3)| Some((morton::encode(grid.index_of(*p)?), i));
-    let mut keys: Vec<(u64, u32)> = (0..).zip(points).filter_map(key).collect();
-    keys.sort_unstable();
-    let centre = |same: &[(u64, u32)]| {
-        let place = |k: &(u64, u32)| points[k.1 as usize].as_dvec3();
-        (same.iter().map(place).sum::<DVec3>() / same.len() as f64).as_vec3()
-    };
-    keys.chunk_by(|a, b| a.0 == b.0).map(centre).collect()
+    match grid.shift(points.len()) {
+        Some(shift) => grid.centres::<u64>(points, shift),
+        None => grid.centres::<u128>(points, u32::BITS),
+    }
+}
+
+/// The code of a voxel and, in the lowest `shift` bits, the number of a point: sorts by both.
+trait Key: Copy + Ord + Send + Sync {
+    fn pack(code: u64, point: u32, shift: u32) -> Self;
+    fn code(self, shift: u32) -> u64;
+    fn point(self, shift: u32) -> usize;
+}
+
+impl Key for u64 {
+    fn pack(code: u64, point: u32, shift: u32) -> u64 {
+        code << shift | u64::from(point)
+    }
+
+    fn code(self, shift: u32) -> u64 {
+        self >> shift
+    }
+
+    fn point(self, shift: u32) -> usize {
+        (self & ((1 << shift) - 1)) as usize
+    }
+}
+
+impl Key for u128 {
+    fn pack(code: u64, point: u32, shift: u32) -> u128 {
+        u128::from(code) << shift | u128::from(point)
+    }
+
+    fn code(self, shift: u32) -> u64 {
+        (self >> shift) as u64
+    }
+
+    fn point(self, shift: u32) -> usize {
+        (self & ((1 << shift) - 1)) as usize
+    }
 }
 
 /// Where voxels are: the edge, and the indices of voxel (0, 0, 0) counted from the local origin.
@@ -108,6 +139,12 @@ struct Occupied {
 
 fn bounds(points: &[Vec3]) -> Option<(Vec3, Vec3)> {
     crate::frame::bounds(points).filter(|(min, max)| min.is_finite() && max.is_finite())
+}
+
+/// Centre of mass of the points of one voxel, summed in their order.
+fn centre<K: Key>(run: &[K], points: &[Vec3], shift: u32) -> Vec3 {
+    let place = |k: &K| points[k.point(shift)].as_dvec3();
+    (run.iter().map(place).sum::<DVec3>() / run.len() as f64).as_vec3()
 }
 
 impl Grid {
@@ -156,38 +193,44 @@ impl Grid {
         (cell * f64::from(self.size_m)).as_vec3()
     }
 
+    /// Bits that the number of a point needs below the code of a voxel; `None` where both together
+    /// need more than 64: extents of thousands of voxels with very many points.
+    fn shift(&self, points: usize) -> Option<u32> {
+        let side = self.sides.into_iter().max().unwrap_or(1);
+        let bits = |most: u32| u32::BITS - most.leading_zeros();
+        let shift = bits(points as u32);
+        (3 * bits(side - 1) + shift <= u64::BITS).then_some(shift)
+    }
+
+    fn key<K: Key>(&self, p: Vec3, point: usize, shift: u32) -> Option<K> {
+        self.index_of(p).map(|index| K::pack(morton::encode(index), point as u32, shift))
+    }
+
+    /// Centres of mass of the occupied voxels.
+    fn centres<K: Key>(&self, points: &[Vec3], shift: u32) -> Vec<Vec3> {
+        let keys = points.iter().enumerate().filter_map(|(i, p)| self.key(*p, i, shift));
+        let mut keys: Vec<K> = keys.collect();
+        keys.sort_unstable();
+        keys.chunk_by(|a, b| a.code(shift) == b.code(shift))
+            .map(|run| centre(run, points, shift))
+            .collect()
+    }
+
     /// Sorts the points into voxels. The sum of a voxel's points runs in the order of the points,
     /// so the result does not depend on the number of threads.
     fn occupied(&self, points: &[Vec3]) -> Occupied {
-        let side = self.sides.into_iter().max().unwrap_or(1);
-        let bits = |most: u32| u32::BITS - most.leading_zeros();
-        let shift = bits(points.len() as u32);
-        // A code and a point's number fit into one word, but for extents of thousands of voxels
-        // with very many points.
-        if 3 * bits(side - 1) + shift <= u64::BITS {
-            let number = (1u64 << shift) - 1;
-            let pack = |code, i| code << shift | u64::from(i);
-            self.sorted(points, pack, |k| (k >> shift, (k & number) as u32))
-        } else {
-            let pack = |code, i| u128::from(code) << 32 | u128::from(i);
-            self.sorted(points, pack, |k| ((k >> 32) as u64, k as u32))
+        match self.shift(points.len()) {
+            Some(shift) => self.sorted::<u64>(points, shift),
+            None => self.sorted::<u128>(points, u32::BITS),
         }
     }
 
-    /// `pack` makes a key of a code and a point's number that sorts by the code, then the number.
-    fn sorted<K: Copy + Ord + Send + Sync>(
-        &self,
-        points: &[Vec3],
-        pack: impl Fn(u64, u32) -> K + Sync,
-        unpack: impl Fn(K) -> (u64, u32) + Sync,
-    ) -> Occupied {
-        let key = |(i, p): (usize, &Vec3)| {
-            self.index_of(*p).map(|index| pack(morton::encode(index), i as u32))
-        };
+    fn sorted<K: Key>(&self, points: &[Vec3], shift: u32) -> Occupied {
         let mut keys: Vec<K> = Vec::with_capacity(points.len());
-        keys.par_extend(points.par_iter().enumerate().filter_map(key));
+        let places = points.par_iter().enumerate();
+        keys.par_extend(places.filter_map(|(i, p)| self.key::<K>(*p, i, shift)));
         keys.par_sort_unstable();
-        let code = |k: &K| unpack(*k).0;
+        let code = |k: &K| k.code(shift);
         let count = keys.chunk_by(|a, b| code(a) == code(b)).count();
         let mut end: Vec<u32> = Vec::with_capacity(count);
         for run in keys.chunk_by(|a, b| code(a) == code(b)) {
@@ -195,11 +238,8 @@ impl Grid {
         }
         let start = |v: usize| v.checked_sub(1).map_or(0, |before| end[before]);
         let run = |v: usize| &keys[start(v) as usize..end[v] as usize];
-        let centre = |v: usize| {
-            let place = |k: &K| points[unpack(*k).1 as usize].as_dvec3();
-            (run(v).iter().map(place).sum::<DVec3>() / run(v).len() as f64).as_vec3()
-        };
-        let centres_of_mass: Vec<Vec3> = (0..count).into_par_iter().map(centre).collect();
+        let centres_of_mass: Vec<Vec3> =
+            (0..count).into_par_iter().map(|v| centre(run(v), points, shift)).collect();
         // Voxels whose sums are added up one after the other, whatever the threads.
         const TOGETHER: usize = 1 << 12;
         let moved: Vec<f64> = centres_of_mass
@@ -207,7 +247,7 @@ impl Grid {
             .enumerate()
             .map(|(chunk, centres)| {
                 let of_voxel = |(v, centre): (usize, &Vec3)| -> f64 {
-                    let off = |k: &K| centre.distance_squared(points[unpack(*k).1 as usize]);
+                    let off = |k: &K| centre.distance_squared(points[k.point(shift)]);
                     run(v).iter().map(|k| f64::from(off(k))).sum()
                 };
                 (chunk * TOGETHER..).zip(centres).map(of_voxel).sum()
