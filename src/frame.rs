@@ -122,8 +122,14 @@ mod tests {
             let at = |i: usize| Vec3::new((i * 7919 % n) as f32, -((i * 31 % n) as f32), i as f32);
             let mut points: Vec<Vec3> = (0..n).map(at).collect();
             let plain = |points: &[Vec3]| {
-                let none = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-                points.iter().fold(none, |a, p| (a.0.min(*p), a.1.max(*p)))
+                // Of a number and NaN, these of single numbers give the number.
+                let ends = |axis: usize| {
+                    points.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), p| {
+                        (low.min(p[axis]), high.max(p[axis]))
+                    })
+                };
+                let [x, y, z] = [0, 1, 2].map(ends);
+                (Vec3::new(x.0, y.0, z.0), Vec3::new(x.1, y.1, z.1))
             };
             assert_eq!(bounds(&points), Some(plain(&points)));
             points[n / 2] = Vec3::new(f32::NAN, -1e9, f32::INFINITY);

@@ -198,39 +198,63 @@ impl Tally {
         self.left_out += piece.left_out;
         self.too_tall += piece.too_tall;
     }
+}
+
+impl Found {
+    /// Part of the canopy's places, and of its points, that may be no tree before the user is warned.
+    const MUCH: f64 = 0.5;
+
+    /// Places in the canopy, trees or not.
+    fn places(&self) -> usize {
+        self.tally.left_out + self.crowns.iter().filter(|c| !c.is_understory).count()
+    }
+
+    fn points_in_trees(&self) -> usize {
+        self.crowns.iter().map(|c| c.point_count as usize).sum()
+    }
+
+    /// What belongs in a report. `min_height_m`: of the least tree.
+    pub fn notes(&self, min_height_m: f32) -> [String; 2] {
+        let Tally { vegetation, low, left_out, .. } = self.tally;
+        let outside = vegetation.saturating_sub(self.points_in_trees());
+        [
+            format!(
+                "{left_out} of {} places in the canopy look too little like one tree",
+                self.places()
+            ),
+            format!(
+                "{outside} of {vegetation} vegetation points belong to no tree; of all points {low} \
+                 are lower than {min_height_m} m"
+            ),
+        ]
+    }
 
     /// What a user should know.
-    pub fn warnings(&self, crowns: &[Crown], min_height_m: f32) -> Vec<String> {
-        let Tally { vegetation, low, left_out, too_tall } = *self;
-        if low == vegetation && crowns.is_empty() {
+    pub fn warnings(&self, min_height_m: f32) -> Vec<String> {
+        let Tally { vegetation, low, left_out, too_tall } = self.tally;
+        if low == vegetation && self.crowns.is_empty() {
             return vec![format!(
                 "no tree found: none of the {vegetation} vegetation points is {min_height_m} m above \
                  the ground"
             )];
         }
         let mut warnings = Vec::new();
-        if left_out > 0 {
-            let places = left_out + crowns.iter().filter(|c| !c.is_understory).count();
-            warnings.push(format!(
-                "{left_out} of {places} places in the canopy look too little like one tree and are \
-                 left out"
-            ));
-        }
         if too_tall > 0 {
             warnings.push(format!(
                 "higher than {TALLEST_M} m and left out as no trees: {too_tall} (masts, birds, clouds?)"
             ));
         }
-        if crowns.is_empty() {
+        if self.crowns.is_empty() {
             warnings.push("no tree found".to_owned());
         }
-        let inside: usize = crowns.iter().map(|c| c.point_count as usize).sum();
-        let outside = vegetation.saturating_sub(inside);
-        if outside > 0 {
-            warnings.push(format!(
-                "{outside} of {vegetation} vegetation points belong to no tree; of all points {low} \
-                 are lower than {min_height_m} m"
-            ));
+        let [places, points] = self.notes(min_height_m);
+        if left_out as f64 > Self::MUCH * self.places() as f64 {
+            warnings.push(format!("{places} and are left out (buildings, wires, rocks?)"));
+        }
+        let tall = vegetation.saturating_sub(low);
+        let outside = tall.saturating_sub(self.points_in_trees());
+        if outside as f64 > Self::MUCH * tall as f64 {
+            warnings.push(points);
         }
         warnings
     }
@@ -251,10 +275,9 @@ pub fn detect(
     voxel_m: f32,
     options: &CrownOptions,
 ) -> Result<Warned<Vec<Crown>>> {
-    let Found { crowns, tally } =
-        detect_within(classified, terrain, voxel_m, options, None, |_| true)?;
-    let warnings = tally.warnings(&crowns, options.min_height_m);
-    Ok(Warned::with(crowns, warnings))
+    let found = detect_within(classified, terrain, voxel_m, options, None, |_| true)?;
+    let warnings = found.warnings(options.min_height_m);
+    Ok(Warned::with(found.crowns, warnings))
 }
 
 /// A rectangle along the axes, its least and greatest corner, local metres.

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec2, Vec3};
 use proptest::prelude::*;
 
-use super::{Crown, CrownOptions, detect};
+use super::{Crown, CrownOptions, Found, Tally, detect};
 use crate::diagnostic::Warned;
 use crate::frame::Frame;
 use crate::ground::{Classified, Kind};
@@ -230,6 +230,29 @@ fn shrubs_and_bare_ground_give_a_warning_and_no_tree() {
     assert_eq!(
         found.warnings,
         ["no tree found: none of the 0 vegetation points is 2 m above the ground"]
+    );
+}
+
+#[test]
+fn what_lies_outside_of_trees_is_told_where_it_is_much() {
+    let tall =
+        Tree { at: Vec2::splat(20.0), height_m: 15.0, base_m: 4.0, radius_m: 3.0, is_cone: true };
+    let found = crowns(&scan(&[tall], 40.0, 10.0, |_| 0.0), &terrain(|_| 0.0));
+    assert_eq!((found.value.len(), found.warnings), (1, Vec::new()));
+    let tally = Tally { vegetation: 1000, low: 100, left_out: 2, too_tall: 0 };
+    let of = |points, tally| {
+        let mut crown = found.value[0].clone();
+        crown.point_count = points;
+        Found { crowns: vec![crown], tally }.warnings(2.0)
+    };
+    assert_eq!(of(500, Tally { left_out: 1, ..tally }), [""; 0]);
+    assert_eq!(
+        of(400, tally),
+        [
+            "2 of 3 places in the canopy look too little like one tree and are left out (buildings, \
+             wires, rocks?)",
+            "600 of 1000 vegetation points belong to no tree; of all points 100 are lower than 2 m",
+        ]
     );
 }
 

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::Effort;
 use super::tiled::Tiled;
-use crate::crown::{self, Crown, Found};
+use crate::crown::{self, Crown, CrownOptions, Found};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::ground::{self, Classified, Kind};
@@ -270,13 +270,16 @@ pub(super) fn voxel_m(job: &SurveyJob, density_per_m2: f32) -> f32 {
 }
 
 /// What the crown stage tells of itself.
-pub(super) fn crown_outcome(found: &Found, voxel_m: f32) -> Outcome {
+pub(super) fn crown_outcome(found: &Found, options: &CrownOptions, voxel_m: f32) -> Outcome {
     let inside: usize = found.crowns.iter().map(|c| c.point_count as usize).sum();
     let vegetation = found.tally.vegetation;
     let left = 100.0 * (1.0 - inside as f64 / vegetation.max(1) as f64);
+    let [places, points] = found.notes(options.min_height_m);
     Outcome::items(vegetation, "points", found.crowns.len(), "trees")
         .error(ErrorMeasure::new("vegetation points in no tree", left, "%"))
         .note(format!("voxel {voxel_m:.2} m"))
+        .note(places)
+        .note(points)
 }
 
 /// Scan to trees with species.
@@ -304,8 +307,8 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
     let crowns = run.stage("crown", |warnings| {
         let (options, voxel_m) = (job.effort.crown(job.min_height_m), voxel_m(job, density_per_m2));
         let found = crown::detect_within(&classified, &terrain, voxel_m, &options, None, |_| true)?;
-        warnings.extend(found.tally.warnings(&found.crowns, options.min_height_m));
-        let outcome = crown_outcome(&found, voxel_m);
+        warnings.extend(found.warnings(options.min_height_m));
+        let outcome = crown_outcome(&found, &options, voxel_m);
         Ok((found.crowns, outcome))
     })?;
     let looks = look::measure(&crowns, &classified, &terrain);

@@ -248,8 +248,8 @@ impl Tiled {
             }
             let (crowns, of_crown): (Vec<Crown>, Vec<_>) = kept.into_values().unzip();
             let found = Found { crowns, tally };
-            warnings.extend(tally.warnings(&found.crowns, options.min_height_m));
-            let outcome = crown_outcome(&found, size_m);
+            warnings.extend(found.warnings(options.min_height_m));
+            let outcome = crown_outcome(&found, &options, size_m);
             let looks = Looks { of_crown, ground_intensity: self.ground_intensity };
             Ok(((found.crowns, looks), outcome))
         })
