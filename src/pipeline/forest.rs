@@ -1,8 +1,6 @@
 //! From trees to a scene: which trees share a model, one skeleton and mesh a model, textures,
 //! terrain with its photo, and everything in its place.
 
-use std::f32::consts::TAU;
-
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use rstar::RTree;
@@ -28,6 +26,7 @@ use crate::raster::{Image, Picture};
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scene::sharing::{Build, Model, share};
+use crate::scene::turn;
 use crate::scene::{
     Alpha, Colorspace, Instance, LeftOut, Material, Part, Prototype, Scene, Texture, TreeFacts,
     ValidScene, Variant, identifier,
@@ -611,7 +610,7 @@ fn assemble(
             let yaw_rad = if i == model.exemplar {
                 0.0
             } else {
-                job.survey.seed.derive("yaw", crown.key).draws().between(0.0, TAU)
+                turn::draw(&mut job.survey.seed.derive("yaw", crown.key).draws())
             };
             stretch_sq.push(f64::from(out / up - 1.0).powi(2));
             scene.instances.push(Instance {

@@ -13,6 +13,7 @@ mod selection;
 pub mod sharing;
 mod standing;
 mod statistics;
+pub mod turn;
 mod valid;
 
 pub use level::{Apart, Collider, ColliderShape, Level, Octahedral};

@@ -194,7 +194,7 @@ fn species<'a>(
 }
 
 /// `held`: the path of what the prototypes are in. Orientations are written twice: as
-/// `orientations` (half floats, which every reader knows and which are off by up to 0.03°) and as
+/// `orientations` (half floats, which every reader knows; see [`crate::scene::turn`]) and as
 /// `orientationsf` (exact, preferred by readers that know it).
 fn instancer<'a>(
     scene: &'a ValidScene,
