@@ -1,8 +1,7 @@
 //! The voxel landscape: bytes, seconds and rays a second.
 //!
 //! A simulated stand is laid side by side with its mirror images over 8096 × 8096 × 256 voxels.
-//! `cargo bench --bench landscape -- [scene.voxels]` keeps that scene too. Rays are told by core: the
-//! figure of one thread, and of all over their number.
+//! `cargo bench --bench landscape -- [scene.voxels]` keeps that scene too.
 
 use std::path::Path;
 use std::time::Instant;

@@ -104,6 +104,8 @@ fn what_cannot_be_done_is_refused_before_anything_is_written() {
     with(&["--size", "0x10"]);
     with(&["--size", "99999x10"]);
     with(&["--snow", "-1"]);
+    with(&["--snow", "1000"]);
+    with(&["--rain", "501"]);
     with(&["--fog", "nan"]);
     with(&["--sun", "10"]);
     with(&["--effort", "0"]);
@@ -140,7 +142,17 @@ fn what_cannot_be_done_is_refused_before_anything_is_written() {
         &[&saved[..], &["--camera", "20,20,90,20,30,90"]].concat(),
         &["20,20,90 is below the ground, which is 100.", "--camera a third number above 100."],
     );
-    refused(dir, &[&saved[..], &["--voxel", "1"]].concat(), &["a.voxels", "leave out"]);
+    refused(
+        dir,
+        &[&saved[..], &["--camera", "20,-30,130,20,-60,130"]].concat(),
+        &["20,-30,130 sees nothing of the landscape, which reaches from ", "between these corners"],
+    );
+    for option in ["--voxel 1", "--cell 1", "--ground tin", "--density-bits 4", "--photo p.tif"] {
+        let words: Vec<&str> = option.split(' ').collect();
+        let says = format!("leave out {}", words[0]);
+        refused(dir, &[&saved[..], &words].concat(), &["a.voxels", &says]);
+    }
+    refused(dir, &["landscape", "none.voxels", "-o", "kept.png"], &["none.voxels", "--save"]);
     refused(
         dir,
         &["landscape", "a.voxels", "scan.xyz", "-o", "kept.png"],

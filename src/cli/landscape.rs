@@ -61,18 +61,18 @@ pub struct Landscape {
     /// Georeferenced aerial photo that colours it: GeoTIFF, or PNG or JPEG with a world file.
     #[arg(long, value_name = "FILE")]
     pub photo: Option<PathBuf>,
-    /// How ground points are found.
-    #[arg(long, value_enum, default_value = "smrf")]
-    pub ground: Ground,
+    /// How ground points are found; smrf where absent.
+    #[arg(long, value_enum)]
+    pub ground: Option<Ground>,
     /// Terrain cell in metres; from the density where absent.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = args::above_zero::<f32>("metres"))]
     pub cell: Option<f32>,
     /// Edge of a voxel in metres; from the density where absent.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = args::above_zero::<f32>("metres"))]
     pub voxel: Option<f32>,
-    /// Bits kept of a voxel's density: more make smoother surfaces of more bytes.
-    #[arg(long, value_name = "N", default_value_t = DETAIL.density_bits, value_parser = clap::value_parser!(u32).range(1..=4))]
-    pub density_bits: u32,
+    /// Bits kept of a voxel's density, 2 where absent: more make smoother surfaces of more bytes.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4))]
+    pub density_bits: Option<u32>,
     /// From X,Y,Z towards X,Y,Z in the scan's coordinates, 40 degrees high.
     #[arg(long, value_name = "X,Y,Z,X,Y,Z", allow_hyphen_values = true, value_parser = args::eye, conflicts_with = "view")]
     pub camera: Option<Eye>,
@@ -83,13 +83,13 @@ pub struct Landscape {
     #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size)]
     pub size: [u32; 2],
     /// Depth of fresh snow in the open, in metres.
-    #[arg(long, value_name = "M", default_value_t = 0.0, allow_negative_numbers = true, value_parser = amount)]
+    #[arg(long, value_name = "M", default_value_t = 0.0, allow_negative_numbers = true, value_parser = up_to(MOST_SNOW_M))]
     pub snow: f32,
     /// Fog that hides what is this far away, in metres; 0 for none.
-    #[arg(long, value_name = "M", default_value_t = 0.0, allow_negative_numbers = true, value_parser = amount)]
+    #[arg(long, value_name = "M", default_value_t = 0.0, allow_negative_numbers = true, value_parser = up_to(MOST_FOG_M))]
     pub fog: f32,
     /// Rain in millimetres an hour.
-    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true, value_parser = amount)]
+    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true, value_parser = up_to(MOST_RAIN_MM))]
     pub rain: f32,
     /// Where the sun is: degrees clockwise from north, and above the horizon.
     #[arg(long, value_name = "AZIMUTH,HEIGHT", default_value = "240,44", allow_hyphen_values = true, value_parser = sun)]
@@ -118,9 +118,16 @@ fn size(text: &str) -> std::result::Result<[u32; 2], String> {
     sides.ok_or_else(|| format!("give width x height, each 1 to {MOST_PIXELS}, as 1280x720"))
 }
 
-fn amount(text: &str) -> std::result::Result<f32, String> {
-    let value = text.parse::<f32>().ok().filter(|v| v.is_finite() && (0.0..=1e6).contains(v));
-    value.ok_or_else(|| "give a number from 0 to 1000000".into())
+/// Deeper than any snowfall, further than any eye sees, more than any cloudburst.
+const MOST_SNOW_M: f32 = 10.0;
+const MOST_FOG_M: f32 = 1e6;
+const MOST_RAIN_MM: f32 = 500.0;
+
+fn up_to(most: f32) -> impl Fn(&str) -> std::result::Result<f32, String> + Clone {
+    move |text| {
+        let value = text.parse::<f32>().ok().filter(|v| (0.0..=most).contains(v));
+        value.ok_or_else(|| format!("give a number from 0 to {most}"))
+    }
 }
 
 fn sun(text: &str) -> std::result::Result<Vec3, String> {
@@ -153,19 +160,27 @@ pub(super) fn run(a: &Landscape, run: &mut Recorder) -> Result<Told> {
     }
     spare_inputs(a)?;
     let is_saved = landscape::is_saved(&a.scans)?;
-    if is_saved && (a.photo.is_some() || a.voxel.is_some() || a.cell.is_some()) {
+    let of_scans = [
+        ("--photo", a.photo.is_some()),
+        ("--ground", a.ground.is_some()),
+        ("--cell", a.cell.is_some()),
+        ("--voxel", a.voxel.is_some()),
+        ("--density-bits", a.density_bits.is_some()),
+    ];
+    if let Some((option, _)) = of_scans.iter().find(|(_, given)| is_saved && *given) {
         return Err(Error::new("a saved landscape keeps its voxels, terrain and colours")
             .in_file(&a.scans[0])
-            .remedy("leave out --photo, --voxel and --cell, or give the scan"));
+            .remedy(format!("leave out {option}, or give the scan")));
     }
     let scene = if is_saved {
         landscape::load(&a.scans[0], run)?
     } else {
-        let detail = Detail { density_bits: a.density_bits, ..DETAIL };
+        let density_bits = a.density_bits.unwrap_or(DETAIL.density_bits);
+        let detail = Detail { density_bits, ..DETAIL };
         landscape::build(&job(a), &detail, run)?
     };
     let eye = a.camera.as_ref().filter(|_| a.output.is_some());
-    let camera = eye.map(|eye| landscape::camera(&scene, eye)).transpose()?;
+    let camera = eye.map(|eye| landscape::camera(&scene, eye, a.size)).transpose()?;
     let mut lines = Vec::new();
     let mut told = json!({
         "layers": {},
@@ -260,7 +275,7 @@ impl Layer {
 fn job(a: &Landscape) -> SurveyJob {
     SurveyJob {
         scans: a.scans.clone(),
-        ground: method(a.ground),
+        ground: method(a.ground.unwrap_or(Ground::Smrf)),
         cell_m: a.cell,
         photo: a.photo.clone(),
         tile_m: None,

@@ -146,7 +146,8 @@ impl Landscape {
     /// A file that can't be read, is none of these, of a later version, cut short or changed.
     pub fn read(path: &Path) -> Result<Landscape> {
         let file = std::fs::File::open(path)
-            .map_err(|e| Error::new(format!("can't be read: {e}")).in_file(path))?;
+            .map_err(|e| Error::new(format!("can't be read: {e}")).in_file(path))
+            .map_err(|e| e.remedy("make it with `larix landscape SCAN --save FILE.voxels`"))?;
         Landscape::read_from(BufReader::new(file)).map_err(|e| e.in_file(path))
     }
 

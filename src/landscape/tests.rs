@@ -9,6 +9,8 @@ use crate::seed::{Draws, Seed};
 
 const DETAIL: Detail = Detail { density_bits: 2, height_stride: 4, colour_stride: 4 };
 
+const FINEST: Detail = Detail { density_bits: 4, ..DETAIL };
+
 /// Voxels by hand over a ground by formula.
 pub(super) struct Made {
     voxels: [u32; 3],
@@ -269,32 +271,67 @@ fn a_sphere_is_met_where_it_is() {
     }
 }
 
-/// What a ray meets first by small steps through the same densities and heights.
-fn by_steps(made: &Made, scene: &Landscape, ray: &Ray) -> Option<f64> {
+#[test]
+fn interpolation_is_exact_on_linear_densities_across_bricks() {
+    let mut made = Made::empty([12, 12, 12]);
+    for (x, y, z) in (0..12 * 144u32).map(|i| (i % 12, i / 12 % 12, i / 144)) {
+        if (1..=15).contains(&(x + y + z)) {
+            made = made.with([x, y, z], (x + y + z) as u8);
+        }
+    }
+    let scene = made.built_with(&FINEST);
+    let mut tracer = Tracer::new(&scene);
+    let mut draws = Seed::new(7).draws();
+    for _ in 0..2000 {
+        let p = Vec3::new(draws.unit(), draws.unit(), draws.unit()) * 4.9;
+        let expected = p.element_sum() / 15.0;
+        let density = tracer.density(p);
+        assert!((density - expected).abs() < 1e-6, "{p}: {density} for {expected}");
+    }
+}
+
+/// Density at a place in voxels, by the definition of trilinear interpolation.
+fn density_at(made: &Made, full: f64, p: DVec3) -> f64 {
     let value = |x: i64, y: i64, z: i64| -> f64 {
         let inside =
             x >= 0 && y >= 0 && x < i64::from(made.voxels[0]) && y < i64::from(made.voxels[1]);
         let column = if inside { made.column(x as u32, y as u32) } else { &[] };
-        column.iter().find(|v| i64::from(v.z) == z).map_or(0.0, |v| f64::from(v.density) / 3.0)
+        column.iter().find(|v| i64::from(v.z) == z).map_or(0.0, |v| f64::from(v.density) / full)
     };
-    let density = |p: DVec3| {
-        let cell = p.floor();
-        let (f, i) = (p - cell, cell.as_i64vec3());
-        (0..8i64)
-            .map(|k| {
-                let (x, y, z) = (k & 1, k >> 1 & 1, k >> 2);
-                let weight = |f: f64, far: i64| if far == 1 { f } else { 1.0 - f };
-                weight(f.x, x) * weight(f.y, y) * weight(f.z, z) * value(i.x + x, i.y + y, i.z + z)
-            })
-            .sum::<f64>()
-    };
+    let cell = p.floor();
+    let (f, i) = (p - cell, cell.as_i64vec3());
+    (0..8i64)
+        .map(|k| {
+            let (x, y, z) = (k & 1, k >> 1 & 1, k >> 2);
+            let weight = |f: f64, far: i64| if far == 1 { f } else { 1.0 - f };
+            weight(f.x, x) * weight(f.y, y) * weight(f.z, z) * value(i.x + x, i.y + y, i.z + z)
+        })
+        .sum()
+}
+
+/// What a ray meets first: by small steps through the same densities and heights, the last of them
+/// halved.
+fn by_steps(made: &Made, full: f64, scene: &Landscape, ray: &Ray) -> Option<f64> {
     const STEP: f64 = 0.004;
     let sides = DVec3::from(scene.sides.map(f64::from));
-    (0..20_000).map(|i| f64::from(i) * STEP).find(|t| {
-        let p = ray.origin + ray.direction * *t;
+    let is_within = |t: f64| {
+        let p = ray.origin + ray.direction * t;
         let is_inside = p.cmpge(DVec3::ZERO).all() && p.cmple(sides).all();
-        is_inside && (density(p) >= 0.5 || scene.height(p.x, p.y).is_some_and(|h| p.z <= h))
-    })
+        is_inside
+            && (density_at(made, full, p) >= 0.5
+                || scene.height(p.x, p.y).is_some_and(|h| p.z <= h))
+    };
+    let mut met = (0..20_000).map(|i| f64::from(i) * STEP).find(|t| is_within(*t))?;
+    let mut before = met - STEP;
+    while met - before > 1e-6 {
+        let middle = 0.5 * (met + before);
+        if is_within(middle) {
+            met = middle;
+        } else {
+            before = middle;
+        }
+    }
+    Some(met)
 }
 
 #[test]
@@ -310,11 +347,11 @@ fn rays_meet_what_small_steps_meet() {
         let origin = origin.map(f64::from);
         let direction = DVec3::from(target.map(f64::from)) - DVec3::from(origin);
         let ray = ray(origin, direction.to_array());
-        match (first(&scene, &ray), by_steps(&made, &scene, &ray)) {
+        match (first(&scene, &ray), by_steps(&made, 3.0, &scene, &ray)) {
             (Some(hit), Some(t)) => {
-                assert!(hit.t < t + 0.005, "{ray:?}: {} but steps meet {t}", hit.t);
+                assert!(hit.t < t + NEAR, "{ray:?}: {} but steps meet {t}", hit.t);
                 // Small steps may pass over what a ray just touches.
-                met += u32::from((hit.t - t).abs() < 0.01);
+                met += u32::from((hit.t - t).abs() < NEAR);
             }
             (hit, t) => {
                 assert!(hit.is_some() || t.is_none(), "{ray:?}: {hit:?}, steps {t:?}");
@@ -323,6 +360,36 @@ fn rays_meet_what_small_steps_meet() {
         }
     }
     assert!(met > 140, "{met} of 150 rays agree");
+}
+
+#[test]
+fn a_sphere_that_is_kept_is_met_where_it_is() {
+    // Three voxels wide between full and empty, in steps of a fifteenth.
+    let (centre, radius, slope) = (DVec3::new(23.3, 24.1, 22.8), 14.6, 1.0 / 3.0);
+    let mut made = Made::empty([48, 48, 48]);
+    for (x, y, z) in (0..48 * 48 * 48u32).map(|i| (i % 48, i / 48 % 48, i / 2304)) {
+        let p = DVec3::new(f64::from(x), f64::from(y), f64::from(z));
+        let density: f64 = 0.5 + slope * (radius - p.distance(centre));
+        let level = (15.0 * density.clamp(0.0, 1.0)).round() as u8;
+        if level > 0 {
+            made = made.with([x, y, z], level);
+        }
+    }
+    let scene = made.built_with(&FINEST);
+    let mut draws = Seed::new(9).draws();
+    for _ in 0..100 {
+        let mut away = || draws.direction().as_dvec3();
+        let origin = centre + 22.0 * away();
+        let target = centre + 0.8 * radius * away();
+        let ray = ray(origin.to_array(), (target - origin).to_array());
+        let hit = first(&scene, &ray).unwrap_or_else(|| panic!("{ray:?} misses"));
+        // Where the densities that are kept pass one half.
+        let kept = by_steps(&made, 15.0, &scene, &ray).expect("the sphere");
+        assert!((hit.t - kept).abs() < NEAR, "{ray:?}: {} for {kept}", hit.t);
+        // Half a step of density off the sphere itself, more between the corners of a cell.
+        let off = (ray.origin + ray.direction * hit.t).distance(centre) - radius;
+        assert!(off.abs() < 0.5 / 15.0 / slope + 0.05, "{ray:?}: {off} off the sphere");
+    }
 }
 
 #[test]

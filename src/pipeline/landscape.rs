@@ -96,23 +96,34 @@ pub fn load(path: &Path, run: &mut Recorder) -> Result<Landscape> {
     })
 }
 
-/// A camera in the scan's own coordinates, in those of the landscape.
+/// A camera in the scan's own coordinates, in those of the landscape, for pictures of `size` pixels.
 ///
 /// # Errors
-/// A camera below the ground.
-pub fn camera(scene: &Landscape, eye: &Eye) -> Result<Camera> {
+/// A camera below the ground, or that sees nothing of the landscape.
+pub fn camera(scene: &Landscape, eye: &Eye, size: [u32; 2]) -> Result<Camera> {
+    /// Pixels a side by which it is told whether anything is seen.
+    const ENOUGH: u32 = 2000;
     let camera = view::camera(&scene.frame, eye);
-    match scene.ground_m(camera.eye) {
-        Some(ground) if camera.eye.z < ground => {
-            let height = scene.frame.world_from_local(camera.eye.with_z(ground)).z;
-            let (x, y, z) = (eye.at.x, eye.at.y, eye.at.z);
-            Err(Error::new(format!(
-                "the camera at {x},{y},{z} is below the ground, which is {height:.2} high there"
-            ))
-            .remedy(format!("give --camera a third number above {height:.2}")))
-        }
-        _ => Ok(camera),
+    let (x, y, z) = (eye.at.x, eye.at.y, eye.at.z);
+    if let Some(ground) = scene.ground_m(camera.eye).filter(|ground| camera.eye.z < *ground) {
+        let height = scene.frame.world_from_local(camera.eye.with_z(ground)).z;
+        return Err(Error::new(format!(
+            "the camera at {x},{y},{z} is below the ground, which is {height:.2} high there"
+        ))
+        .remedy(format!("give --camera a third number above {height:.2}")));
     }
+    let shot = Shot::new(camera, size.map(|side| side.min(ENOUGH)));
+    if !scene.is_empty() && landscape::count_hits(scene, &shot) == 0 {
+        let [low, high] = scene.bounds_m().map(|p| scene.frame.world_from_local(p));
+        let corner = |p: glam::DVec3| format!("{:.0},{:.0},{:.0}", p.x, p.y, p.z);
+        return Err(Error::new(format!(
+            "the camera at {x},{y},{z} sees nothing of the landscape, which reaches from {} to {}",
+            corner(low),
+            corner(high)
+        ))
+        .remedy("give --camera a place to look at that lies between these corners"));
+    }
+    Ok(camera)
 }
 
 /// Draws, showing each pass to `progress`.
