@@ -14,7 +14,8 @@ use rayon::prelude::*;
 
 use super::build::{Detail, MOST_VOXELS, Source, Voxel};
 use super::paint::{
-    Brightness, Cell, Clear, LEAST_HEIGHT_M, SOIL, WATER, has_colour, ponds, soil, tint,
+    Brightness, Cell, Clear, LEAST_HEIGHT_M, SOIL, WATER, has_colour, out_of_shadow, ponds, soil,
+    tint,
 };
 use crate::diagnostic::{Error, Result};
 use crate::ground::{Classified, Kind};
@@ -294,8 +295,12 @@ impl Columns {
         };
         let mut colours = vec![[[0u8; 3]; 2]; cols * rows];
         for of in 0..2 {
-            let values: Vec<Option<Vec3>> =
+            let mut values: Vec<Option<Vec3>> =
                 (0..cols * rows).into_par_iter().map(|i| known(i, of)).collect();
+            if of == 0 && from != PaintedFrom::Heights {
+                let light = out_of_shadow(values.iter().copied().flatten());
+                values.iter_mut().flatten().for_each(|v| *v = (*v * light).min(Vec3::splat(255.0)));
+            }
             let is_known: Vec<bool> = values.iter().map(Option::is_some).collect();
             if !is_known.contains(&true) {
                 let plain = if of == 0 { SOIL } else { tint(5, 10.0) };

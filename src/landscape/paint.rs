@@ -66,7 +66,7 @@ impl Cell {
 ///
 /// In 43 photos of forests at three sites red is spread 0.95 to 1.13 times as widely as green and blue
 /// 0.41 to 0.89 times; channels spread more widely were stretched each alone, which makes leaves
-/// purple and emerald.
+/// purple and emerald. What is greener there than any leaf in those photos is brought back to that.
 pub(super) struct Clear {
     middle: Vec3,
     narrow: Vec3,
@@ -76,6 +76,8 @@ pub(super) struct Clear {
 
 /// How widely red, green and blue may be spread, over the spread of green.
 const SPREAD: Vec3 = Vec3::new(1.15, 1.0, 0.9);
+/// Red and blue over green of the greenest hundredth of the green pixels in any of those photos.
+const GREENEST: Vec3 = Vec3::new(0.62, 1.0, 0.36);
 /// Share of the air's blue light that it has in red, green and blue: (0.45 µm / λ)².
 const SCATTERED: Vec3 = Vec3::new(0.48, 0.67, 1.0);
 /// sRGB of the median after that, and of the brightest hundredth at most.
@@ -103,7 +105,6 @@ impl Clear {
         let least = (quantiles(&colours, 0.01) - 8.0).max(Vec3::ZERO);
         let dark = (SCATTERED * least.z).min(least);
         let clear = || colours.iter().map(|v| (*v - dark).max(Vec3::ZERO));
-        let grey = |v: Vec3| v.dot(Vec3::new(0.299, 0.587, 0.114));
         let median = quantile(&mut clear().map(grey), 0.5);
         let bright = quantile(&mut clear().map(|v| v.max_element()), 0.99);
         let gain = (MEDIAN / median.max(1.0)).min(BRIGHTEST / bright.max(1.0));
@@ -111,9 +112,34 @@ impl Clear {
     }
 
     pub fn seen(&self, colour: Vec3) -> Vec3 {
-        let colour = self.middle + (colour - self.middle) * self.narrow;
-        ((colour - self.dark).max(Vec3::ZERO) * self.gain).min(Vec3::splat(255.0))
+        let natural = self.middle + (colour - self.middle) * self.narrow;
+        let clear = (natural - self.dark).max(Vec3::ZERO) * self.gain;
+        let leaf = if self.narrow == Vec3::ONE { clear } else { no_greener(clear) };
+        leaf.min(Vec3::splat(255.0))
     }
+}
+
+fn grey(v: Vec3) -> f32 {
+    v.dot(Vec3::new(0.299, 0.587, 0.114))
+}
+
+/// As bright, but no greener than leaves are.
+fn no_greener(colour: Vec3) -> Vec3 {
+    let leaf = colour.max(GREENEST * colour.y);
+    leaf * (grey(colour) / grey(leaf).max(1.0))
+}
+
+/// sRGB of the ground's median, at least, and how much it may be brightened for that.
+const GROUND_MEDIAN: f32 = 74.0;
+const MOST_BRIGHTENED: f32 = 2.5;
+
+/// What to multiply the ground's colours by: between crowns it is seen in their shadow, and a renderer
+/// lays that upon it once more.
+pub(super) fn out_of_shadow(ground: impl Iterator<Item = Vec3>) -> f32 {
+    let mut levels: Vec<f32> = ground.map(grey).collect();
+    levels.sort_unstable_by(f32::total_cmp);
+    let median = levels.get(levels.len() / 2).copied().unwrap_or(GROUND_MEDIAN);
+    (GROUND_MEDIAN / median.max(1.0)).clamp(1.0, MOST_BRIGHTENED)
 }
 
 /// The middle and the spread of intensities, of the ground and of what is above it.
@@ -235,6 +261,29 @@ mod tests {
             };
             assert!(spread(0) < 1.2 * spread(1) && spread(2) < 0.95 * spread(1));
         }
+    }
+
+    #[test]
+    fn stretched_leaves_are_no_greener_than_leaves_and_as_bright() {
+        let clear = Clear::of(greens(1.9, 1.6).into_iter());
+        for colour in [Vec3::new(2.0, 90.0, 40.0), Vec3::new(0.0, 60.0, 5.0)] {
+            let seen = clear.seen(colour);
+            assert!(seen.x > 0.61 * seen.y && seen.z > 0.35 * seen.y, "{seen}");
+        }
+        let plain = Vec3::new(90.0, 100.0, 60.0);
+        assert!((grey(no_greener(plain)) - grey(plain)).abs() < 1e-3);
+        assert!(
+            (grey(no_greener(Vec3::new(0.0, 60.0, 5.0))) - grey(Vec3::new(0.0, 60.0, 5.0))).abs()
+                < 1e-3
+        );
+    }
+
+    #[test]
+    fn dark_ground_is_brightened_and_bright_is_not() {
+        let ground = |level: f32| out_of_shadow((0..99).map(move |_| Vec3::splat(level)));
+        assert!((ground(37.0) - 2.0).abs() < 1e-5);
+        assert_eq!((ground(5.0), ground(120.0)), (MOST_BRIGHTENED, 1.0));
+        assert_eq!(out_of_shadow(std::iter::empty()), 1.0);
     }
 
     #[test]
