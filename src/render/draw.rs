@@ -2,6 +2,8 @@
 //! independently of each other, each from its own list in a fixed order, so that the number of
 //! threads can't change a sample.
 
+use std::cell::OnceCell;
+
 use glam::{Mat3, Vec2, Vec3};
 
 use super::camera::{Projected, View, corner};
@@ -316,19 +318,26 @@ impl Brush<'_> {
             return;
         }
         let inv_w = at.map(|p| p.inv_w);
-        let mut lod_at_depth_1 = 0.0;
-        if let Some(texture) = self.colour {
-            let uv = (corner[1].uv - corner[0].uv).perp_dot(corner[2].uv - corner[0].uv).abs();
-            let ratio = uv * texture.texels() / area.abs().max(1e-9);
-            lod_at_depth_1 = 0.5 * (ratio * inv_w[0] * inv_w[1] * inv_w[2]).max(1e-30).log2();
-        }
-        let is_large = area.abs() > 512.0;
-        let mean_w = 3.0 / (inv_w[0] + inv_w[1] + inv_w[2]);
-        let mean_lod = lod_at_depth_1 + 1.5 * mean_w.log2();
-        let tangent = match (C::IS_SHADED, self.bumps) {
-            (true, Some(_)) => tangents(self.view, corner),
-            _ => None,
+        // Both are only asked for where a sample is seen.
+        let lod_at_depth_1 = OnceCell::new();
+        let lod_at_depth_1 = || {
+            *lod_at_depth_1.get_or_init(|| {
+                let Some(texture) = self.colour else { return 0.0 };
+                let uv = (corner[1].uv - corner[0].uv).perp_dot(corner[2].uv - corner[0].uv).abs();
+                let ratio = uv * texture.texels() / area.abs().max(1e-9);
+                0.5 * (ratio * inv_w[0] * inv_w[1] * inv_w[2]).max(1e-30).log2()
+            })
         };
+        let is_large = area.abs() > 512.0;
+        let mean_lod = OnceCell::new();
+        let mean_lod = || {
+            *mean_lod.get_or_init(|| {
+                let mean_w = 3.0 / (inv_w[0] + inv_w[1] + inv_w[2]);
+                lod_at_depth_1() + 1.5 * mean_w.log2()
+            })
+        };
+        let tangent = OnceCell::new();
+        let tangent = || *tangent.get_or_init(|| tangents(self.view, corner));
         let facing = if is_back { -1.0 } else { 1.0 };
         let width = self.view.width;
         fill([a, b, c], rect, |x, y, weight| {
@@ -346,7 +355,7 @@ impl Brush<'_> {
             let w = 1.0 / (k[0] + k[1] + k[2]);
             let k = k.map(|v| v * w);
             let uv = corner[0].uv * k[0] + corner[1].uv * k[1] + corner[2].uv * k[2];
-            let lod = if is_large { lod_at_depth_1 + 1.5 * w.log2() } else { mean_lod };
+            let lod = if is_large { lod_at_depth_1() + 1.5 * w.log2() } else { mean_lod() };
             if let (Some(cutoff), Some(texture)) = (self.paint.cutoff, self.colour)
                 && texture.alpha(uv, lod, self.edge) < cutoff
             {
@@ -364,7 +373,9 @@ impl Brush<'_> {
                 (corner[0].normal * k[0] + corner[1].normal * k[1] + corner[2].normal * k[2])
                     .normalize_or(Vec3::Z)
                     * facing;
-            if let (Some((along, across)), Some(bumps)) = (tangent, self.bumps) {
+            if let Some(bumps) = self.bumps
+                && let Some((along, across)) = tangent()
+            {
                 let b = bumps.colour(uv, lod, self.edge).map(|v| v * 2.0 - 1.0);
                 normal = (along * b[0] + across * b[1] + normal * b[2]).normalize_or(normal);
             }

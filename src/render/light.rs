@@ -4,6 +4,8 @@
 //! the length of the path below the canopy's surface dims the light by Beer and Lambert's law, so
 //! crowns darken inwards and the ground darkens under them.
 
+use std::sync::LazyLock;
+
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -89,30 +91,12 @@ impl Canopy {
         let v = self.view.view_from_scene(p);
         let at = self.view.project(v).at;
         let (mut seen, mut sum) = (0.0, 0.0);
-        for i in 0..5u32 {
-            let (direction, level, reach) = if i == 4 {
-                (Vec3::Z, 1, [0.0, 0.0])
-            } else {
-                let steep = [0.45f32, 0.8, 0.6, 1.1][((i + turn) % 4) as usize];
-                let phi = (i as f32 + turn as f32 * 0.25) * std::f32::consts::FRAC_PI_2 + 0.3;
-                let (s, c) = phi.sin_cos();
-                let (sin_e, cos_e) = steep.sin_cos();
-                (Vec3::new(c * cos_e, s * cos_e, sin_e), 2, [1.2, 4.5])
-            };
-            let cosine = (0.35 + 0.65 * normal.dot(direction)).max(0.05);
+        for Probe { direction, steps } in &PROBES[turn as usize % PROBES.len()] {
+            let cosine = (0.35 + 0.65 * normal.dot(*direction)).max(0.05);
             let mut path = 0.0f32;
-            for (k, r) in reach.into_iter().enumerate() {
-                let level = level + k;
-                let slope = direction.z / direction.truncate().length().max(1e-3);
-                let shift = direction.truncate().normalize_or_zero() * r * self.view.focal;
-                // The map's rows go south.
-                let place = at + Vec2::new(shift.x, -shift.y);
-                if let Some(top) = self.height(place, level) {
-                    let z = p.z + if r > 0.0 { r * slope } else { 0.0 };
-                    path = path.max(top - z);
-                }
-                if i == 4 {
-                    break;
+            for Step { level, shift, rise } in steps.iter().flatten() {
+                if let Some(top) = self.height(at + *shift * self.view.focal, *level) {
+                    path = path.max(top - (p.z + rise));
                 }
             }
             sum += cosine;
@@ -121,6 +105,44 @@ impl Canopy {
         seen / sum
     }
 }
+
+/// A direction in which the sky is looked for, and where on the way the canopy's height is.
+struct Probe {
+    direction: Vec3,
+    steps: [Option<Step>; 2],
+}
+
+struct Step {
+    level: usize,
+    /// On the map, whose rows go south, metres.
+    shift: Vec2,
+    /// Of the way, metres.
+    rise: f32,
+}
+
+/// By turn: four directions all around, and the zenith.
+static PROBES: LazyLock<[[Probe; 5]; 4]> = LazyLock::new(|| {
+    std::array::from_fn(|turn| {
+        std::array::from_fn(|i| {
+            if i == 4 {
+                let here = Step { level: 1, shift: Vec2::ZERO, rise: 0.0 };
+                return Probe { direction: Vec3::Z, steps: [Some(here), None] };
+            }
+            let steep = [0.45f32, 0.8, 0.6, 1.1][(i + turn) % 4];
+            let phi = (i as f32 + turn as f32 * 0.25) * std::f32::consts::FRAC_PI_2 + 0.3;
+            let (east, north) = (phi.cos(), phi.sin());
+            let step = |level: usize, reach_m: f32| Step {
+                level,
+                shift: Vec2::new(east, -north) * reach_m,
+                rise: reach_m * steep.tan(),
+            };
+            Probe {
+                direction: Vec3::new(east * steep.cos(), north * steep.cos(), steep.sin()),
+                steps: [Some(step(2, 1.2)), Some(step(3, 4.5))],
+            }
+        })
+    })
+});
 
 /// The light on a stage.
 pub(super) struct Light {

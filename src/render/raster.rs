@@ -20,8 +20,9 @@ const HALF: i64 = 128;
 /// Calls `each(x, y, weights)` for every sample of `rect` whose middle the triangle covers;
 /// weights belong to the corners in the order given. Corners must be within 2^20 samples of 0.
 pub(super) fn fill(corner: [Vec2; 3], rect: Rect, mut each: impl FnMut(i32, i32, [f32; 3])) {
-    let fixed =
-        corner.map(|c| [(c.x * SUBSAMPLES).round() as i64, (c.y * SUBSAMPLES).round() as i64]);
+    // To the nearest.
+    let whole = |v: f32| (f64::from(v * SUBSAMPLES) + 0.5f64.copysign(v.into())) as i64;
+    let fixed = corner.map(|c| [whole(c.x), whole(c.y)]);
     let [a, mut b, mut c] = fixed;
     let mut area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
     if area == 0 {

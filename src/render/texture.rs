@@ -10,7 +10,7 @@ use std::sync::LazyLock;
 use glam::Vec2;
 use rayon::prelude::*;
 
-use crate::raster::Picture;
+use crate::raster::{Picture, floor};
 use crate::scene::Colorspace;
 
 static LINEAR_FROM_SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
@@ -98,14 +98,14 @@ impl<'a> Pyramid<'a> {
         let i = ((lod + 0.5).max(0.0) as usize).min(self.levels.len() - 1);
         let level = &self.levels[i];
         let uv = match edge {
-            Edge::Repeat => uv - uv.floor(),
+            Edge::Repeat => uv - Vec2::new(floor(uv.x) as f32, floor(uv.y) as f32),
             Edge::Clamp => uv.clamp(Vec2::ZERO, Vec2::ONE),
         };
         let x = uv.x * level.width as f32 - 0.5;
         let y = (1.0 - uv.y) * level.height as f32 - 0.5;
-        let (fx, fy) = (x.floor(), y.floor());
-        let wrap = |v: f32, n: usize| -> usize {
-            let (v, last) = (v as isize, n as isize - 1);
+        let (col, row) = (floor(x), floor(y));
+        let wrap = |v: i32, n: usize| -> usize {
+            let last = n as i32 - 1;
             let inside = match edge {
                 Edge::Repeat if v < 0 => last,
                 Edge::Repeat if v > last => 0,
@@ -113,10 +113,10 @@ impl<'a> Pyramid<'a> {
             };
             inside as usize
         };
-        let (x0, x1) = (wrap(fx, level.width), wrap(fx + 1.0, level.width));
-        let (y0, y1) = (wrap(fy, level.height), wrap(fy + 1.0, level.height));
-        let w = level.width;
-        (level, [y0 * w + x0, y0 * w + x1, y1 * w + x0, y1 * w + x1], Vec2::new(x - fx, y - fy))
+        let (x0, x1) = (wrap(col, level.width), wrap(col + 1, level.width));
+        let (y0, y1) = (wrap(row, level.height), wrap(row + 1, level.height));
+        let (w, share) = (level.width, Vec2::new(x - col as f32, y - row as f32));
+        (level, [y0 * w + x0, y0 * w + x1, y1 * w + x0, y1 * w + x1], share)
     }
 
     /// Alpha 0…1, bilinear.
