@@ -91,6 +91,31 @@ fn compare(name: &str, scan: &Path, tile_m: f32, dir: &Path) {
 }
 
 #[test]
+fn stands_far_apart_have_all_their_trees() {
+    let dir = tempfile::tempdir().unwrap();
+    let species = [larix::species::load("pinus_sylvestris").unwrap()];
+    let options = StandOptions { trees: 60, relief_m: 0.0, ..StandOptions::default() };
+    let made = pipeline::demo::survey_of_stand(
+        &options,
+        &species,
+        Seed::new(5),
+        &mut Recorder::new(&Silent),
+    );
+    let one = dir.path().join("one.laz");
+    std::fs::write(&one, made.unwrap().scan).unwrap();
+    let alone = survey(std::slice::from_ref(&one), None).trees.len();
+    for km in [0.5, 2.0, 4.0] {
+        let mut cloud =
+            read(std::slice::from_ref(&one), &ReadOptions::default()).unwrap().value.cloud;
+        cloud.frame.origin += glam::DVec3::new(km * 1e3, km * 1e3, 0.0);
+        let other = dir.path().join("other.laz");
+        std::fs::write(&other, encode_laz(&cloud).unwrap()).unwrap();
+        let both = survey(&[one.clone(), other], None).trees.len();
+        assert!(both.abs_diff(2 * alone) <= alone / 20, "{km} km: {both}, alone {alone}");
+    }
+}
+
+#[test]
 fn a_simulated_scan_cut_in_four_is_the_same_forest() {
     let dir = tempfile::tempdir().unwrap();
     let species: Vec<_> = ["larix_sibirica", "betula_pendula", "pinus_sylvestris"]

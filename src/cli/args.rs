@@ -248,9 +248,9 @@ pub struct ScanArgs {
     /// Terrain cell in metres; from the density where absent.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = within(0.01..=100.0))]
     pub cell: Option<f32>,
-    /// Work through the scan in tiles of this side in metres (steps of 64, at least 128), so that
-    /// memory follows the tile and not the scan (64 bytes a point of a tile and its margin; the whole of 20
-    /// million points takes 1 GB); scans of more than 30 million points go so by themselves.
+    /// Work through the scan in tiles of this side in metres (steps of 64, at least 128). Half a
+    /// gigabyte of points is held, what is more waits in a temporary file. Scans of more than 30 million
+    /// points, or with wide gaps, go so by themselves.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = within(128.0..=100_000.0))]
     pub tile: Option<f32>,
 }

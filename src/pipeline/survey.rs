@@ -81,10 +81,24 @@ pub(super) struct Whole {
 pub(super) fn read(job: &SurveyJob, run: &mut Recorder) -> Result<Scan> {
     run.stage("scan", |warnings| {
         let scan = scan::read(&job.scans, &READ)?.into_value(warnings);
-        terrain::check_extent(scan.bounds.min, scan.bounds.max, scan.cloud.len(), job.cell_m)
-            .map_err(|e| e.in_file(&job.scans[0]))?;
+        check_extent(job, &scan.bounds, scan.cloud.len())?;
         let outcome = scan_outcome(&scan.census, scan.density_per_m2);
         Ok((scan, outcome))
+    })
+}
+
+/// Whether a terrain can be made of the scans together.
+pub(super) fn check_extent(job: &SurveyJob, bounds: &Bounds, points: usize) -> Result<()> {
+    let checked = terrain::check_extent(bounds.min, bounds.max, points, job.cell_m);
+    checked.map_err(|e| match &job.scans[..] {
+        [scan] => e.in_file(scan),
+        // None of them alone is to blame.
+        scans => {
+            let message = format!("the {} files together: {}", scans.len(), e.message());
+            Error::new(message).remedy(
+                "give what lies far apart in runs of its own, or look for a wrong scale in a header",
+            )
+        }
     })
 }
 
@@ -172,15 +186,45 @@ const USUAL_DENSITY: f64 = 10.0;
 
 /// Tiles along the side of what is worked on at a time; `None` for the scan in one piece.
 fn tiles_a_side(job: &SurveyJob) -> Option<i32> {
-    let side_m = match job.tile_m {
-        Some(side_m) => f64::from(side_m),
-        None if scan::stated_points(&job.scans) > WHOLE_POINTS => {
-            (TILE_POINTS / USUAL_DENSITY).sqrt()
-        }
-        None => return None,
-    };
+    match job.tile_m {
+        Some(side_m) => Some(tiles_along(f64::from(side_m))),
+        None if scan::stated_points(&job.scans) > WHOLE_POINTS => Some(usual_tiles()),
+        None => None,
+    }
+}
+
+fn usual_tiles() -> i32 {
+    tiles_along((TILE_POINTS / USUAL_DENSITY).sqrt())
+}
+
+fn tiles_along(side_m: f64) -> i32 {
     // With less, the tiles about a block show too little of what stands beside it.
-    Some((side_m / scan::tiles::TILE_M).ceil().clamp(2.0, 1000.0) as i32)
+    (side_m / scan::tiles::TILE_M).ceil().clamp(2.0, 1000.0) as i32
+}
+
+/// Whether most of a scan's box is empty, as between plots and along corridors: grids over all of it
+/// would be coarser than its points allow, those of tiles are not.
+fn has_gaps(scan: &Scan) -> bool {
+    const MOST: f32 = 8.0;
+    const LEAST_SQ_M: f32 = 1e5;
+    let size = scan.bounds.max - scan.bounds.min;
+    let flown_sq_m = scan.cloud.len() as f32 / scan.density_per_m2.max(1e-9);
+    size.x * size.y > (MOST * flown_sq_m).max(LEAST_SQ_M)
+}
+
+/// A scan for whom one piece is right; `None`, and nothing recorded, where it goes by tiles.
+fn read_whole(job: &SurveyJob, run: &mut Recorder) -> Result<Option<Scan>> {
+    if tiles_a_side(job).is_some() {
+        return Ok(None);
+    }
+    let before = (run.stages.len(), run.warnings.len());
+    let scan = read(job, run)?;
+    if has_gaps(&scan) {
+        run.stages.truncate(before.0);
+        run.warnings.truncate(before.1);
+        return Ok(None);
+    }
+    Ok(Some(scan))
 }
 
 /// Scan to terrain.
@@ -188,13 +232,13 @@ fn tiles_a_side(job: &SurveyJob) -> Option<i32> {
 /// # Errors
 /// Unreadable scans; no ground; a grid too large.
 pub fn terrain(job: &SurveyJob, run: &mut Recorder) -> Result<(Frame, Terrain)> {
-    if let Some(tiles) = tiles_a_side(job) {
+    let Some(scan) = read_whole(job, run)? else {
+        let tiles = tiles_a_side(job).unwrap_or_else(usual_tiles);
         let tiled = Tiled::read(job, run)?.classify(job, tiles, run)?;
         let terrain = tiled.terrain(job, tiles, run)?;
         let (frame, by) = near_frame(tiled.frame(), &tiled.bounds());
         return Ok((frame, terrain.moved(by)));
-    }
-    let scan = read(job, run)?;
+    };
     let Whole { classified, bounds, .. } = classify(job, scan, run)?;
     let terrain = build_terrain(job, &classified, run)?;
     let (frame, by) = near_frame(&classified.cloud.frame, &bounds);
@@ -289,7 +333,8 @@ pub(super) fn crown_outcome(found: &Found, options: &CrownOptions, voxel_m: f32)
 pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
     // Read first: a photo that can't be used is told before the scan is read.
     let raster = job.photo.as_deref().map(photo_raster).transpose()?;
-    if let Some(tiles) = tiles_a_side(job) {
+    let Some(scan) = read_whole(job, run)? else {
+        let tiles = tiles_a_side(job).unwrap_or_else(usual_tiles);
         let tiled = Tiled::read(job, run)?;
         let (frame, by) = near_frame(tiled.frame(), &tiled.bounds());
         let photo = place_photo(job, run, raster, &frame, tiled.bounds().moved(by))?;
@@ -298,8 +343,7 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
         let (crowns, looks) = tiled.crowns(job, tiles, &terrain, run)?;
         let crowns = crowns.into_iter().map(|c| c.moved(by)).collect();
         return name_trees(job, crowns, &looks, frame, terrain.moved(by), photo, run);
-    }
-    let scan = read(job, run)?;
+    };
     let (frame, by) = near_frame(&scan.cloud.frame, &scan.bounds);
     let photo = place_photo(job, run, raster, &frame, scan.bounds.moved(by))?;
     let Whole { classified, density_per_m2, .. } = classify(job, scan, run)?;

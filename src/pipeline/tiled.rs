@@ -11,8 +11,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::{IVec2, Vec3};
 
 use super::survey::{
-    READ, SurveyJob, check_ground, crown_outcome, ground_outcome, looked_at, scan_outcome, voxel_m,
-    with_held_out,
+    READ, SurveyJob, check_extent, check_ground, crown_outcome, ground_outcome, looked_at,
+    scan_outcome, voxel_m, with_held_out,
 };
 use crate::crown::{self, Crown, CrownOptions, Extent, Found, Tally};
 use crate::diagnostic::Result;
@@ -42,8 +42,7 @@ impl Tiled {
         run.stage("scan", |warnings| {
             let scan = TiledScan::read(&job.scans, &READ)?.into_value(warnings);
             let points = scan.census.kept as usize;
-            terrain::check_extent(scan.bounds.min, scan.bounds.max, points, job.cell_m)
-                .map_err(|e| e.in_file(&job.scans[0]))?;
+            check_extent(job, &scan.bounds, points)?;
             let outcome = scan_outcome(&scan.census, scan.density_per_m2 as f32);
             let tiled = Tiled {
                 scan,

@@ -177,7 +177,7 @@ impl Default for RenderOptions {
             height: 720,
             supersample: 2,
             sun: Vec3::new(-0.72, -0.36, 0.66),
-            shadow_size: 4096,
+            shadow_size: 2560,
             haze_per_m: 0.0004,
             exposure: 0.52,
             triangle_budget: 6_000_000,

@@ -281,8 +281,10 @@ fn geometry(
     grid_over(low, high, cell)
 }
 
-/// Cells that a terrain may have for each point of its scan.
+/// Cells that a terrain may have for each point of its scan, or in all where that is more: plots of a
+/// survey lie kilometres apart.
 const MOST_CELLS_A_POINT: usize = 64;
+const FEW_CELLS: usize = 1 << 24;
 
 /// Whether a terrain can be made over a box with so many points, told before any work is done.
 ///
@@ -292,7 +294,7 @@ pub fn check_extent(low: Vec3, high: Vec3, points: usize, cell_m: Option<f32>) -
     let asked = cell_m.filter(|c| c.is_finite() && *c > 0.0).map(f64::from);
     let coarsest = CELLS_M[CELLS_M.len() - 1];
     let cells = grid_over(low, high, asked.unwrap_or(coarsest))?.len();
-    if asked.is_some() || cells <= (MOST_CELLS_A_POINT * points).max(1 << 20) {
+    if asked.is_some() || cells <= (MOST_CELLS_A_POINT * points).max(FEW_CELLS) {
         return Ok(());
     }
     let km = (high - low) * 1e-3;
