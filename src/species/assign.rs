@@ -6,9 +6,9 @@
 //! and broadleaf overlap, conifers share one range), and the crown's shape decides between them:
 //! height over diameter and crown base against the species' typical sizes, and no crown much taller
 //! than its species grows. Exposure differs from flight to flight and acts on all crowns alike, as a
-//! gain. Where the median crown lies farther than `FAR` from every range, the gain is sought that
-//! brings the crowns nearest, changes of exposure costing by their size; the ranges then apply to Y
-//! times that gain, and a warning says so.
+//! gain: the one that makes the crowns likeliest as a mixture of the ranges is taken, changes of
+//! exposure costing a little by their size; the ranges then apply to Y times that gain, and a warning
+//! says so.
 //!
 //! **Which of the two.** The ranges were measured in one survey; other cameras and places give
 //! other luminances (docs/inventory.md). They decide where the photo bears them out: most crowns lie
@@ -34,10 +34,17 @@ use crate::seed::Seed;
 
 /// Distances in luminance that do not tell species apart.
 const TIE: f32 = 3.0;
-/// Median distance beyond which the photo's exposure is in doubt.
-const FAR: f32 = 12.0;
-/// Luminance that a factor e of exposure costs per crown.
-const GAIN_COST: f32 = 12.0;
+/// Luminance by which crowns lie outside their range, standard deviation.
+const BEYOND: f32 = 3.0;
+/// Log-likelihood of a crown that a factor e of exposure costs.
+const GAIN_COST: f64 = 0.5;
+/// Log-likelihood that a change of exposure must win at least: of a crown, and of all together.
+const LEAST_GAINED: f64 = 0.05;
+const LEAST_GAINED_OF_ALL: f64 = 6.0;
+/// Steps of the logarithm of luminance, from 1 to 255, and of gain, to three times more or less.
+const STEP: f32 = 0.01;
+const STEPS: usize = 555;
+const MOST_GAIN: i32 = 110;
 /// The ranges hold for a photo that puts this share of the crowns near them, and this share near each
 /// of two that lie `APART`, as dark conifers and other trees do.
 const FITTING: f32 = 0.7;
@@ -270,30 +277,74 @@ fn distance(y: f32, [low, high]: [f32; 2]) -> f32 {
     (low - y).max(y - high).max(0.0)
 }
 
-/// The gain that brings the crowns' luminances to the ranges; 1 where they are near as they are.
+/// The gain that makes the crowns' luminances likeliest, as a mixture of the ranges in unknown shares
+/// and a few crowns of any luminance; 1 where that is hardly less likely. The same photo brightened
+/// gives the same luminances times gain, but for what is clipped at its white.
 fn exposure(lit: &[f32], ranges: &[(usize, [f32; 2])]) -> f32 {
-    if lit.is_empty() || ranges.is_empty() {
+    let mut classes: Vec<[f32; 2]> = ranges.iter().map(|(_, r)| *r).collect();
+    classes.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    classes.dedup();
+    if lit.is_empty() || classes.is_empty() {
         return 1.0;
     }
-    let off = |y: f32| ranges.iter().map(|(_, r)| distance(y, *r)).fold(f32::INFINITY, f32::min);
-    let mut distances: Vec<f32> = lit.iter().map(|y| off(*y)).collect();
-    distances.sort_by(f32::total_cmp);
-    if distances.get(distances.len() / 2).is_none_or(|median| *median <= FAR) {
-        return 1.0;
+    // Counts by luminance in steps of 1 %, as are the gains.
+    let mut counts = [0u32; STEPS];
+    for y in lit {
+        counts[((y.max(1.0).ln() / STEP) as usize).min(STEPS - 1)] += 1;
     }
-    // From a third to three times the exposure, in steps of 1 %; one far crown counts no more
-    // than another.
-    let steps = (3.0f32.ln() / 0.01) as i32;
-    let cost = |step: i32| {
-        let log_gain = step as f32 * 0.01;
-        let total: f32 = lit.iter().map(|y| off(y * log_gain.exp()).min(2.0 * FAR)).sum();
-        total / lit.len() as f32 + GAIN_COST * log_gain.abs()
+    let counts: Vec<(usize, f64)> =
+        (0..).zip(counts).filter(|(_, n)| *n > 0).map(|(at, n)| (at, f64::from(n))).collect();
+    let likelihood = |gain: i32| {
+        let steps = f64::from(gain) * f64::from(STEP);
+        mean_log_likelihood(&counts, &classes, gain) - GAIN_COST * steps.abs()
     };
-    let best = (-steps..=steps).map(|s| (cost(s), s)).min_by(|a, b| {
+    let best = (-MOST_GAIN..=MOST_GAIN).map(|gain| (likelihood(gain), gain)).max_by(|a, b| {
         // The lesser change where two are as good.
-        a.0.total_cmp(&b.0).then(a.1.abs().cmp(&b.1.abs()))
+        a.0.total_cmp(&b.0).then(b.1.abs().cmp(&a.1.abs()))
     });
-    best.map_or(1.0, |(_, step)| (step as f32 * 0.01).exp())
+    let least = LEAST_GAINED + LEAST_GAINED_OF_ALL / lit.len() as f64;
+    match best {
+        Some((most, gain)) if most - likelihood(0) > least => (gain as f32 * STEP).exp(),
+        _ => 1.0,
+    }
+}
+
+/// Of the logarithms of luminances, counted in steps, at a gain of so many steps. The shares of the
+/// classes are those that make it greatest (expectation maximisation).
+fn mean_log_likelihood(counts: &[(usize, f64)], classes: &[[f32; 2]], gain: i32) -> f64 {
+    const ROUNDS: usize = 12;
+    const ANY: f64 = 0.05;
+    let of_step = |at: usize, class: &[f32; 2]| {
+        let y = ((at as f32 + 0.5 + gain as f32) * STEP).exp();
+        let [width, off] = [class[1] - class[0], distance(y, *class)];
+        let area = width + BEYOND * std::f32::consts::TAU.sqrt();
+        f64::from(y / area * (-0.5 * (off / BEYOND).powi(2)).exp())
+    };
+    let density: Vec<Vec<f64>> = (counts.iter())
+        .map(|(at, _)| classes.iter().map(|class| of_step(*at, class)).collect())
+        .collect();
+    // Any luminance is as likely as another.
+    let any = |at: usize| f64::from((at as f32 * STEP).exp()) / 255.0;
+    let all: f64 = counts.iter().map(|(_, n)| n).sum();
+    let mut share = vec![(1.0 - ANY) / classes.len() as f64; classes.len()];
+    let mut log_likelihood = f64::MIN;
+    for _ in 0..ROUNDS {
+        let mut held = vec![0.0; classes.len()];
+        log_likelihood = 0.0;
+        for ((at, n), of) in counts.iter().zip(&density) {
+            let own: f64 = of.iter().zip(&share).map(|(d, s)| d * s).sum();
+            let sum = own + ANY * any(*at);
+            log_likelihood += n * sum.ln();
+            for ((held, d), s) in held.iter_mut().zip(of).zip(&share) {
+                *held += n * d * s / sum;
+            }
+        }
+        let total: f64 = held.iter().sum();
+        for (share, held) in share.iter_mut().zip(&held) {
+            *share = (1.0 - ANY) * held / total.max(1e-300);
+        }
+    }
+    log_likelihood / all
 }
 
 /// A shrub does not grow into a tree.
@@ -473,6 +524,30 @@ mod tests {
         assert_eq!(chosen, [0, 1, 2, 1, 0, 2, 1, 0]);
         assert_eq!(found.warnings.len(), 1);
         assert!(found.warnings[0].contains("multiplied by 1.3"), "{}", found.warnings[0]);
+    }
+
+    #[test]
+    fn a_brighter_or_darker_photo_gives_the_same_species() {
+        let ranges: Vec<(usize, [f32; 2])> =
+            [[167.0, 171.0], [184.0, 193.0], [72.0, 85.0], [115.0, 127.0]]
+                .into_iter()
+                .enumerate()
+                .collect();
+        let mut draws = Seed::new(8).draws();
+        let lit: Vec<f32> = (0..300)
+            .map(|i| {
+                let [low, high] = ranges[[0, 1, 2, 2, 3][i % 5]].1;
+                draws.between(low, high) + 3.0 * draws.normal()
+            })
+            .collect();
+        for gain in [0.4, 0.55, 0.7, 0.85, 0.95, 1.0, 1.1, 1.25] {
+            let seen: Vec<f32> = lit.iter().map(|y| y * gain).collect();
+            let found = exposure(&seen, &ranges);
+            assert!((found * gain - 1.0).abs() < 0.03, "{gain}: {found}");
+        }
+        // One species alone could be any at some exposure: it stays as it is.
+        let spruces: Vec<f32> = (0..100).map(|_| 78.0 + 5.0 * draws.normal()).collect();
+        assert_eq!(exposure(&spruces, &ranges), 1.0);
     }
 
     #[test]
