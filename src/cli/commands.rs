@@ -339,6 +339,7 @@ fn stage_forest(
         wind: wind_as(typed.levels.wind_as),
     };
     stage_scene(&forest.scene, &job, cache, staged, run)?;
+    run.warnings.extend(crate::inventory::unnamed_crs(&survey.frame));
     let inventory = crate::inventory::to_geojson(&survey.trees, &survey.frame);
     staged.add(vec![
         OutputFile::new("preview.png", preview),
@@ -412,7 +413,10 @@ fn inventory(a: &args::Inventory, run: &mut Recorder) -> Result<Told> {
     let bytes = match extension {
         "csv" => crate::inventory::to_csv(&survey.trees, &survey.frame)?,
         "fgb" => crate::inventory::to_fgb(&survey.trees, &survey.frame)?,
-        _ => crate::inventory::to_geojson(&survey.trees, &survey.frame),
+        _ => {
+            run.warnings.extend(crate::inventory::unnamed_crs(&survey.frame));
+            crate::inventory::to_geojson(&survey.trees, &survey.frame)
+        }
     };
     export::write_all(&dir, vec![OutputFile::new(name, bytes)])?;
     let line = format!("{} trees written to {}", survey.trees.len(), a.output.display());

@@ -154,6 +154,16 @@ impl Serialize for Properties<'_> {
     }
 }
 
+/// What a user should know of a coordinate system that GeoJSON can't name.
+pub fn unnamed_crs(frame: &Frame) -> Option<String> {
+    let is_unnamed = frame.crs.as_ref().is_some_and(|crs| crs.epsg.is_none());
+    is_unnamed.then(|| {
+        "GeoJSON names a coordinate system by its EPSG code, which that of the scan has not: readers \
+         will ask for it or take degrees; a .fgb file holds it as WKT"
+            .to_owned()
+    })
+}
+
 /// A GeoJSON FeatureCollection, one polygon a tree. Coordinates are the scan's own; the `crs`
 /// member names their system, as GDAL and QGIS read it.
 pub fn to_geojson(trees: &[Tree], frame: &Frame) -> Vec<u8> {

@@ -40,6 +40,9 @@ struct Found {
     cited_unit_m: Option<f64>,
 }
 
+/// What EPSG gives to coordinate systems; greater ones are for private use.
+const EPSG_CODES: std::ops::RangeInclusive<u32> = 1024..=32766;
+
 /// Reads the records; `prefers_wkt` is bit 4 of the global encoding.
 ///
 /// # Errors
@@ -77,6 +80,17 @@ pub(super) fn parse(records: &Records, prefers_wkt: bool) -> Result<Stated> {
         (None, None, _) => return Ok(stated),
     };
     let known = found.epsg.and_then(epsg::system);
+    let mut epsg = found.epsg;
+    if let (Some(code), None) = (epsg, known) {
+        if EPSG_CODES.contains(&code) {
+            stated.warnings.push(format!(
+                "EPSG:{code} is none of the coordinate systems known here; it is passed on as it is"
+            ));
+        } else {
+            stated.warnings.push(format!("{code} is no EPSG code; it is left out"));
+            epsg = None;
+        }
+    }
     stated.in_degrees = found.in_degrees || known.is_some_and(|known| known.is_geodetic);
     let of_code = known.and_then(|known| known.horizontal_unit_m);
     if let (Some(stated_m), Some(code_m), Some(code)) =
@@ -97,7 +111,7 @@ pub(super) fn parse(records: &Records, prefers_wkt: bool) -> Result<Stated> {
             "no unit is stated for its heights; taken as the horizontal one, {horizontal_unit_m} m"
         ));
     }
-    stated.crs = Some(Crs { epsg: found.epsg, wkt: text, horizontal_unit_m, vertical_unit_m });
+    stated.crs = Some(Crs { epsg, wkt: text, horizontal_unit_m, vertical_unit_m });
     Ok(stated)
 }
 
@@ -235,6 +249,18 @@ mod tests {
             geo_keys: Some(shorts.flat_map(|v| v.to_le_bytes()).collect()),
             ..Records::default()
         }
+    }
+
+    #[test]
+    fn codes_that_name_nothing_are_told() {
+        let of = |code: u16| {
+            let stated = parse(&directory(&[[1024, 0, 1, 1], [3072, 0, 1, code]]), false).unwrap();
+            (stated.crs.unwrap().epsg, stated.warnings)
+        };
+        assert_eq!(of(32617), (Some(32617), vec![]));
+        let (code, warnings) = of(1234);
+        assert!(code == Some(1234) && warnings[0].starts_with("EPSG:1234 is none of"));
+        assert_eq!(of(65535), (None, vec!["65535 is no EPSG code; it is left out".to_owned()]));
     }
 
     #[test]
