@@ -332,12 +332,10 @@ fn sweep(
                         continue;
                     }
                     // A ring that would cut the foot moves down to its edge.
-                    Some(r) if lo - below.arc_m > 2.0 * step => {
-                        if r.arc_m < hi {
-                            next += 1;
-                            let low = at(path, lo, least);
-                            rings.push(Ring { sides: low.sides.min(below.sides), ..low });
-                        }
+                    Some(r) if lo - below.arc_m > 2.0 * step && r.arc_m < hi => {
+                        next += 1;
+                        let low = at(path, lo, least);
+                        rings.push(Ring { sides: low.sides.min(below.sides), ..low });
                     }
                     _ => {}
                 }
