@@ -1,6 +1,7 @@
-//! What a body that walks into a tree meets: the stem, without branches, up to where it is thin.
+//! What a body that walks into a tree meets: the stem, without branches, up to where it is thin. Of a
+//! shrub whose stem ends near the ground, the thickest that spring from it.
 //!
-//! *Capsule*: one, about the straight line from root to top. *Convex*: a stack of frusta whose
+//! *Capsule*: one a stem, about the straight line from root to top. *Convex*: a stack of frusta whose
 //! rings are level octagons, each a convex body; a curved stem takes more of them. The octagons
 //! hold the stem's circles, so that nothing of it sticks out.
 
@@ -15,7 +16,10 @@ use crate::work::{self, Work};
 
 /// The stem ends where it is thinner than this share of its foot.
 const THIN: f32 = 0.3;
-/// Frusta at most.
+/// A stem that ends below this share of the height is a stool; so many of its shoots are stems.
+const STOOL: f32 = 0.2;
+const MOST_STEMS: usize = 6;
+/// Frusta of a stem at most.
 const MOST_PIECES: usize = 8;
 const SIDES: usize = 8;
 
@@ -30,32 +34,57 @@ struct Place {
 /// without a stem that rises.
 pub fn collision(skeleton: &Skeleton, shape: ColliderShape) -> Vec<Collider> {
     work::count(Work::Colliders, 1);
-    let stem = stem(skeleton);
-    let (Some(&foot), Some(&top)) = (stem.first(), stem.last()) else { return Vec::new() };
-    if stem.len() < 2 {
-        return Vec::new();
-    }
-    let bodies = match shape {
+    let bodies = stems(skeleton).into_iter().flat_map(|stem| bodies(&stem, shape));
+    bodies.map(|body| Collider { shape, body }).collect()
+}
+
+fn bodies(stem: &[Place], shape: ColliderShape) -> Vec<Surface> {
+    let [foot, .., top] = stem else { return Vec::new() };
+    match shape {
         ColliderShape::Capsule => {
             let mean_m = stem.iter().map(|p| p.radius_m).sum::<f32>() / stem.len() as f32;
             vec![capsule(foot.at, top.at, mean_m)]
         }
         ColliderShape::Convex => {
-            let kept = straightened(&stem);
+            let kept = straightened(stem);
             kept.windows(2).map(|w| frustum(w[0], w[1])).collect()
         }
-    };
-    bodies.into_iter().map(|body| Collider { shape, body }).collect()
+    }
 }
 
-/// The main axis while it rises and is thick.
-fn stem(skeleton: &Skeleton) -> Vec<Place> {
+/// The main axis; of a shrub, those that spring from it.
+fn stems(skeleton: &Skeleton) -> Vec<Vec<Place>> {
+    let stool = stem(skeleton, 0);
+    if stool.last().is_none_or(|top| top.at.z >= STOOL * skeleton.height_m()) {
+        return vec![stool];
+    }
+    let springs = |i: &u32| {
+        skeleton.order[*i as usize] == 1
+            && skeleton.parent_of(*i).is_some_and(|p| skeleton.axis[p as usize] == 0)
+    };
+    let mut shoots: Vec<u32> = (0..skeleton.len() as u32).filter(springs).collect();
+    let radius_m = |i: &u32| skeleton.radius_m[*i as usize];
+    shoots.sort_by(|a, b| radius_m(b).total_cmp(&radius_m(a)).then(a.cmp(b)));
+    let thickest_m = shoots.first().map_or(0.0, radius_m);
+    shoots.retain(|i| radius_m(i) >= THIN * thickest_m);
+    shoots.truncate(MOST_STEMS);
+    let stems = shoots.iter().map(|&i| stem(skeleton, skeleton.axis[i as usize]));
+    std::iter::once(stool).chain(stems).collect()
+}
+
+/// An axis from where it springs, while it rises and is thick.
+fn stem(skeleton: &Skeleton, axis: u32) -> Vec<Place> {
     let mut out: Vec<Place> = Vec::new();
-    let Some(&foot_m) = skeleton.radius_m.first() else { return out };
-    for i in (0..skeleton.len()).filter(|&i| skeleton.axis[i] == 0) {
+    let mut foot_m = None;
+    for i in (0..skeleton.len()).filter(|&i| skeleton.axis[i] == axis) {
         let place = Place { at: skeleton.position[i], radius_m: skeleton.radius_m[i] };
+        if foot_m.is_none()
+            && let Some(p) = skeleton.parent_of(i as u32)
+        {
+            out.push(Place { at: skeleton.position[p as usize], ..place });
+        }
         let rises = out.last().is_none_or(|p| place.at.z > p.at.z + 1e-3);
-        if rises && place.radius_m >= THIN * foot_m {
+        if rises && place.radius_m >= THIN * *foot_m.get_or_insert(place.radius_m) {
             out.push(place);
         }
     }
@@ -192,6 +221,36 @@ mod tests {
         let cones = std::f64::consts::PI * 9.5 / 3.0 * (0.09 + 0.3 * 0.11 + 0.11f64.powi(2));
         assert!(volume > cones && volume < 1.12 * cones, "{volume} {cones}");
         assert!(collision(&stem(1.5), ColliderShape::Convex).len() > 1, "a bent one is several");
+    }
+
+    #[test]
+    fn shrubs_have_a_body_for_each_of_their_stems() {
+        // A stool of half a metre with three stems of 4 m and a twig.
+        let p = |x: f32, z: f32| Vec3::new(x, 0.0, z);
+        let s = Skeleton {
+            position: vec![
+                p(0.0, 0.0),
+                p(0.0, 0.5),
+                p(1.0, 4.0),
+                p(-1.0, 4.0),
+                p(0.5, 4.0),
+                p(0.2, 1.0),
+            ],
+            parent: vec![NO_PARENT, 0, 1, 1, 1, 1],
+            radius_m: vec![0.2, 0.15, 0.04, 0.04, 0.03, 0.002],
+            axis: vec![0, 0, 1, 2, 3, 4],
+            order: vec![0, 0, 1, 1, 1, 1],
+            birth: vec![0; 6],
+            dead: Vec::new(),
+        };
+        s.check().unwrap();
+        for shape in [ColliderShape::Capsule, ColliderShape::Convex] {
+            let bodies = collision(&s, shape);
+            assert_eq!(bodies.len(), 4, "stool and three stems, no twig");
+            let top = bodies.iter().map(|b| b.body.bounds().1.z).fold(0.0, f32::max);
+            assert!(top >= 4.0, "{top}");
+            assert!(bodies.iter().all(|b| is_convex(&b.body)));
+        }
     }
 
     #[test]

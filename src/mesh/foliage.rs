@@ -21,7 +21,7 @@ use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
-use crate::species::model::LeafShape;
+use crate::species::model::{LEAST_KEPT, LeafShape};
 use crate::texture::Atlas;
 
 /// What stands for the leaves, from nothing to every one of them.
@@ -48,8 +48,6 @@ const MOST_SHELL: usize = 400;
 /// How far twigs may grow to make up for those left out: in general, and at the sparse level.
 const MOST_ENLARGED: f32 = 2.4;
 const MOST_ENLARGED_SPARSE: f32 = 6.0;
-/// With a smaller share of their leaves twigs are bare: they hide no crown.
-const LEAST_KEPT: f32 = 0.5;
 /// … and whatever is asked for.
 const MOST_SCALE: f32 = 24.0;
 
@@ -175,14 +173,12 @@ const BLEND: [f32; 2] = [-0.15, 0.9];
 
 /// The wind of every vertex of twigs that take so many vertices each.
 fn swaying(wind: &Wind, spots: &[Spot], surface: &Surface, vertices: usize) -> Vec<[u8; 4]> {
-    let twigs = surface.position.par_chunks_exact(vertices).zip(spots);
-    twigs
-        .flat_map_iter(|(twig, spot)| {
-            let farthest = twig.iter().map(|p| p.distance(spot.at)).fold(1e-6, f32::max);
-            twig.iter()
-                .map(move |&p| wind.leaf(p, spot.node(), p.distance(spot.at) / farthest, spot.key))
-        })
-        .collect()
+    let mut out = bytemuck::zeroed_vec(surface.position.len());
+    let twigs = surface.position.par_chunks_exact(vertices).zip(spots).with_min_len(64);
+    out.par_chunks_exact_mut(vertices).zip(twigs).for_each(|(out, (twig, spot))| {
+        wind.twig(twig, spot.at, spot.node(), spot.key, out);
+    });
+    out
 }
 
 /// How much larger than a twig cards are, so that the leaves cover as much of the crown's hull as
@@ -203,7 +199,8 @@ fn wanted(
     }
     let twig = species.foliage.twig_length_m.max(1e-3);
     let one = coverage.max(0.05) * twig * twig * 0.8;
-    let cover = share * species.foliage.cover.clamp(0.0, 1.0);
+    let f = &species.foliage;
+    let cover = share * f.kept.min(1.0) * f.cover.clamp(0.0, 1.0);
     let wanted = cover * hull.area_sq_m() / (kept.max(1) as f32 * one);
     wanted.min(thinned.max(3.0) * 2.0).max(1.0).sqrt()
 }

@@ -199,7 +199,7 @@ pub fn leave(
             wide_m: wide,
             rise_m,
             has_collar,
-            sides: sides.of(r),
+            sides: sides.of(wide.max(radius)),
         },
     })
 }
@@ -292,7 +292,7 @@ fn sort(branches: &mut [Branch]) {
 
 /// The feet of the band that is being built: the facets taken, and how far up they reach.
 struct Band {
-    taken: u32,
+    taken: u64,
     high_m: f32,
 }
 
@@ -331,16 +331,11 @@ fn sweep(
                         next += 1;
                         continue;
                     }
-                    // A ring that would cut the foot moves down to its edge; fewer sides begin
-                    // below the foot where there is room.
-                    Some(r) if lo - below.arc_m > 2.0 * step => {
-                        if r.arc_m < hi {
-                            next += 1;
-                        }
-                        if r.arc_m < hi || r.sides < below.sides {
-                            let sides = r.sides.min(below.sides);
-                            rings.push(Ring { sides, ..at(path, lo, least) });
-                        }
+                    // A ring that would cut the foot moves down to its edge.
+                    Some(r) if lo - below.arc_m > 2.0 * step && r.arc_m < hi => {
+                        next += 1;
+                        let low = at(path, lo, least);
+                        rings.push(Ring { sides: low.sides.min(below.sides), ..low });
                     }
                     _ => {}
                 }
@@ -393,14 +388,14 @@ fn sweep(
     true
 }
 
-/// Bits of the facets of a block; a ring has at most 32.
-pub fn mask(facet: u32, facets: u32, sides: u32) -> u32 {
-    (0..facets).fold(0, |m, k| m | 1 << ((facet + k) % sides).min(31))
+/// Bits of the facets of a block; a ring has at most 64.
+pub fn mask(facet: u32, facets: u32, sides: u32) -> u64 {
+    (0..facets).fold(0, |m, k| m | 1 << ((facet + k) % sides).min(63))
 }
 
 /// A block of free facets for a foot: those about its place, else as few as hold it, else the same
 /// shifted around; in an empty band always.
-fn block(b: &Branch, arc_m: f32, sides: u32, taken: u32, is_empty: bool) -> Option<Hole> {
+fn block(b: &Branch, arc_m: f32, sides: u32, taken: u64, is_empty: bool) -> Option<Hole> {
     let n = sides as i32;
     let per_turn = sides as f32 / TAU;
     let x = b.turn.rem_euclid(TAU) * per_turn;

@@ -206,6 +206,7 @@ impl<'a> Twig<'a> {
             let young = 1.0 - 0.3 * t * t * t;
             let around = start + k as f32 * GOLDEN_RAD;
             let across = along.any_orthonormal_vector();
+            let beside = along.cross(across);
             for n in 0..self.cluster {
                 // Needles of one place fan out about it.
                 let turn = if self.cluster > 3 {
@@ -213,7 +214,8 @@ impl<'a> Twig<'a> {
                 } else {
                     around + n as f32 * std::f32::consts::TAU / self.cluster as f32 * 0.35
                 };
-                let mut radial = Quat::from_axis_angle(along, turn) * across;
+                let (sin, cos) = turn.sin_cos();
+                let mut radial = across * cos + beside * sin;
                 if self.organ != Organ::Needle {
                     // Broad leaves turn to the sides of their shoot.
                     radial =
@@ -322,8 +324,10 @@ fn needle(pose: &Pose, width_m: f32, cell: &Cell, out: &mut Piece) {
     let across = pose.heading.cross(pose.facing);
     let half = 0.5 * RHOMBUS * width_m.max(1e-5);
     let middle = pose.base + pose.heading * (0.4 * pose.size_m) - pose.facing * (0.6 * half);
+    // A needle is short: all of it lies one way from the crown's middle.
+    let bent = pose.bent(pose.facing, middle, BENT);
     let mut put = |p: Vec3, lean: Vec3, s: f32, t: f32| {
-        out.vertex(p, pose.bent(pose.facing + lean, p, BENT), cell.uv(s, t))
+        out.vertex(p, bent + lean * (1.0 - BENT), cell.uv(s, t))
     };
     let foot = put(pose.base, Vec3::ZERO, 0.5, 0.05);
     let right = put(middle + across * half, across * 0.5, 0.65, 0.4);

@@ -1,6 +1,7 @@
 //! Skeletons to triangle meshes: closed tubes for the wood, cards or geometry for the foliage.
 //! Knows nothing of files or scenes.
 
+mod blend;
 mod card;
 mod chain;
 mod check;
@@ -9,6 +10,7 @@ mod junction;
 mod leaf;
 pub mod lightmap;
 pub mod p18;
+mod patch;
 mod path;
 mod piece;
 mod shell;
@@ -17,6 +19,7 @@ mod stamp;
 mod tube;
 mod wind;
 mod wood;
+mod young;
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -28,7 +31,7 @@ use crate::species::Species;
 use crate::texture::Atlas;
 
 pub use foliage::FoliageLevel;
-pub use path::BELOW_GROUND_M;
+pub use path::{BELOW_GROUND_M, MAX_SIDES};
 pub use wind::{Wind, WindProfile};
 
 /// Vertices that a thread takes at once.
@@ -106,6 +109,8 @@ pub struct TreeMesh {
     /// Those of them that have no mesh: they never clear their parent's bark, or there was no room
     /// for their foot.
     pub unmeshed_axes: usize,
+    /// Greatest distance of the wood's facets from their circles, r (1 − cos(π / N)), metres.
+    pub sagitta_m: f32,
     /// How much larger than in nature twigs are, to make up for those left out; 0 without any.
     pub twig_scale: f32,
 }
@@ -172,6 +177,7 @@ impl TreeMesh {
 
     /// Scales the tree about its root collar.
     pub fn scale(&mut self, factor: f32) {
+        self.sagitta_m *= factor;
         let TreeMesh { wood, upper_wood, twig_wood, foliage, .. } = self;
         for surface in [wood, upper_wood, twig_wood, foliage] {
             surface.position.par_iter_mut().with_min_len(CHUNK).for_each(|p| *p *= factor);
@@ -223,8 +229,10 @@ impl TreeMesh {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshOptions {
     /// Greatest distance between a tube's facets and its circle, and between the mesh and nodes
-    /// left out, metres; clamped to 1e-5…1.
+    /// left out, metres; clamped to 1e-5…1. A budget coarsens it.
     pub tolerance_m: f32,
+    /// How far a budget may coarsen the first of these distances, metres: then axes are left out.
+    pub sagitta_m: f32,
     /// Triangles of the whole tree, wood and foliage; a stem alone may exceed a tiny budget.
     pub triangle_budget: Option<usize>,
     pub foliage: FoliageLevel,
@@ -253,6 +261,7 @@ impl MeshOptions {
     /// One of many trees in a forest.
     pub const FOREST: MeshOptions = MeshOptions {
         tolerance_m: 0.004,
+        sagitta_m: f32::INFINITY,
         triangle_budget: Some(5_000),
         foliage: FoliageLevel::Cards,
         wind: None,
@@ -264,6 +273,7 @@ impl MeshOptions {
     /// A tree seen from near.
     pub const HERO: MeshOptions = MeshOptions {
         tolerance_m: 0.0015,
+        sagitta_m: f32::INFINITY,
         triangle_budget: Some(20_000),
         foliage: FoliageLevel::Cards,
         wind: None,
@@ -318,8 +328,17 @@ pub fn build(
     let order = order(species, atlas, options, triangles, wind.as_ref(), seed);
     let foliage::Foliage { surface: foliage, twig_scale } = foliage::foliage(skeleton, &order)?;
     let [wood, upper_wood, twig_wood] = made.surface;
-    let wood::Count { axes, without: unmeshed_axes } = made.count;
-    Ok(TreeMesh { wood, upper_wood, twig_wood, foliage, axes, unmeshed_axes, twig_scale })
+    let wood::Count { axes, without: unmeshed_axes, sagitta_m } = made.count;
+    Ok(TreeMesh {
+        wood,
+        upper_wood,
+        twig_wood,
+        foliage,
+        axes,
+        unmeshed_axes,
+        sagitta_m,
+        twig_scale,
+    })
 }
 
 /// The foliage alone of what [`build`] makes of the same arguments, beside a wood of so many

@@ -14,7 +14,7 @@ use glam::{Quat, Vec3};
 const LEAST_RADIUS_M: f32 = 5e-4;
 const LEAST_STEP_M: f32 = 2e-3;
 /// Sides of the roundest and the plainest ring.
-pub const MAX_SIDES: u32 = 32;
+pub const MAX_SIDES: u32 = 64;
 pub const MIN_SIDES: u32 = 3;
 /// How far a stem goes on below ground, so that no slope shows its end.
 pub const BELOW_GROUND_M: f32 = 0.3;
@@ -105,27 +105,38 @@ pub struct Knot {
     pub radius_m: f32,
 }
 
-/// Fewest sides, 3…32, whose sagitta r(1 − cos(π/N)) stays within a tolerance.
+/// Fewest sides, 3…64, whose sagitta r(1 − cos(π/N)) stays within a tolerance.
 #[derive(Debug, Clone)]
 pub struct Sides {
     pub tolerance_m: f32,
     /// Greatest radius for 3, 4, … sides.
     radius_m: [f32; (MAX_SIDES - MIN_SIDES) as usize],
+    /// Sagitta over radius, by the number of sides.
+    depth: [f32; MAX_SIDES as usize + 1],
 }
 
 impl Sides {
     pub fn new(tolerance_m: f32) -> Sides {
-        let greatest = |k: usize| {
-            let half = std::f32::consts::PI / (k as u32 + MIN_SIDES) as f32;
+        let depth = |sides: usize| {
             // 1 − cos x = 2 sin² (x / 2), without cancelling.
-            let sine = (0.5 * half).sin();
-            tolerance_m / (2.0 * sine * sine)
+            let sine = (0.5 * std::f32::consts::PI / sides.max(1) as f32).sin();
+            2.0 * sine * sine
         };
-        Sides { tolerance_m, radius_m: std::array::from_fn(greatest) }
+        Sides {
+            tolerance_m,
+            radius_m: std::array::from_fn(|k| tolerance_m / depth(k + MIN_SIDES as usize)),
+            depth: std::array::from_fn(depth),
+        }
     }
 
     pub fn of(&self, radius_m: f32) -> u32 {
         MIN_SIDES + self.radius_m.partition_point(|&r| r < radius_m) as u32
+    }
+
+    /// The greatest sagitta of rings, metres.
+    pub fn sagitta_m(&self, rings: &[Ring]) -> f32 {
+        let of = |r: &Ring| r.radius_m * self.depth[r.sides.min(MAX_SIDES) as usize];
+        rings.iter().map(of).fold(0.0, f32::max)
     }
 }
 

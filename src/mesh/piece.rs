@@ -65,11 +65,15 @@ pub fn straighten(
         for t in index.as_chunks::<3>().0 {
             let ids = t.map(|i| (i - first) as usize);
             let [a, b, c] = ids.map(|i| position[i]);
-            let front = (b - a).cross(c - a).normalize_or_zero();
+            let front = (b - a).cross(c - a);
+            let length_sq = front.length_squared();
             for i in ids {
                 let n = normal[i];
-                let cosine = n.dot(front);
-                if cosine < LEAST_COSINE {
+                let towards = n.dot(front);
+                // Few need a root.
+                if towards < 0.0 || towards * towards < LEAST_COSINE * LEAST_COSINE * length_sq {
+                    let front = front.normalize_or_zero();
+                    let cosine = n.dot(front);
                     let turned = n + front * (2.0 * LEAST_COSINE - cosine);
                     normal[i] = turned.normalize_or(front);
                 }

@@ -118,7 +118,7 @@ fn cone(radius: f32, height: f32, tolerance: f32) -> Surface {
     let scratch = &mut path::Scratch::default();
     path::rings(&knots, foot, least, &path::Sides::new(tolerance), false, scratch, &mut rings);
     tube::lay_bark(&mut rings, 1.0);
-    let mut bark = tube::Bark::new(tube::Young::default(), None, Seed::new(1));
+    let mut bark = tube::Bark::new(young::Young::default(), None, Seed::new(1));
     bark.tube(&tube::Shape {
         rings: &rings,
         holes: &[],
@@ -502,4 +502,31 @@ fn every_vertex_knows_the_wind_where_it_is_asked_for() {
         assert!(moved.filter(|(p, _)| p.z < bare_m).all(|(_, c)| c[3] == 0));
     }
     assert!(tree.twig_wood.wind.iter().any(|c| c[3] > 200), "tips of branches swing most");
+}
+
+#[test]
+fn a_budget_coarsens_no_further_than_the_sagitta_asked_for() {
+    let s = oak();
+    let target = Target::FromSpecies { height_m: None };
+    let skeleton = grow(&s, target, Detail::HERO, Seed::new(1)).unwrap();
+    let made = |triangles: usize, sagitta_m: f32| {
+        let options = MeshOptions {
+            triangle_budget: Some(triangles),
+            sagitta_m,
+            foliage: FoliageLevel::None,
+            ..MeshOptions::HERO
+        };
+        let atlas = Atlas::whole(0.4);
+        build(&skeleton, &s, &atlas, &options, Seed::new(1)).unwrap()
+    };
+    let free = made(3_000, f32::INFINITY);
+    assert!(free.sagitta_m > 0.03, "what is told is what there is: {}", free.sagitta_m);
+    for sagitta_m in [0.02, 0.004] {
+        let tree = made(3_000, sagitta_m);
+        assert!(tree.sagitta_m <= sagitta_m * 1.001, "{} of {sagitta_m}", tree.sagitta_m);
+        assert!(tree.triangles() <= 3_000 && tree.triangles() > 1_500, "{}", tree.triangles());
+    }
+    let fine = made(1_000_000, f32::INFINITY);
+    // The foot takes more sides than there may be.
+    assert!(fine.sagitta_m <= 0.0016, "the flare's, too: {}", fine.sagitta_m);
 }

@@ -4,17 +4,21 @@
 //! N + 1 vertices: the first and the last lie in one place and part the texture. The foot of a
 //! branch is a hole in the facets of one band (see `junction`); its corners are the first ring of
 //! the branch.
-//! Where one bark gives way to a younger one, facets of both mix and their rings are in both
-//! surfaces; together all are closed.
+//! Where one bark gives way to a younger one, the line between them winds through the facets of
+//! thick wood (see `blend`) and goes around those of thin wood. Its rings are in both surfaces;
+//! together all are closed.
 
 use std::f32::consts::TAU;
 
 use glam::{Vec2, Vec3};
 
 use super::Surface;
+use super::blend;
 use super::junction::{Hole, mask};
+use super::patch::{fill, spot};
 use super::path::{MAX_SIDES, Ring};
 use super::wind::{Sway, Wind};
+use super::young::{BARKS, Blend, Luck, Young};
 use crate::seed::Seed;
 
 /// Cosines and sines of the corners of every ring.
@@ -38,7 +42,7 @@ impl Circles {
         )
     }
 
-    fn of(&self, sides: u32) -> &[Vec2] {
+    pub fn of(&self, sides: u32) -> &[Vec2] {
         &self.0[sides.min(MAX_SIDES) as usize]
     }
 }
@@ -68,63 +72,6 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32) {
         let density = (repeats / girth(mean_m)).clamp(DENSITY[0], DENSITY[1]) / repeat_m;
         ring.v = below.v + (ring.arc_m - below.arc_m) * density;
         below = *ring;
-    }
-}
-
-/// Barks of a tree: old, that of the upper stem and branches, that of twigs.
-pub const BARKS: usize = 3;
-
-/// Where bark is young, from all old to all young; `None` where the species has no such bark.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Young {
-    /// That of the upper stem: radii and heights, metres.
-    pub upper: Option<Upper>,
-    /// That of twigs: radii, metres.
-    pub twig_m: Option<[f32; 2]>,
-}
-
-#[derive(Debug, Clone, Copy)]
-pub struct Upper {
-    pub radius_m: [f32; 2],
-    pub height_m: [f32; 2],
-}
-
-/// Two barks, and the share of the second; between 0 and 1 the facets mix.
-#[derive(Clone, Copy)]
-struct Mix {
-    bark: [usize; 2],
-    share: f32,
-}
-
-impl Mix {
-    fn mixes(self) -> bool {
-        self.share > 0.0 && self.share < 1.0
-    }
-
-    fn most(self) -> usize {
-        self.bark[usize::from(self.share >= 0.5)]
-    }
-}
-
-impl Young {
-    fn is_there(&self, bark: usize) -> bool {
-        [true, self.upper.is_some(), self.twig_m.is_some()].get(bark).copied().unwrap_or(false)
-    }
-
-    fn at(&self, ring: &Ring) -> Mix {
-        let part = |x: f32, range: [f32; 2]| {
-            let span = range[1] - range[0];
-            let span = if span.abs() < 1e-9 { 1e-9 } else { span };
-            ((x - range[0]) / span).clamp(0.0, 1.0)
-        };
-        let upper = self
-            .upper
-            .map_or(0.0, |u| part(ring.radius_m, u.radius_m).max(part(ring.centre.z, u.height_m)));
-        let twig = self.twig_m.map_or(0.0, |r| part(ring.radius_m, r));
-        if twig > 0.0 {
-            return Mix { bark: [usize::from(upper >= 0.5), 2], share: twig };
-        }
-        Mix { bark: [0, 1], share: upper }
     }
 }
 
@@ -172,6 +119,8 @@ pub struct Bark<'a> {
     /// Of the tube at hand: how its rings swing, and the corners it begins with.
     sway: Vec<Sway>,
     base: Vec<Corner>,
+    /// Index and place of the corners about a hole.
+    about: Vec<(u32, Vec2)>,
 }
 
 impl<'a> Bark<'a> {
@@ -185,6 +134,7 @@ impl<'a> Bark<'a> {
             rims: Vec::new(),
             sway: Vec::new(),
             base: Vec::new(),
+            about: Vec::new(),
         }
     }
 
@@ -239,12 +189,14 @@ impl<'a> Bark<'a> {
             return;
         }
         self.begin(shape);
-        let Bark { surface, young, wind, seed, circles, rims, sway, base } = self;
+        let Bark { surface, young, wind, seed, circles, rims, sway, base, about } = self;
         let has_collar = out_of.is_some_and(|o| o.has_collar);
-        let mut luck = Luck { seed: *seed, key: shape.key, phase: None };
+        let mut luck = Luck::new(*seed, shape.key);
         let swing = wind.map(|w| (w, &sway[..]));
         // Where the corners of the last ring start in each surface, once they are there.
         let mut below = [None; BARKS];
+        let mut mix_below = young.at(&rings[0]);
+        let mut blend_below: Option<Blend> = None;
         for i in 0..n - 1 {
             let mix = young.at(&rings[i]);
             let mut here = [None; BARKS];
@@ -286,7 +238,44 @@ impl<'a> Bark<'a> {
                 let count = holes.iter().take_while(|h| h.band as usize == i - 1).count();
                 let (opened, rest) = holes.split_at(count);
                 holes = rest;
-                if count == 0 && !(mixes && sides == next) {
+                let blend =
+                    if count == 0 { Blend::of([mix_below, mix], [sides, next]) } else { None };
+                let meets = |a: Option<Blend>, b: Option<Blend>| {
+                    a.zip(b).is_some_and(|(a, b)| a.pair == b.pair)
+                };
+                if let Some(blended) = blend {
+                    let is_open = rest.first().is_some_and(|h| h.band as usize == i);
+                    let above = (i + 2 < n && !is_open)
+                        .then(|| {
+                            Blend::of([mix, young.at(&rings[i + 1])], [next, rings[i + 1].sides])
+                        })
+                        .flatten();
+                    let may_cut = [meets(blend_below, blend), true, meets(blend, above), true];
+                    let [p, q] = [(i - 1, &mut below), (i, &mut here)].map(|(i, slots)| {
+                        blended
+                            .pair
+                            .map(|b| corners_in(i, &mut slots[b], &mut surface[b], &mut luck))
+                    });
+                    let field = |ring: &Ring, share: f32, k: u32, luck: &mut Luck| {
+                        share - luck.limit((k % sides) as f32 / sides as f32, ring)
+                    };
+                    let [low, high] = [0, 1].map(|r| (&rings[i - 1 + r], blended.share[r]));
+                    let mut left =
+                        [low, high].map(|(ring, share)| field(ring, share, 0, &mut luck));
+                    for k in 0..sides {
+                        let right =
+                            [low, high].map(|(ring, share)| field(ring, share, k + 1, &mut luck));
+                        let at = [left[0], right[0], right[1], left[1]];
+                        blend::cut(at, may_cut, |is_second, spots| {
+                            let b = usize::from(is_second);
+                            let corner = [p[b] + k, p[b] + k + 1, q[b] + k + 1, q[b] + k];
+                            let out = &mut surface[blended.pair[b]];
+                            let corners = spots.map(|s| spot(s, corner, out));
+                            out.index.extend(corners);
+                        });
+                        left = right;
+                    }
+                } else if count == 0 && !(mixes && sides == next) {
                     let out = &mut surface[side];
                     let p = corners_in(i - 1, &mut below[side], out, &mut luck);
                     let q = corners_in(i, &mut here[side], out, &mut luck);
@@ -295,7 +284,8 @@ impl<'a> Bark<'a> {
                     let taken = opened.iter().fold(0, |m, h| m | mask(h.facet, h.facets, sides));
                     for k in (0..sides).filter(|k| taken >> k & 1 == 0) {
                         let b = if mixes {
-                            mix.bark[usize::from(luck.limit(k, sides) < mix.share)]
+                            let turn = (k as f32 + 0.5) / sides as f32;
+                            mix.bark[usize::from(luck.limit(turn, &rings[i]) < mix.share)]
                         } else {
                             side
                         };
@@ -308,7 +298,8 @@ impl<'a> Bark<'a> {
                         let out = &mut surface[side];
                         let p = corners_in(i - 1, &mut below[side], out, &mut luck);
                         let q = corners_in(i, &mut here[side], out, &mut luck);
-                        let first = fill(hole, [&rings[i - 1], &rings[i]], [p, q], circles, out);
+                        let first =
+                            fill(hole, [&rings[i - 1], &rings[i]], [p, q], circles, about, out);
                         if let Some((wind, sway)) = swing {
                             let place = |c: &Vec2| hole.t + hole.half_t * c.x;
                             let foot = circles.of(hole.start.sides).iter().map(place);
@@ -317,7 +308,9 @@ impl<'a> Bark<'a> {
                         rims.push(Rim { side, first });
                     }
                 }
+                blend_below = blend;
             }
+            mix_below = mix;
             if i == n - 2 {
                 let b = mix.most();
                 let out = &mut surface[b];
@@ -359,33 +352,8 @@ impl<'a> Bark<'a> {
     }
 }
 
-/// A tube's random phase, which few ask for: of its buttresses, and of where barks meet.
-struct Luck {
-    seed: Seed,
-    key: u64,
-    phase: Option<f32>,
-}
-
-impl Luck {
-    fn phase(&mut self) -> f32 {
-        *self
-            .phase
-            .get_or_insert_with(|| self.seed.derive("bark", self.key).draws().between(0.0, TAU))
-    }
-
-    /// Share of a bark from which on a facet has it, 0…1: by the way it faces alone, so that one
-    /// bark reaches into the other in tongues.
-    fn limit(&mut self, facet: u32, sides: u32) -> f32 {
-        let phase = self.phase();
-        let turn = (facet as f32 + 0.5) / sides.max(1) as f32 * TAU;
-        let [a, b, c] =
-            [(2.0, 1.0), (5.0, 2.3), (11.0, 4.1)].map(|(n, p)| (n * turn + p * phase).sin());
-        (0.5 + 0.16 * a + 0.2 * b + 0.14 * c).clamp(0.001, 0.999)
-    }
-}
-
 /// Texture coordinate around, of a corner (or a place between corners).
-fn around(ring: &Ring, corner: f32) -> f32 {
+pub fn around(ring: &Ring, corner: f32) -> f32 {
     (corner / ring.sides as f32 - 0.5) * ring.repeats
 }
 
@@ -405,102 +373,7 @@ fn rim(ring: &Ring, circle: &[Vec2], base: &[Corner], is_collar: bool, out: &mut
     }
 }
 
-/// Fills a block of facets but for the foot of a branch, whose first corner is returned. Both edges
-/// are walked in step: all of it lies in the parent's facets.
-fn fill(
-    hole: &Hole,
-    [low, high]: [&Ring; 2],
-    [p, q]: [u32; 2],
-    circles: &Circles,
-    out: &mut Surface,
-) -> u32 {
-    let (sides, facets) = (low.sides, hole.facets);
-    // Across the seam the block has corners of its own, whose texture goes on.
-    let wraps = hole.facet + facets > sides;
-    let mut edge = |from: u32, ring: &Ring| -> u32 {
-        if !wraps {
-            return from + hole.facet;
-        }
-        let start = out.position.len() as u32;
-        for k in 0..=facets {
-            let i = (from + (hole.facet + k) % sides) as usize;
-            out.position.push(out.position[i]);
-            out.normal.push(out.normal[i]);
-            out.uv.push(Vec2::new(around(ring, (hole.facet + k) as f32), ring.v));
-            if let Some(&colour) = out.wind.get(i) {
-                out.wind.push(colour);
-            }
-        }
-        start
-    };
-    let (p, q) = (edge(p, low), edge(q, high));
-    let first = out.position.len() as u32;
-    let circle = circles.of(hole.start.sides);
-    let inner = hole.start.sides;
-    for c in &circle[..inner as usize] {
-        let x = hole.x - hole.half_x * c.y;
-        let t = hole.t + hole.half_t * c.x;
-        let k = (x as u32).min(facets - 1);
-        let share = x - k as f32;
-        let across = |column: &[Vec3]| {
-            let at = |i: u32| column[i as usize];
-            let (a, b) =
-                (at(p + k).lerp(at(p + k + 1), share), at(q + k).lerp(at(q + k + 1), share));
-            a.lerp(b, t)
-        };
-        let position = across(&out.position);
-        let normal = across(&out.normal);
-        let normal = normal.try_normalize().unwrap_or(out.normal[(p + k) as usize]);
-        let place = hole.facet as f32 + x;
-        let u = around(low, place) + (around(high, place) - around(low, place)) * t;
-        out.position.push(position);
-        out.normal.push(normal);
-        out.uv.push(Vec2::new(u, low.v + (high.v - low.v) * t));
-    }
-    // Both counter-clockwise; the outer edge from its upper right, the inner one from its top. Each
-    // inner edge takes the outer corner furthest out as it sees it, which is never hidden (the
-    // block is convex and holds the foot), as two calipers turn around.
-    let outer = 2 * (facets + 1);
-    // Index and place of each outer corner.
-    let mut corner = [(0, Vec2::ZERO); 2 * (MAX_SIDES as usize + 1)];
-    let (upper, lower) = corner.split_at_mut(facets as usize + 1);
-    let (top, bottom) = ((1.0 - hole.t) / hole.half_t, (0.0 - hole.t) / hole.half_t);
-    for k in 0..=facets {
-        let x = (k as f32 - hole.x) / hole.half_x;
-        upper[(facets - k) as usize] = (q + k, Vec2::new(x, top));
-        lower[k as usize] = (p + k, Vec2::new(x, bottom));
-    }
-    let corner = &corner[..outer as usize];
-    let away = |i: u32| {
-        let sum = circle[i as usize] + circle[i as usize + 1];
-        Vec2::new(-sum.y, sum.x)
-    };
-    let onward = |j: usize| if j + 1 == corner.len() { 0 } else { j + 1 };
-    let (mut j, mut far) = (0, f32::NEG_INFINITY);
-    for (k, c) in corner.iter().enumerate() {
-        let out = c.1.dot(away(0));
-        if out > far {
-            (j, far) = (k, out);
-        }
-    }
-    let mut left = outer;
-    for i in 0..inner {
-        let away = away(i);
-        while left > 0 && corner[onward(j)].1.dot(away) > corner[j].1.dot(away) {
-            out.index.extend([corner[j].0, corner[onward(j)].0, first + i]);
-            (j, left) = (onward(j), left - 1);
-        }
-        let next = if i + 1 == inner { first } else { first + i + 1 };
-        out.index.extend([corner[j].0, next, first + i]);
-    }
-    for _ in 0..left {
-        out.index.extend([corner[j].0, corner[onward(j)].0, first]);
-        j = onward(j);
-    }
-    first
-}
-
-fn corners(ring: &Ring, circle: &[Vec2], lobe_phase: f32, out: &mut Surface) {
+pub fn corners(ring: &Ring, circle: &[Vec2], lobe_phase: f32, out: &mut Surface) {
     let binormal = ring.binormal();
     let lift = 1.0 / (1.0 + ring.slope * ring.slope).sqrt();
     let (flat, rise) = (lift, ring.tangent * (-ring.slope * lift));
@@ -548,79 +421,6 @@ fn band(a: u32, a_sides: u32, b: u32, b_sides: u32, index: &mut Vec<u32>) {
         } else {
             index.extend([a + i, b + j + 1, b + j]);
             j += 1;
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::super::path::Start;
-    use super::*;
-
-    fn ring(z: f32, sides: u32) -> Ring {
-        Ring {
-            centre: Vec3::Z * z,
-            tangent: Vec3::Z,
-            normal: Vec3::X,
-            radius_m: 1.0,
-            arc_m: z,
-            slope: 0.0,
-            sides,
-            lobe: 0.0,
-            repeats: 6.0,
-            v: z,
-        }
-    }
-
-    proptest! {
-        /// Feet of every shape anywhere in their block: laid flat, the filling covers the block but
-        /// for the foot, once.
-        #[test]
-        fn the_filling_of_a_block_folds_nowhere(
-            facet in 0u32..12,
-            facets in 1u32..7,
-            corners_of_foot in 3u32..24,
-            across in 0.0f32..1.0,
-            wide in 0.05f32..1.0,
-            along in 0.0f32..1.0,
-            high in 0.02f32..0.4,
-        ) {
-            let sides = 12;
-            let circles = Circles::new();
-            let (low, top) = (ring(0.0, sides), ring(0.7, sides));
-            let mut out = Surface::default();
-            corners(&low, circles.of(sides), 0.0, &mut out);
-            corners(&top, circles.of(sides), 0.0, &mut out);
-            let half_x = 0.42 * facets as f32 * wide;
-            let room = facets as f32 - 2.0 * (half_x + 0.08);
-            let start = Start {
-                at: Vec3::ZERO,
-                around: Vec3::Y,
-                arc_m: 0.0,
-                radius_m: 0.1,
-                wide_m: 0.1,
-                rise_m: 0.1,
-                has_collar: true,
-                sides: corners_of_foot,
-            };
-            let x = half_x + 0.08 + room.max(0.0) * across;
-            let t = high + 0.06 + (1.0 - 2.0 * (high + 0.06)) * along;
-            let hole = Hole::new(facet, facets, [x, half_x], [t, high], start);
-            fill(&hole, [&low, &top], [0, sides + 1], &circles, &mut out);
-            prop_assert_eq!(out.triangles() as u32, 2 * facets + 2 + corners_of_foot);
-            // The texture coordinates are the tube laid flat.
-            let mut sum = 0.0;
-            for t in out.index.chunks_exact(3) {
-                let [a, b, c] = [0, 1, 2].map(|k| out.uv[t[k] as usize]);
-                let area = 0.5 * (b - a).perp_dot(c - a);
-                prop_assert!(area > 0.0, "{area}");
-                sum += area;
-            }
-            let n = corners_of_foot as f32;
-            let foot = 0.5 * n * (TAU / n).sin() * (half_x * 0.5) * (high * 0.7);
-            prop_assert!((sum - (facets as f32 * 0.5 * 0.7 - foot)).abs() < 1e-4);
         }
     }
 }

@@ -144,13 +144,17 @@ impl Wind {
         surface.wind.extend(new.iter().zip(sways).map(colour));
     }
 
-    /// A vertex of a leaf or twig that hangs on a node; `out`: its distance from there over the
-    /// farthest of the same twig; `key`: of the twig.
-    pub fn leaf(&self, at: Vec3, node: u32, out: f32, key: u64) -> [u8; 4] {
+    /// The colours of a leaf's or twig's vertices, which hangs from `foot` on a node; `key`: its own.
+    /// It flutters with the distance from there over that of its farthest vertex.
+    pub fn twig(&self, twig: &[Vec3], foot: Vec3, node: u32, key: u64, out: &mut [[u8; 4]]) {
         let leaf_phase = self.seed.derive("leaf", key).draws().unit();
-        let flutter = out.clamp(0.0, 1.0).powi(2);
         let here = self.out.get(node as usize).copied().unwrap_or_default();
-        self.channels(&Motion { flutter, leaf_phase, ..self.motion(at.z, here) })
+        let farthest_sq = twig.iter().map(|p| p.distance_squared(foot)).fold(1e-12, f32::max);
+        let per_sq_m = farthest_sq.recip();
+        for (&p, colour) in twig.iter().zip(out) {
+            let flutter = (p.distance_squared(foot) * per_sq_m).min(1.0);
+            *colour = self.channels(&Motion { flutter, leaf_phase, ..self.motion(p.z, here) });
+        }
     }
 
     /// How much the whole tree moves at a height.
@@ -240,14 +244,21 @@ mod tests {
         );
         assert_eq!(wood(5)[0], wood(4)[0], "a twig swings with its branch");
         assert_ne!(wood(3)[0], wood(4)[0], "and branches out of step");
-        let leaf = |out: f32| wind.leaf(s.position[5], 5, out, 7);
-        assert_eq!((leaf(0.0)[1], leaf(0.5)[1], leaf(1.0)[1]), (0, 64, 255));
+        let twig = [0.0, 0.5, 1.0].map(|x| s.position[5] + Vec3::X * x);
+        let mut leaf = [[0; 4]; 3];
+        wind.twig(&twig, s.position[5], 5, 7, &mut leaf);
+        assert_eq!(leaf.map(|c| c[1]), [0, 64, 255]);
     }
 
     #[test]
     fn profiles_hold_the_same_motion_in_their_own_channels() {
         let s = tree();
-        let of = |profile| Wind::new(&s, profile, Seed::new(1)).leaf(s.position[5], 5, 1.0, 7);
+        let of = |profile| {
+            let mut leaf = [[0; 4]];
+            let foot = s.position[5] + Vec3::X;
+            Wind::new(&s, profile, Seed::new(1)).twig(&[s.position[5]], foot, 5, 7, &mut leaf);
+            leaf[0]
+        };
         let [unity, cry, speed] =
             [WindProfile::Unity, WindProfile::CryEngine, WindProfile::SpeedTreeLike].map(of);
         assert_eq!([unity[1], unity[2], unity[3]], [cry[0], speed[0], cry[2]]);

@@ -3,8 +3,9 @@
 use super::chain::{Chains, Pieces};
 use super::junction::{self, Branch, Hole};
 use super::path::{Foot, Knot, Least, Ring, Scratch, Sides, Start, rings};
-use super::tube::{BARKS, Bark, Outlet, Shape, Upper, Young, lay_bark};
+use super::tube::{Bark, Outlet, Shape, lay_bark};
 use super::wind::Wind;
+use super::young::{BARKS, Upper, Young};
 use super::{FoliageLevel, Junctions, MeshOptions, Surface};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
@@ -37,11 +38,13 @@ pub struct Wood {
     pub count: Count,
 }
 
-/// Axes thick enough for the budget, and those of them that have no tube.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+/// Axes thick enough for the budget, those of them that have no tube, and how far facets are from
+/// their circles.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Count {
     pub axes: usize,
     pub without: usize,
+    pub sagitta_m: f32,
 }
 
 impl Wood {
@@ -180,7 +183,9 @@ impl Planner<'_> {
 
     /// Greatest distance from the skeleton, and radius of the thinnest branch.
     fn limits(&self, coarse: f32) -> (f32, f32) {
-        let tolerance_m = self.options.tolerance_m.clamp(1e-5, 1.0) * coarse.powf(0.6);
+        let finest_m = self.options.tolerance_m.clamp(1e-5, 1.0);
+        let most_m = self.options.sagitta_m.max(finest_m);
+        let tolerance_m = (finest_m * coarse.powf(0.6)).min(most_m);
         // Bare twigs are the crown: there sides go before axes.
         let is_bare = self.options.foliage == FoliageLevel::None;
         (tolerance_m, if is_bare { 0.0003 } else { 0.0015 } * (coarse - 1.0))
@@ -224,7 +229,7 @@ impl Planner<'_> {
         out_of.clear();
         out_of.resize(count_of as usize, NONE);
         start.clear();
-        let mut tubes = 0;
+        let (mut tubes, mut sagitta_m) = (0, 0.0f32);
         for c in root..count_of {
             let comes_from = out_of[c as usize];
             let foot = match start.get(comes_from as usize) {
@@ -279,6 +284,7 @@ impl Planner<'_> {
                 _ => None,
             };
             tubes += 1;
+            sagitta_m = sagitta_m.max(sides.sagitta_m(made));
             lay_bark(made, BARK_REPEAT_M);
             bark.tube(&Shape {
                 rings: made,
@@ -291,7 +297,7 @@ impl Planner<'_> {
             });
         }
         let axes = pieces.count();
-        Count { axes, without: axes - tubes }
+        Count { axes, without: axes - tubes, sagitta_m }
     }
 
     /// How a chain begins that comes out of no hole.

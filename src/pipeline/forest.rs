@@ -389,7 +389,8 @@ impl WoodJob {
     pub(super) fn options(&self, triangles: usize, foliage: FoliageLevel) -> MeshOptions {
         let preset = mesh_options(triangles);
         let tolerance_m = self.tolerance_m.unwrap_or(f32::INFINITY).min(preset.tolerance_m);
-        MeshOptions { foliage, tolerance_m, junctions: self.junctions, ..preset }
+        let sagitta_m = self.tolerance_m.unwrap_or(f32::INFINITY);
+        MeshOptions { foliage, tolerance_m, sagitta_m, junctions: self.junctions, ..preset }
     }
 
     /// That of a skeleton for at most so many triangles.
@@ -410,6 +411,7 @@ pub fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
         foliage: options.foliage.min(most),
         triangle_budget: Some(triangles),
         tolerance_m: options.tolerance_m.max(preset.tolerance_m),
+        sagitta_m: f32::INFINITY,
         detail: options.detail && preset.detail,
         ..*options
     }
@@ -513,14 +515,9 @@ fn build_meshes(
             .collect::<Result<_>>()?;
         let nodes = skeletons.iter().map(Skeleton::len).sum();
         let triangles = meshes.iter().flatten().map(TreeMesh::triangles).sum();
-        let most = budgets.iter().copied().max().unwrap_or(job.triangles);
-        let outcome =
-            Outcome::items(nodes, "nodes", triangles, "triangles").error(ErrorMeasure::new(
-                "sagitta bound",
-                job.wood.options(most, job.foliage).tolerance_m.into(),
-                "m",
-            ));
         let finest = meshes.iter().filter_map(|of_model| of_model.first());
+        let outcome = Outcome::items(nodes, "nodes", triangles, "triangles")
+            .error(tolerance::sagitta(finest.clone(), job.wood.tolerance_m, warnings));
         let outcome = levels::tell_unmeshed(finest, outcome, warnings);
         Ok((meshes, outcome))
     })

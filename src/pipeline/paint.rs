@@ -7,6 +7,7 @@ use crate::raster::Image;
 use crate::scene::ValidScene;
 use crate::seed::Seed;
 use crate::species::Species;
+use crate::species::model::LEAST_KEPT;
 use crate::species::state::{Condition, Season, State};
 use crate::texture::{self, TreeTextures, stored};
 
@@ -61,8 +62,11 @@ pub(super) fn leaf_variants(
     let own = state.look(species, seed).foliage;
     let mut variants = Vec::new();
     for (name, state) in seasons.into_iter().chain(conditions) {
-        let look = state.look(species, seed);
-        // Twigs in leaf don't fit the cards of bare ones.
+        let mut look = state.look(species, seed);
+        // Only colours differ. Twigs in leaf don't fit the cards of bare ones.
+        if look.foliage.kept.min(own.kept) >= LEAST_KEPT {
+            look.foliage.kept = own.kept;
+        }
         if look.foliage != own && look.foliage.kept == own.kept {
             variants.push((name, leaf(&look, size_px, seed, cache)?));
         }

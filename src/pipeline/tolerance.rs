@@ -13,7 +13,7 @@ use super::forest::model_scene;
 use super::levels::bounds;
 use crate::diagnostic::Result;
 use crate::lod::{Silhouettes, Views};
-use crate::mesh::{FoliageLevel, MeshOptions, TreeMesh};
+use crate::mesh::{FoliageLevel, MAX_SIDES, MeshOptions, TreeMesh};
 use crate::render::capture::Sitter;
 use crate::report::{ErrorMeasure, Outcome};
 
@@ -119,6 +119,25 @@ pub fn outcome(reached: &[Reached], warnings: &mut Vec<String>) -> Outcome {
     Outcome::items(reached.len(), "models", triangles, "triangles")
         .error(ErrorMeasure::new("silhouette RMS", rms_m.into(), "m"))
         .note(format!("silhouettes at worst {worst_m:.3} m off"))
+}
+
+/// How far the facets of the wood are from their circles; a warning where that is more than asked
+/// for.
+pub fn sagitta<'a>(
+    trees: impl Iterator<Item = &'a TreeMesh>,
+    tolerance_m: Option<f32>,
+    warnings: &mut Vec<String>,
+) -> ErrorMeasure {
+    let worst_m = trees.map(|t| t.sagitta_m).fold(0.0, f32::max);
+    if let Some(tolerance_m) = tolerance_m.filter(|&t| worst_m > t * 1.001) {
+        warnings.push(format!(
+            "--tolerance: facets of the thickest wood, of {MAX_SIDES} sides at most, are up to \
+             {:.1} mm from its roundness, more than {:.2} mm",
+            1e3 * worst_m,
+            1e3 * tolerance_m
+        ));
+    }
+    ErrorMeasure::new("sagitta", worst_m.into(), "m")
 }
 
 #[cfg(test)]

@@ -200,7 +200,7 @@ fn stand(
         let meshes = levels::meshes(&subject, &options, job.levels.meshed, height_m)?;
         let triangles = meshes.iter().map(|m| m.triangles()).sum();
         let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles")
-            .error(ErrorMeasure::new("sagitta bound", options.tolerance_m.into(), "m"));
+            .error(tolerance::sagitta(meshes.first().into_iter(), job.wood.tolerance_m, warnings));
         let outcome = levels::tell_unmeshed(meshes.first().into_iter(), outcome, warnings);
         Ok((meshes, outcome))
     })?;

@@ -217,6 +217,9 @@ pub enum LeafShape {
     Pinnate,
 }
 
+/// With a smaller share of their leaves twigs are bare: they hide no crown.
+pub const LEAST_KEPT: f32 = 0.5;
+
 /// Leaves or needles and how they sit on shoots.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -14,7 +14,7 @@ use super::atlas::{Atlas, BANDS, Cell};
 use super::canvas::{Canvas, Leaf, Outline, Stroke, keep_cover};
 use crate::raster::{Picture, pad_transparent};
 use crate::seed::{Draws, Seed};
-use crate::species::model::{Bark, Foliage, LeafShape};
+use crate::species::model::{Bark, Foliage, LEAST_KEPT, LeafShape};
 use crate::species::{Species, own};
 
 /// A bough cell shows this many times the length of a twig cell.
@@ -23,6 +23,9 @@ const BOUGH: f32 = 2.4;
 const GOLDEN_RAD: f32 = 2.399_963;
 /// Share of its cell that a single leaf is long.
 const LEAF_SHARE: f32 = 0.96;
+/// Where leaves have fallen, one twig has more left than the other, and than boughs: powers of the
+/// share that is left.
+const UNEVEN: [f32; 3] = [0.6, 1.6, 1.0];
 /// Strokes and leaves a cell may take.
 const PAINT_LIMIT: usize = 60_000;
 
@@ -71,6 +74,7 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
                 size_m,
                 draws: seed.derive("twig", k as u64).draws(),
                 painted: 0,
+                kept: f.kept.clamp(0.0, 1.0).powf(UNEVEN[k.min(2)]),
             };
             match part {
                 Part::Leaf => painter.single(),
@@ -95,7 +99,7 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
         }
     }
     // Of bare twigs the mean is that of their bark.
-    if f.kept >= 1.0 {
+    if f.kept >= LEAST_KEPT {
         match_colour(&mut picture, f.colour);
     }
     let [wood, fill] = plain(&mut picture, species, quarter);
@@ -239,6 +243,8 @@ struct Painter<'a> {
     size_m: f32,
     draws: Draws,
     painted: usize,
+    /// Share of the leaves that hang.
+    kept: f32,
 }
 
 /// Side veins of a leaf.
@@ -295,8 +301,7 @@ impl Painter<'_> {
 
     /// Whether the next leaf is one of those that do not hang any more.
     fn has_fallen(&mut self) -> bool {
-        let kept = self.species.foliage.kept;
-        kept < 1.0 && self.draws.unit() >= kept
+        self.kept < 1.0 && self.draws.unit() >= self.kept
     }
 
     fn spent(&mut self) -> bool {
@@ -309,7 +314,7 @@ impl Painter<'_> {
         let tone = twig_colour(&self.species.bark);
         let colour = [0, 1, 2].map(|c| 0.78 * tone[c] + 0.1 * leafy[c]);
         // Bare twigs are all there is to see: thinner ones would come out dotted at the cutoff.
-        let least = if self.species.foliage.kept < 1.0 { 0.75 } else { 0.45 } * self.canvas.pixel();
+        let least = if self.kept < LEAST_KEPT { 0.75 } else { 0.45 } * self.canvas.pixel();
         let steps = 10;
         for k in 0..steps {
             let (a, b) = (k as f32 / steps as f32, (k + 1) as f32 / steps as f32);

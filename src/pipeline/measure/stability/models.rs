@@ -380,6 +380,7 @@ fn scene_of(surface: Surface, places: impl Iterator<Item = Vec3>) -> Result<Scen
         foliage: Surface::default(),
         axes: 1,
         unmeshed_axes: 0,
+        sagitta_m: 0.0,
         twig_scale: 1.0,
     };
     let mut scene = model_scene(&species, vec![tree], texture::plain(&species));

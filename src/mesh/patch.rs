@@ -1,0 +1,195 @@
+//! Parts of a tube's grid of facets that are no whole facets: about the foot of a branch, and where
+//! two barks meet.
+
+use glam::{Vec2, Vec3};
+
+use super::Surface;
+use super::blend::{self, Spot};
+use super::junction::Hole;
+use super::path::Ring;
+use super::tube::{Circles, around};
+
+/// Fills a block of facets but for the foot of a branch, whose first corner is returned. Both edges
+/// are walked in step: all of it lies in the parent's facets.
+pub fn fill(
+    hole: &Hole,
+    [low, high]: [&Ring; 2],
+    [p, q]: [u32; 2],
+    circles: &Circles,
+    corner: &mut Vec<(u32, Vec2)>,
+    out: &mut Surface,
+) -> u32 {
+    let (sides, facets) = (low.sides, hole.facets);
+    // Across the seam the block has corners of its own, whose texture goes on.
+    let wraps = hole.facet + facets > sides;
+    let mut edge = |from: u32, ring: &Ring| -> u32 {
+        if !wraps {
+            return from + hole.facet;
+        }
+        let start = out.position.len() as u32;
+        for k in 0..=facets {
+            let i = (from + (hole.facet + k) % sides) as usize;
+            out.position.push(out.position[i]);
+            out.normal.push(out.normal[i]);
+            out.uv.push(Vec2::new(around(ring, (hole.facet + k) as f32), ring.v));
+            if let Some(&colour) = out.wind.get(i) {
+                out.wind.push(colour);
+            }
+        }
+        start
+    };
+    let (p, q) = (edge(p, low), edge(q, high));
+    let first = out.position.len() as u32;
+    let circle = circles.of(hole.start.sides);
+    let inner = hole.start.sides;
+    for c in &circle[..inner as usize] {
+        let x = hole.x - hole.half_x * c.y;
+        let t = hole.t + hole.half_t * c.x;
+        let k = (x as u32).min(facets - 1);
+        let share = x - k as f32;
+        let across = |column: &[Vec3]| {
+            let at = |i: u32| column[i as usize];
+            let (a, b) =
+                (at(p + k).lerp(at(p + k + 1), share), at(q + k).lerp(at(q + k + 1), share));
+            a.lerp(b, t)
+        };
+        let position = across(&out.position);
+        let normal = across(&out.normal);
+        let normal = normal.try_normalize().unwrap_or(out.normal[(p + k) as usize]);
+        let place = hole.facet as f32 + x;
+        let u = around(low, place) + (around(high, place) - around(low, place)) * t;
+        out.position.push(position);
+        out.normal.push(normal);
+        out.uv.push(Vec2::new(u, low.v + (high.v - low.v) * t));
+    }
+    // Both counter-clockwise; the outer edge from its upper right, the inner one from its top. Each
+    // inner edge takes the outer corner furthest out as it sees it, which is never hidden (the
+    // block is convex and holds the foot), as two calipers turn around.
+    let outer = 2 * (facets + 1);
+    let (top, bottom) = ((1.0 - hole.t) / hole.half_t, (0.0 - hole.t) / hole.half_t);
+    let place = |k: u32, y: f32| Vec2::new((k as f32 - hole.x) / hole.half_x, y);
+    corner.clear();
+    corner.extend((0..=facets).rev().map(|k| (q + k, place(k, top))));
+    corner.extend((0..=facets).map(|k| (p + k, place(k, bottom))));
+    let away = |i: u32| {
+        let sum = circle[i as usize] + circle[i as usize + 1];
+        Vec2::new(-sum.y, sum.x)
+    };
+    let onward = |j: usize| if j + 1 == corner.len() { 0 } else { j + 1 };
+    let (mut j, mut far) = (0, f32::NEG_INFINITY);
+    for (k, c) in corner.iter().enumerate() {
+        let out = c.1.dot(away(0));
+        if out > far {
+            (j, far) = (k, out);
+        }
+    }
+    let mut left = outer;
+    for i in 0..inner {
+        let away = away(i);
+        while left > 0 && corner[onward(j)].1.dot(away) > corner[j].1.dot(away) {
+            out.index.extend([corner[j].0, corner[onward(j)].0, first + i]);
+            (j, left) = (onward(j), left - 1);
+        }
+        let next = if i + 1 == inner { first } else { first + i + 1 };
+        out.index.extend([corner[j].0, next, first + i]);
+    }
+    for _ in 0..left {
+        out.index.extend([corner[j].0, corner[onward(j)].0, first]);
+        j = onward(j);
+    }
+    first
+}
+
+/// The vertex of a part of a facet; one on an edge is new.
+pub fn spot(spot: Spot, corner: [u32; 4], out: &mut Surface) -> u32 {
+    let (edge, t) = match spot {
+        Spot::Corner(k) => return corner[k],
+        Spot::Edge(edge, t) => (edge, t),
+    };
+    let [a, b] = blend::ENDS[edge].map(|k| corner[k] as usize);
+    let new = out.position.len() as u32;
+    out.position.push(out.position[a].lerp(out.position[b], t));
+    out.normal.push(out.normal[a].lerp(out.normal[b], t).normalize_or(out.normal[a]));
+    out.uv.push(out.uv[a].lerp(out.uv[b], t));
+    if let (Some(&from), Some(&to)) = (out.wind.get(a), out.wind.get(b)) {
+        let mix = |c: usize| (f32::from(from[c]) * (1.0 - t) + f32::from(to[c]) * t + 0.5) as u8;
+        out.wind.push(std::array::from_fn(mix));
+    }
+    new
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use std::f32::consts::TAU;
+
+    use super::super::path::Start;
+    use super::super::tube::corners;
+    use super::*;
+
+    fn ring(z: f32, sides: u32) -> Ring {
+        Ring {
+            centre: Vec3::Z * z,
+            tangent: Vec3::Z,
+            normal: Vec3::X,
+            radius_m: 1.0,
+            arc_m: z,
+            slope: 0.0,
+            sides,
+            lobe: 0.0,
+            repeats: 6.0,
+            v: z,
+        }
+    }
+
+    proptest! {
+        /// Feet of every shape anywhere in their block: laid flat, the filling covers the block but
+        /// for the foot, once.
+        #[test]
+        fn the_filling_of_a_block_folds_nowhere(
+            facet in 0u32..12,
+            facets in 1u32..7,
+            corners_of_foot in 3u32..24,
+            across in 0.0f32..1.0,
+            wide in 0.05f32..1.0,
+            along in 0.0f32..1.0,
+            high in 0.02f32..0.4,
+        ) {
+            let sides = 12;
+            let circles = Circles::new();
+            let (low, top) = (ring(0.0, sides), ring(0.7, sides));
+            let mut out = Surface::default();
+            corners(&low, circles.of(sides), 0.0, &mut out);
+            corners(&top, circles.of(sides), 0.0, &mut out);
+            let half_x = 0.42 * facets as f32 * wide;
+            let room = facets as f32 - 2.0 * (half_x + 0.08);
+            let start = Start {
+                at: Vec3::ZERO,
+                around: Vec3::Y,
+                arc_m: 0.0,
+                radius_m: 0.1,
+                wide_m: 0.1,
+                rise_m: 0.1,
+                has_collar: true,
+                sides: corners_of_foot,
+            };
+            let x = half_x + 0.08 + room.max(0.0) * across;
+            let t = high + 0.06 + (1.0 - 2.0 * (high + 0.06)) * along;
+            let hole = Hole::new(facet, facets, [x, half_x], [t, high], start);
+            fill(&hole, [&low, &top], [0, sides + 1], &circles, &mut Vec::new(), &mut out);
+            prop_assert_eq!(out.triangles() as u32, 2 * facets + 2 + corners_of_foot);
+            // The texture coordinates are the tube laid flat.
+            let mut sum = 0.0;
+            for t in out.index.chunks_exact(3) {
+                let [a, b, c] = [0, 1, 2].map(|k| out.uv[t[k] as usize]);
+                let area = 0.5 * (b - a).perp_dot(c - a);
+                prop_assert!(area > 0.0, "{area}");
+                sum += area;
+            }
+            let n = corners_of_foot as f32;
+            let foot = 0.5 * n * (TAU / n).sin() * (half_x * 0.5) * (high * 0.7);
+            prop_assert!((sum - (facets as f32 * 0.5 * 0.7 - foot)).abs() < 1e-4);
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! Where on a tree which bark is: old at its foot, younger above and on branches, that of twigs.
+
+use std::f32::consts::TAU;
+
+use super::path::Ring;
+use crate::seed::Seed;
+
+/// Barks of a tree: old, that of the upper stem and branches, that of twigs.
+pub const BARKS: usize = 3;
+
+/// Where bark is young, from all old to all young; `None` where the species has no such bark.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Young {
+    /// That of the upper stem: radii and heights, metres.
+    pub upper: Option<Upper>,
+    /// That of twigs: radii, metres.
+    pub twig_m: Option<[f32; 2]>,
+}
+
+#[derive(Debug, Clone, Copy)]
+pub struct Upper {
+    pub radius_m: [f32; 2],
+    pub height_m: [f32; 2],
+}
+
+/// Two barks, and the share of the second; between 0 and 1 the facets mix.
+#[derive(Clone, Copy)]
+pub struct Mix {
+    pub bark: [usize; 2],
+    pub share: f32,
+}
+
+impl Mix {
+    pub fn mixes(self) -> bool {
+        self.share > 0.0 && self.share < 1.0
+    }
+
+    pub fn most(self) -> usize {
+        self.bark[usize::from(self.share >= 0.5)]
+    }
+
+    /// Its share of the second of two barks; `None` where it has another.
+    pub fn share_of(self, pair: [usize; 2]) -> Option<f32> {
+        match self.bark {
+            same if same == pair => Some(self.share),
+            _ if self.mixes() => None,
+            _ => pair.iter().position(|&b| b == self.most()).map(|k| k as f32),
+        }
+    }
+}
+
+/// A band through which the line between two barks winds: these, and the shares of the second at
+/// its rings.
+#[derive(Clone, Copy)]
+pub struct Blend {
+    pub pair: [usize; 2],
+    pub share: [f32; 2],
+}
+
+/// Fewest sides of such a band: the facets of thinner wood are small enough.
+const LEAST_BLENDED: u32 = 6;
+
+impl Blend {
+    /// Of a band without holes between two rings.
+    pub fn of([low, high]: [Mix; 2], sides: [u32; 2]) -> Option<Blend> {
+        if sides[0] != sides[1] || sides[0] < LEAST_BLENDED {
+            return None;
+        }
+        let pair = if high.mixes() { high.bark } else { low.bark };
+        let share = [low.share_of(pair)?, high.share_of(pair)?];
+        (share != [0.0; 2] && share != [1.0; 2]).then_some(Blend { pair, share })
+    }
+}
+
+impl Young {
+    pub fn is_there(&self, bark: usize) -> bool {
+        [true, self.upper.is_some(), self.twig_m.is_some()].get(bark).copied().unwrap_or(false)
+    }
+
+    pub fn at(&self, ring: &Ring) -> Mix {
+        let part = |x: f32, range: [f32; 2]| {
+            let span = range[1] - range[0];
+            let span = if span.abs() < 1e-9 { 1e-9 } else { span };
+            ((x - range[0]) / span).clamp(0.0, 1.0)
+        };
+        let upper = self
+            .upper
+            .map_or(0.0, |u| part(ring.radius_m, u.radius_m).max(part(ring.centre.z, u.height_m)));
+        let twig = self.twig_m.map_or(0.0, |r| part(ring.radius_m, r));
+        if twig > 0.0 {
+            return Mix { bark: [usize::from(upper >= 0.5), 2], share: twig };
+        }
+        Mix { bark: [0, 1], share: upper }
+    }
+}
+
+/// A tube's random phase, which few ask for: of its buttresses, and of where barks meet.
+pub struct Luck {
+    seed: Seed,
+    key: u64,
+    phase: Option<f32>,
+}
+
+impl Luck {
+    pub fn new(seed: Seed, key: u64) -> Luck {
+        Luck { seed, key, phase: None }
+    }
+
+    pub fn phase(&mut self) -> f32 {
+        *self
+            .phase
+            .get_or_insert_with(|| self.seed.derive("bark", self.key).draws().between(0.0, TAU))
+    }
+
+    /// Share of a bark from which on a place has it, 0…1: one reaches into the other in tongues and
+    /// leaves islands. `turn`: part of a full turn around the ring.
+    pub fn limit(&mut self, turn: f32, ring: &Ring) -> f32 {
+        let phase = self.phase();
+        let turn = turn * TAU;
+        // Girths along the tube.
+        let along = ring.v / ring.repeats.max(1.0) * TAU;
+        let waves = [
+            (0.16, 2.0, 1.0, 0.25),
+            (0.15, 5.0, 2.3, -0.9),
+            (0.1, 11.0, 4.1, 0.4),
+            (0.12, 7.0, 5.2, 2.7),
+        ];
+        let wave = |(high, n, p, rise): (f32, f32, f32, f32)| {
+            high * (n * turn + p * phase + rise * along).sin()
+        };
+        (0.5 + waves.map(wave).iter().sum::<f32>()).clamp(0.001, 0.999)
+    }
+}
