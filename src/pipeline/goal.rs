@@ -64,10 +64,8 @@ pub struct BuildRate {
     pub models_a_species: usize,
     pub triangles: usize,
     pub crown_error_m: f64,
-    /// That no number of trees or models changes.
+    /// Of the picture, whose pixels are as many whatever stands in it.
     pub seconds_fixed: f64,
-    /// Of the picture, in which every tree is drawn.
-    pub seconds_per_tree: f64,
     pub seconds_per_model: f64,
 }
 
@@ -84,9 +82,7 @@ impl BuildRate {
             0 => trees,
             n => (n * species).min(trees),
         };
-        self.seconds_fixed
-            + self.seconds_per_tree * trees as f64
-            + self.seconds_per_model * models as f64
+        self.seconds_fixed + self.seconds_per_model * models as f64
     }
 
     pub fn text(&self) -> String {
@@ -317,7 +313,6 @@ mod tests {
             triangles,
             crown_error_m,
             seconds_fixed: 1.0,
-            seconds_per_tree: 0.0,
             seconds_per_model,
         };
         let survey = |effort: &str, terrain_error_m, seconds_per_million_points| SurveyRate {

@@ -42,7 +42,8 @@ const STABILITY: &str = "Extreme and stiff cases, run for this report. A miss is
     from what is expected: 0 is exact, and a case passes up to its limit.";
 const LEFT_OUT: &str = "The same scene with and without each thing it can do without. The counts are \
     made where the work is done: a thing is proved to have been left out where its work is counted \
-    with it and not once without.";
+    with it and not once without. A camera leaves out by itself: what comes in its place is what it \
+    spares a scene.";
 const SCALE: &str = "Seconds and the most heap held at once against the size of the task, with the \
     fitted exponent: 1 is linear.";
 

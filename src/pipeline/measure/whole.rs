@@ -134,13 +134,11 @@ fn built(
             triangles,
             crown_error_m: 0.0,
             seconds_fixed: 0.0,
-            seconds_per_tree: 0.0,
             seconds_per_model: 0.0,
         };
         let job =
             ForestJob { sharing: rate.sharing(), triangles, tells_fit: true, ..usual.clone() };
-        let (mut all, mut fixed, mut drawn) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut trees, mut models) = (1, 1);
+        let (mut all, mut fixed, mut models) = (Vec::new(), Vec::new(), 1);
         for _ in 0..runs {
             let survey = place.survey.clone();
             let start = Instant::now();
@@ -155,18 +153,14 @@ fn built(
             let seconds = |stage: &str| -> f64 {
                 run.stages.iter().filter(|s| s.stage == stage).map(|s| s.seconds).sum()
             };
-            fixed.push(seconds("texture"));
-            drawn.push(seconds("preview"));
-            trees = forest.scene.instances().len().max(1);
+            fixed.push(seconds("texture") + seconds("preview"));
             models = forest.scene.prototypes().len().max(1);
             rate.crown_error_m = forest.crown_error_m.unwrap_or(0.0);
         }
         let time = Timing::of(&all);
         // The least is what the machine takes when nothing else runs on it.
-        let [fixed_s, drawn_s] = [&fixed, &drawn].map(|s| Timing::of(s).least_s);
-        rate.seconds_fixed = fixed_s;
-        rate.seconds_per_tree = drawn_s / trees as f64;
-        rate.seconds_per_model = (time.least_s - fixed_s - drawn_s).max(0.0) / models as f64;
+        rate.seconds_fixed = Timing::of(&fixed).least_s;
+        rate.seconds_per_model = (time.least_s - rate.seconds_fixed).max(0.0) / models as f64;
         Ok(Built { rate, time })
     };
     builds.iter().map(one).collect()
