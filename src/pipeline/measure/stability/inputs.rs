@@ -1,12 +1,10 @@
 //! The edge of coordinates, files, clouds of one tree, allometry and shared models.
 
-use std::io::Write;
-
 use glam::{DVec3, Vec2, Vec3};
 
 use super::super::convergence::{empty_cloud, push};
 use super::unrefused;
-use crate::diagnostic::{Error, Result};
+use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::scan::{self, PointCloud, Scan};
 use crate::scene::sharing::{Build, share};
@@ -65,10 +63,7 @@ fn plot(at: DVec3, count: usize) -> PointCloud {
 }
 
 fn read(bytes: &[u8]) -> Result<Scan> {
-    let failed = |e: std::io::Error| Error::new(format!("a temporary file: {e}"));
-    let mut file = tempfile::Builder::new().suffix(".laz").tempfile().map_err(failed)?;
-    file.write_all(bytes).map_err(failed)?;
-    Ok(scan::read(&[file.path().to_path_buf()], &super::super::super::survey::READ)?.value)
+    Ok(scan::read_bytes(bytes, &crate::pipeline::survey::READ)?.value)
 }
 
 fn through_a_file() -> Result<f64> {
