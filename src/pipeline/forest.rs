@@ -557,6 +557,11 @@ fn paint_all(
     })
 }
 
+/// Draws the pictures that a scene of this survey will need, into the cache.
+pub(super) fn paint_ahead(job: &ForestJob, survey: &Survey, run: &mut Recorder) -> Result<()> {
+    paint_all(job, &models(job, survey), run).map(drop)
+}
+
 /// A scene before it is checked.
 struct Assembled {
     scene: Scene,

@@ -6,7 +6,9 @@
 //! points of its trees to the wood of the models that stand in their places. Seconds of the front
 //! go with points (survey) and models (the rest); a calibration of a tenth of a second tells how fast
 //! this machine is. Where the trees at hand are harder than those of the reference, the setting is
-//! chosen once more with that known. Known limit: the seconds of the front are those of GLB and USDA.
+//! chosen once more with that known. Seconds are those of a run that finds its pictures in the
+//! cache; where they are not there they are drawn before anything is chosen, so that their time is
+//! known. Known limit: the seconds of the front are those of GLB and USDA.
 
 use std::time::Instant;
 
@@ -62,7 +64,7 @@ pub struct BuildRate {
     pub models_a_species: usize,
     pub triangles: usize,
     pub crown_error_m: f64,
-    /// Textures and pictures.
+    /// Of the picture, whose pixels are as many whatever stands in it.
     pub seconds_fixed: f64,
     pub seconds_per_model: f64,
 }
@@ -201,6 +203,9 @@ pub fn forest(job: &ForestJob, goal: Goal, run: &mut Recorder) -> Result<(Forest
     let survey = survey::inventory(&job.survey, run)?;
     let held_out = run.stages.iter().rev().find(|s| s.stage == "terrain");
     let terrain_error_m = held_out.and_then(|s| s.error.as_ref()).map(|e| e.value);
+    if job.cache.is_on() {
+        super::forest::paint_ahead(&job, &survey, run)?;
+    }
     let mut harder = 1.0;
     let mut last = None;
     for _ in 0..2 {

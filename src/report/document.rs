@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::stats::{self, Order};
 
 /// Counts changes of the layout.
-pub const SCHEMA: u32 = 1;
+pub const SCHEMA: u32 = 2;
 
 /// A whole report.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -15,6 +15,8 @@ pub struct Document {
     /// Counts changes of this layout.
     pub schema: u32,
     pub about: About,
+    /// The whole run with the usual settings, in figures.
+    pub facts: Vec<Fact>,
     /// What accuracy costs.
     pub fronts: Vec<Front>,
     /// How errors fall when steps are halved.
@@ -73,6 +75,11 @@ impl Quantity {
         Quantity { name: name.into(), unit: unit.into() }
     }
 
+    /// Three digits of a value and the unit.
+    pub fn with_unit(&self, value: f64) -> String {
+        format!("{} {}", super::significant(value), self.unit).trim_end().to_owned()
+    }
+
     /// With the unit, as on an axis.
     pub fn label(&self) -> String {
         match self.unit.as_str() {
@@ -80,6 +87,16 @@ impl Quantity {
             unit => format!("{}, {unit}", self.name),
         }
     }
+}
+
+/// A figure of the whole run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Fact {
+    /// A word by which documents quote it.
+    pub id: String,
+    pub of: Quantity,
+    pub value: f64,
+    pub truth: Truth,
 }
 
 /// Seconds of repeated runs.
@@ -146,7 +163,11 @@ pub struct Front {
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub cost: Option<Quantity>,
     pub note: String,
+    /// Groups are things of their own, each with a front.
+    pub is_by_group: bool,
     pub points: Vec<Point>,
+    /// Whether the default is on the front, and what beats it.
+    pub verdict: String,
 }
 
 /// One setting of a stage.
@@ -166,13 +187,77 @@ pub struct Point {
 }
 
 impl Front {
-    /// Marks the settings that none undercuts in seconds and error.
-    pub fn marked(mut self) -> Front {
-        let pairs: Vec<[f64; 2]> = self.points.iter().map(|p| [p.time.median_s, p.error]).collect();
-        for (point, is_on) in self.points.iter_mut().zip(stats::pareto(&pairs)) {
-            point.is_on_front = is_on;
+    /// Points of one subject, in their order: all, or those of each group.
+    pub fn subjects(&self) -> Vec<Vec<&Point>> {
+        let mut subjects: Vec<Vec<&Point>> = Vec::new();
+        for p in &self.points {
+            match subjects.iter_mut().find(|s| !self.is_by_group || s[0].group == p.group) {
+                Some(subject) => subject.push(p),
+                None => subjects.push(vec![p]),
+            }
         }
+        subjects
+    }
+
+    /// Marks the settings that none undercuts in seconds and error, and judges the default.
+    pub fn marked(mut self) -> Front {
+        let on: Vec<(String, String)> = self
+            .subjects()
+            .iter()
+            .flat_map(|subject| {
+                let pairs: Vec<[f64; 2]> =
+                    subject.iter().map(|p| [p.time.median_s, p.error]).collect();
+                let is_on = stats::pareto(&pairs);
+                let on = subject.iter().zip(is_on).filter(|(_, is_on)| *is_on);
+                on.map(|(p, _)| (p.group.clone(), p.setting.clone())).collect::<Vec<_>>()
+            })
+            .collect();
+        for p in &mut self.points {
+            p.is_on_front =
+                on.iter().any(|(group, setting)| (group, setting) == (&p.group, &p.setting));
+        }
+        self.verdict = self.judged();
         self
+    }
+
+    fn judged(&self) -> String {
+        let mut said = Vec::new();
+        for subject in self.subjects() {
+            for default in subject.iter().filter(|p| p.is_default) {
+                let beats = |p: &&&Point| {
+                    p.time.median_s <= default.time.median_s && p.error <= default.error
+                };
+                let others = subject.iter().filter(|p| p.setting != default.setting);
+                let best = others.filter(beats).min_by(|a, b| a.error.total_cmp(&b.error));
+                said.push(match best {
+                    _ if default.is_on_front => format!("{} is on the front.", default.setting),
+                    Some(p) => format!(
+                        "{} is off the front: {} {} in {} instead of {} s{}.",
+                        default.setting,
+                        p.setting,
+                        match p.error < 0.99 * default.error {
+                            true => format!(
+                                "has {} instead of {}",
+                                super::significant(p.error),
+                                self.error.with_unit(default.error)
+                            ),
+                            false => "is as right".into(),
+                        },
+                        super::significant(p.time.median_s),
+                        super::significant(default.time.median_s),
+                        match p.time.most_s >= default.time.least_s {
+                            true => ", which is within the spread",
+                            false => "",
+                        }
+                    ),
+                    None => format!("{} is off the front.", default.setting),
+                });
+            }
+        }
+        match said.is_empty() {
+            true => String::new(),
+            false => format!("The default: {}", said.join(" ")),
+        }
     }
 }
 
@@ -216,6 +301,8 @@ pub struct Fit {
 
 /// Share of the stated order that a fitted one may be short of.
 const SHORT: f64 = 0.2;
+/// Errors this far off the fit, RMS, follow no single order.
+const LOOSE: f64 = 0.25;
 /// How many times the finest error the coarsest must be for an order to be seen.
 const SEEN: f64 = 2.0;
 
@@ -246,10 +333,26 @@ impl Ladder {
                     x if x < 0.05 * least => "no floor within these steps".to_owned(),
                     x => format!("floor {} {unit}", super::significant(x)),
                 };
-                (true, format!("falls with order {:.2}; {floor}", f.order))
+                let off = match f.off {
+                    x if x < LOOSE => String::new(),
+                    x => format!("; no single order: errors lie {:.0} % off the fit", 100.0 * x),
+                };
+                (true, format!("falls with order {:.2}; {floor}{off}", f.order))
             }
         };
         self
+    }
+
+    /// Order between each rung and the one before it; `None` of the first, and of no error.
+    pub fn orders(&self) -> Vec<Option<f64>> {
+        let order = |pair: &[Rung]| {
+            let order = (pair[0].error / pair[1].error).ln() / (pair[0].step / pair[1].step).ln();
+            order.is_finite().then_some(order)
+        };
+        std::iter::once(None)
+            .chain(self.rungs.windows(2).map(order))
+            .take(self.rungs.len())
+            .collect()
     }
 }
 
@@ -320,6 +423,9 @@ pub struct Series {
     /// Seconds over the count to this power.
     pub time_exponent: Option<f64>,
     pub memory_exponent: Option<f64>,
+    /// Between the two greatest counts, where what is the same for any count weighs least.
+    pub last_time_exponent: Option<f64>,
+    pub last_memory_exponent: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -331,13 +437,25 @@ pub struct Scaled {
 
 impl Series {
     pub fn fitted(threads: usize, points: Vec<Scaled>) -> Series {
-        let exponent = |of: fn(&Scaled) -> f64| {
-            let pairs: Vec<[f64; 2]> = points.iter().map(|p| [p.count, of(p)]).collect();
+        let exponent = |of: fn(&Scaled) -> f64, last: usize| {
+            let from = points.len().saturating_sub(last);
+            let pairs: Vec<[f64; 2]> = points[from..].iter().map(|p| [p.count, of(p)]).collect();
             stats::power(&pairs).map(|p| p.exponent)
         };
-        let time_exponent = exponent(|p| p.time.median_s);
-        let memory_exponent = exponent(|p| p.peak_bytes as f64);
-        Series { threads, points, time_exponent, memory_exponent }
+        let seconds: fn(&Scaled) -> f64 = |p| p.time.median_s;
+        let bytes: fn(&Scaled) -> f64 = |p| p.peak_bytes as f64;
+        let time_exponent = exponent(seconds, usize::MAX);
+        let memory_exponent = exponent(bytes, usize::MAX);
+        let last_time_exponent = exponent(seconds, 2);
+        let last_memory_exponent = exponent(bytes, 2);
+        Series {
+            threads,
+            points,
+            time_exponent,
+            memory_exponent,
+            last_time_exponent,
+            last_memory_exponent,
+        }
     }
 }
 
@@ -380,6 +498,55 @@ mod tests {
     }
 
     #[test]
+    fn orders_are_told_step_by_step_and_loose_fits_as_such() {
+        let l = ladder([16.0, 4.0, 1.0, 0.5, 0.5], 1.0);
+        let orders: Vec<f64> = l.orders().into_iter().flatten().collect();
+        assert_eq!((l.orders()[0], orders), (None, vec![2.0, 2.0, 1.0, 0.0]));
+        let bent = ladder([4.0, 3.9, 3.0, 0.5, 0.02], 1.0);
+        assert!(bent.converges && bent.verdict.contains("no single order"), "{}", bent.verdict);
+    }
+
+    #[test]
+    fn groups_that_are_things_of_their_own_have_fronts_of_their_own() {
+        let point = |group: &str, error: f64, median_s: f64, is_default: bool| Point {
+            group: group.into(),
+            setting: format!("{group} {error}"),
+            error,
+            cost: None,
+            time: Timing { median_s, least_s: 0.9 * median_s, most_s: 1.1 * median_s, runs: 3 },
+            is_default,
+            is_on_front: false,
+        };
+        let points = vec![
+            point("oak", 1.0, 1.0, false),
+            point("oak", 0.5, 2.0, true),
+            point("fir", 9.0, 3.0, false),
+            point("fir", 9.5, 4.0, true),
+        ];
+        let front = |is_by_group: bool| Front {
+            id: "x".into(),
+            stage: "x".into(),
+            title: "x".into(),
+            error: Quantity::new("error", "m"),
+            truth: Truth::Exact,
+            cost: None,
+            note: String::new(),
+            is_by_group,
+            points: points.clone(),
+            verdict: String::new(),
+        };
+        let on = |f: &Front| f.points.iter().map(|p| p.is_on_front).collect::<Vec<_>>();
+        let (apart, together) = (front(true).marked(), front(false).marked());
+        assert_eq!(on(&apart), [true, true, true, false]);
+        assert_eq!(on(&together), [true, true, false, false]);
+        assert_eq!(
+            apart.verdict,
+            "The default: oak 0.5 is on the front. fir 9.5 is off the front: fir 9 has 9.00 instead of \
+             9.50 m in 3.00 instead of 4.00 s."
+        );
+    }
+
+    #[test]
     fn exponents_are_fitted() {
         let at = |count: f64| Scaled {
             count,
@@ -389,5 +556,9 @@ mod tests {
         let s = Series::fitted(1, vec![at(10.0), at(100.0), at(1000.0)]);
         assert!((s.time_exponent.unwrap() - 1.0).abs() < 1e-9);
         assert!((s.memory_exponent.unwrap() - 2.0).abs() < 1e-6);
+        // A second that any count takes hides the power until counts are great.
+        let slow = |count: f64| Scaled { time: Timing::of(&[1.0 + count]), ..at(count) };
+        let s = Series::fitted(1, [1.0, 10.0, 1e4, 1e5].map(slow).to_vec());
+        assert!(s.time_exponent.unwrap() < 0.97 && s.last_time_exponent.unwrap() > 0.999);
     }
 }

@@ -4,10 +4,10 @@
 use std::fmt::Write;
 
 use super::document::{
-    About, Document, Finding, Front, Ladder, Omission, Omissions, Scaling, Timing,
+    About, Document, Fact, Finding, Front, Ladder, Omission, Omissions, Scaling, Timing, Truth,
 };
 use super::plot::{self, Plot};
-use super::significant;
+use super::{grouped, significant};
 
 const STYLE: &str = include_str!("page.css");
 
@@ -18,6 +18,7 @@ pub fn page(document: &Document) -> String {
     out.push_str("<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n");
     let _ = writeln!(out, "<title>Larix report</title>\n<style>\n{STYLE}</style>\n</head>\n<body>");
     head(&mut out, document);
+    facts(&mut out, &document.facts);
     chapter(&mut out, 1, "fronts", "Error against run time", FRONTS);
     document.fronts.iter().for_each(|f| front(&mut out, f));
     chapter(&mut out, 2, "convergence", "Convergence", CONVERGENCE);
@@ -41,7 +42,8 @@ const STABILITY: &str = "Extreme and stiff cases, run for this report. A miss is
     from what is expected: 0 is exact, and a case passes up to its limit.";
 const LEFT_OUT: &str = "The same scene with and without each thing it can do without. The counts are \
     made where the work is done: a thing is proved to have been left out where its work is counted \
-    with it and not once without.";
+    with it and not once without. A camera leaves out by itself: what comes in its place is what it \
+    spares a scene.";
 const SCALE: &str = "Seconds and the most heap held at once against the size of the task, with the \
     fitted exponent: 1 is linear.";
 
@@ -147,10 +149,24 @@ fn heading(out: &mut String, title: &str, lines: &[&str]) {
     }
 }
 
+fn facts(out: &mut String, facts: &[Fact]) {
+    if facts.is_empty() {
+        return;
+    }
+    heading(out, "The usual run", &[]);
+    let row = |f: &Fact| {
+        let against = if f.truth == Truth::Counted { "" } else { f.truth.text() };
+        (vec![f.of.label(), number(f.value), against.into()], "")
+    };
+    let rows: Vec<(Vec<String>, &str)> = facts.iter().map(row).collect();
+    table(out, &["figure", "value", ""].map(String::from), &[1], &rows);
+}
+
 fn front(out: &mut String, front: &Front) {
     out.push_str("<section>\n");
     let truth = format!("{}, {}.", front.error.name, front.truth.text());
-    heading(out, &front.title, &[&sentence(&truth), &front.note]);
+    heading(out, &front.title, &[&sentence(&truth), &front.note, &front.verdict]);
+    out.push_str("<div class=\"pair\">\n");
     plots(out, &plot::of_front(front));
     let mut heads = vec!["setting".into(), front.error.label()];
     heads.extend(front.cost.as_ref().map(super::document::Quantity::label));
@@ -170,7 +186,7 @@ fn front(out: &mut String, front: &Front) {
         .collect();
     let numeric: Vec<usize> = (1..at + 3).collect();
     table(out, &heads, &numeric, &rows);
-    out.push_str("</section>\n");
+    out.push_str("</div></section>\n");
 }
 
 fn convergence(out: &mut String, ladders: &[Ladder]) {
@@ -181,11 +197,20 @@ fn convergence(out: &mut String, ladders: &[Ladder]) {
         heading(out, &ladder.title, &[&sentence(&truth), &ladder.note]);
         let class = if ladder.converges { "met" } else { "miss" };
         let _ = writeln!(out, "<p class=\"{class}\">{}</p>", escaped(&stated));
+        out.push_str("<div class=\"pair\">\n");
         plots(out, [&plot::of_ladder(ladder)]);
-        let rows: Vec<(Vec<String>, &str)> =
-            ladder.rungs.iter().map(|r| (vec![number(r.step), number(r.error)], "")).collect();
-        table(out, &[ladder.step.label(), ladder.error.label()], &[0, 1], &rows);
-        out.push_str("</section>\n");
+        let rows: Vec<(Vec<String>, &str)> = ladder
+            .rungs
+            .iter()
+            .zip(ladder.orders())
+            .map(|(r, order)| {
+                let order = order.map_or(String::new(), |o| format!("{o:.2}"));
+                (vec![number(r.step), number(r.error), order], "")
+            })
+            .collect();
+        let heads = [ladder.step.label(), ladder.error.label(), "order from the last".into()];
+        table(out, &heads, &[0, 1, 2], &rows);
+        out.push_str("</div></section>\n");
     }
 }
 
@@ -212,7 +237,7 @@ fn stability(out: &mut String, findings: &[Finding]) {
 
 fn omissions(out: &mut String, omissions: &Omissions) {
     out.push_str("<section>\n");
-    heading(out, &omissions.subject, &[]);
+    heading(out, &sentence(&omissions.subject), &[]);
     let heads = [
         "left out",
         "removed",
@@ -229,8 +254,14 @@ fn omissions(out: &mut String, omissions: &Omissions) {
         let seconds = |t: &Timing| {
             format!("{} ({}–{})", number(t.median_s), number(t.least_s), number(t.most_s))
         };
-        let work: Vec<String> =
-            o.work.iter().map(|w| format!("{} {} → {}", w.of, w.with, w.without)).collect();
+        let work: Vec<String> = o
+            .work
+            .iter()
+            .map(|w| {
+                let [with, without] = [w.with, w.without].map(|n| number(n as f64));
+                format!("{}: {with} → {without}", w.of)
+            })
+            .collect();
         let cells = vec![
             o.what.clone(),
             o.removed.clone(),
@@ -238,7 +269,7 @@ fn omissions(out: &mut String, omissions: &Omissions) {
             seconds(&o.with),
             seconds(&o.without),
             megabytes(o.peak_bytes_saved),
-            work.join(", "),
+            work.join("; "),
             if o.is_proved { "yes" } else { "NO" }.to_owned(),
         ];
         (cells, if o.is_proved { "" } else { "miss" })
@@ -251,6 +282,7 @@ fn omissions(out: &mut String, omissions: &Omissions) {
 fn scaling(out: &mut String, scaling: &Scaling) {
     out.push_str("<section>\n");
     heading(out, &scaling.title, &[&scaling.note]);
+    out.push_str("<div class=\"pair\">\n");
     plots(out, &plot::of_scaling(scaling));
     let heads = [
         "threads".into(),
@@ -269,18 +301,19 @@ fn scaling(out: &mut String, scaling: &Scaling) {
             rows.push((cells, ""));
         }
         let power = |e: Option<f64>| e.map_or("–".into(), |e| format!("∝ n^{e:.2}"));
-        let fitted = [
-            s.threads.to_string(),
-            "fitted".into(),
-            power(s.time_exponent),
-            String::new(),
-            String::new(),
-            power(s.memory_exponent),
+        let fits = [
+            ("fitted to all", s.time_exponent, s.memory_exponent),
+            ("the last two", s.last_time_exponent, s.last_memory_exponent),
         ];
-        rows.push((fitted.to_vec(), "default"));
+        for (what, time, memory) in fits {
+            let none = String::new;
+            let cells =
+                [s.threads.to_string(), what.into(), power(time), none(), none(), power(memory)];
+            rows.push((cells.to_vec(), "default"));
+        }
     }
     table(out, &heads, &[0, 1, 2, 3, 4, 5], &rows);
-    out.push_str("</section>\n");
+    out.push_str("</div></section>\n");
 }
 
 fn timing(t: &Timing) -> [String; 3] {
@@ -292,23 +325,14 @@ fn timing(t: &Timing) -> [String; 3] {
 fn number(value: f64) -> String {
     match value.abs() {
         0.0 => "0".into(),
-        v if v >= 1000.0 => grouped(value.round()),
+        v if v >= 1000.0 => {
+            let sign = if value < 0.0 { "-" } else { "" };
+            format!("{sign}{}", grouped(v.round() as u64))
+        }
         v if v < 1e-4 => format!("{value:.1e}"),
         _ if value == value.trunc() => format!("{value}"),
         _ => significant(value),
     }
-}
-
-fn grouped(value: f64) -> String {
-    let digits = format!("{:.0}", value.abs());
-    let mut out = String::from(if value < 0.0 { "-" } else { "" });
-    for (k, digit) in digits.chars().enumerate() {
-        if k > 0 && (digits.len() - k) % 3 == 0 {
-            out.push('\u{202f}');
-        }
-        out.push(digit);
-    }
-    out
 }
 
 fn sentence(text: &str) -> String {

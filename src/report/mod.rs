@@ -10,5 +10,6 @@ pub mod stats;
 
 pub use document::Document;
 pub use run::{
-    ErrorMeasure, Items, Observer, Outcome, Recorder, Silent, StageRecord, significant, table,
+    ErrorMeasure, Items, Observer, Outcome, Recorder, Silent, StageRecord, grouped, significant,
+    table,
 };

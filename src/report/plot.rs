@@ -39,8 +39,8 @@ struct Chart {
     x: String,
     y: String,
     groups: Vec<Group>,
-    /// A line beneath all others, and what it is.
-    line: Option<(String, Vec<[f64; 2]>)>,
+    /// Lines beneath all others, and what they are.
+    line: Option<(String, Vec<Vec<[f64; 2]>>)>,
 }
 
 struct Group {
@@ -82,11 +82,12 @@ fn front_chart(
     has_spread: bool,
 ) -> Chart {
     let mut groups: Vec<Group> = Vec::new();
-    let mut pairs = Vec::new();
+    let at = |p: &super::document::Point| {
+        let x = cost(p).filter(|x| x.is_finite() && p.error.is_finite())?;
+        Some([x, p.error])
+    };
     for p in &front.points {
-        let Some(x) = cost(p).filter(|x| x.is_finite() && p.error.is_finite()) else { continue };
-        let at = [x, p.error];
-        pairs.push(at);
+        let Some(at) = at(p) else { continue };
         let spread = [has_spread.then_some([p.time.least_s, p.time.most_s]), None];
         let mark = Mark { at, spread, is_default: p.is_default };
         match groups.iter_mut().find(|g| g.name == p.group) {
@@ -96,18 +97,24 @@ fn front_chart(
             }
         }
     }
-    let is_on = stats::pareto(&pairs);
-    let mut on: Vec<[f64; 2]> =
-        pairs.into_iter().zip(is_on).filter(|(_, on)| *on).map(|(p, _)| p).collect();
-    on.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let steps = on.windows(2).flat_map(|w| [w[0], [w[1][0], w[0][1]]]).chain(on.last().copied());
+    let subjects = front.subjects();
+    let lines = subjects.iter().map(|s| stairs(s.iter().filter_map(|p| at(p)).collect()));
     Chart {
         title: front.title.clone(),
         x: x.to_owned(),
         y: front.error.label(),
         groups,
-        line: Some(("Pareto front".into(), steps.collect())),
+        line: Some(("Pareto front".into(), lines.collect())),
     }
+}
+
+/// The front of some pairs, as steps.
+fn stairs(pairs: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    let is_on = stats::pareto(&pairs);
+    let mut on: Vec<[f64; 2]> =
+        pairs.into_iter().zip(is_on).filter(|(_, on)| *on).map(|(p, _)| p).collect();
+    on.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    on.windows(2).flat_map(|w| [w[0], [w[1][0], w[0][1]]]).chain(on.last().copied()).collect()
 }
 
 /// Error against step, with the fit.
@@ -121,7 +128,7 @@ pub fn of_ladder(ladder: &Ladder) -> Plot {
     let line = ladder.fit.map(|f| {
         let at = |step: f64| (f.factor * step.powf(f.order)).hypot(f.floor);
         let line = ladder.rungs.iter().map(|r| [r.step, at(r.step)]).collect();
-        (format!("order {:.2}", f.order), line)
+        (format!("order {:.2}", f.order), vec![line])
     });
     let group = Group { name: "measured".into(), marks, is_joined: false };
     Chart {
@@ -222,7 +229,7 @@ impl Chart {
     }
 
     fn draw_chart(&self, area: &Area<'_>) -> Drawn {
-        let line = self.line.iter().flat_map(|l| l.1.iter().copied());
+        let line = self.line.iter().flat_map(|l| l.1.iter().flatten().copied());
         let marks = self.groups.iter().flat_map(|g| &g.marks);
         let at = marks.clone().map(|m| m.at).chain(line);
         let spread = |k: usize| marks.clone().filter_map(move |m| m.spread[k]).flatten();
@@ -250,7 +257,7 @@ impl Chart {
             .x_label_formatter(&|v| number(*v))
             .y_label_formatter(&|v| number(*v))
             .draw()?;
-        if let Some((_, line)) = &self.line {
+        for line in self.line.iter().flat_map(|l| &l.1) {
             let line = line.iter().map(|p| place(*p));
             chart.draw_series(LineSeries::new(line, FRONT.stroke_width(1)))?;
         }
@@ -267,12 +274,13 @@ impl Chart {
                 for way in along.into_iter().chain(up) {
                     chart.draw_series([PathElement::new(way, colour.mix(0.6).stroke_width(1))])?;
                 }
-                let pixel = chart.backend_coord(&place(mark.at));
-                if mark.is_default {
-                    area.draw(&Circle::new(pixel, 7, BLACK.stroke_width(2)))?;
-                }
-                draw_mark(area, k, pixel)?;
+                draw_mark(area, k, chart.backend_coord(&place(mark.at)))?;
             }
+        }
+        // Over all marks, that none hides them.
+        for mark in self.groups.iter().flat_map(|g| &g.marks).filter(|m| m.is_default) {
+            let pixel = chart.backend_coord(&place(mark.at));
+            area.draw(&Circle::new(pixel, 7, BLACK.stroke_width(2)))?;
         }
         Ok(())
     }

@@ -15,12 +15,13 @@ pub mod tiles;
 mod wkt;
 mod write;
 
+use std::io::Write;
 use std::path::PathBuf;
 
 use glam::Vec3;
 use serde::Serialize;
 
-use crate::diagnostic::{Result, Warned};
+use crate::diagnostic::{Error, Result, Warned};
 use crate::frame::Frame;
 
 pub use las_file::stated_points;
@@ -177,6 +178,17 @@ pub struct Scan {
     pub density_per_m2: f32,
     /// Of the points kept.
     pub bounds: Bounds,
+}
+
+/// As [`read`], of the bytes of one LAS or LAZ file, by way of a temporary one.
+///
+/// # Errors
+/// Those of [`read`]; a temporary folder that can't be written to.
+pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<Warned<Scan>> {
+    let failed = |e: std::io::Error| Error::new(format!("no temporary file can be written: {e}"));
+    let mut file = tempfile::Builder::new().suffix(".laz").tempfile().map_err(failed)?;
+    file.write_all(bytes).map_err(failed)?;
+    read(&[file.path().to_path_buf()], options)
 }
 
 /// Reads all files into one cloud in one frame. Never empty.

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::colonize::{Colonized, Habit, Limits, Reach, Start, colonize};
+use super::colonize::{Colonized, Habit, Limits, MAX_CHILDREN, Reach, Start, colonize};
 use super::derive::{Inputs, ModuleString, derive};
 use super::radii::{Pipes, radii, radius_at};
 use super::surroundings::{Neighbour, Open, Space, Surroundings, Wall};
@@ -118,7 +118,7 @@ pub fn cases() -> Vec<Case> {
             0.0 "answers without it", endless_doubling),
         case!("a production that shrinks for ever", "ends, with shoots that still are numbers",
             0.0 "nodes unsound", endless_shrinking),
-        case!("α that makes lengths negative", "such shoots are not grown", 0.0 "nodes too many", negative_lengths),
+        case!("α at and beyond its pole: lengths of 0 and below", "such shoots are not grown", 0.0 "nodes too many", negative_lengths),
         case!("division by an L_apex of 10⁻³⁰⁰", "shoots without a length, or an error that names the production",
             0.0 "nodes unsound", tiny_apex),
         case!("α of ±10³ in a species, the most a rule file may say", "a sound tree of its height", 0.02 "of the height", wild_decay),
@@ -135,6 +135,10 @@ pub fn cases() -> Vec<Case> {
         case!("attractors that are not numbers", "left out", 0.0 "nodes unsound", not_numbers),
         case!("D, d_k, d_i in all six orders, at three magnitudes", "brought to order, growth ends",
             0.05 "of them left", all_orders),
+        case!("a kill distance of 1/1000 and of 1000 times the step", "brought to order, growth ends with all reached",
+            0.05 "of them left", kill_distances),
+        case!("attractors in 30 places around one node", "no more children than a node may have",
+            0.0 "children too many", many_children),
         case!("nodes that would fall on others", "not grown", 0.0 "in one place", duplicates),
         case!("wall, ground and neighbour about a crown", "nothing grows into them", 0.0 "nodes inside", obstacles),
         case!("UTM coordinates of 6 million metres", "millimetres kept", 5e-4 "m", utm),
@@ -285,12 +289,14 @@ fn scales() -> Result<f64> {
     Ok(worst)
 }
 
+const MOST_NODES: usize = 20_000;
+
 /// Grows from the origin, upwards.
 fn colonized<S: Space>(attractors: &[Vec3], distances: [f32; 3], space: &S) -> Colonized {
     let start = Start { position: Vec3::ZERO, heading: Vec3::ZERO, is_open: true };
     let [step_m, kill_m, influence_m] = distances;
     let (reach, _) = Reach::new(step_m, kill_m, influence_m);
-    let limits = Limits { max_nodes: 20_000, max_rounds: 2_000, bridges: 1 };
+    let limits = Limits { max_nodes: MOST_NODES, max_rounds: 2_000, bridges: 1 };
     colonize(&[start], attractors, &reach, &Habit::default(), |_| Vec3::ZERO, space, &limits)
 }
 
@@ -367,6 +373,31 @@ fn all_orders() -> Result<f64> {
         }
     }
     Ok(worst)
+}
+
+fn kill_distances() -> Result<f64> {
+    let cloud = ball(2_000, 2.0, 5);
+    let mut worst = 0.0f64;
+    for kill_m in [3e-4, 300.0] {
+        let grown = colonized(&cloud, [0.3, kill_m, 1.2], &Open);
+        if grown.position.len() >= MOST_NODES {
+            return Ok(f64::INFINITY);
+        }
+        worst = worst.max(grown.left as f64 / cloud.len() as f64);
+    }
+    Ok(worst)
+}
+
+fn many_children() -> Result<f64> {
+    let mut draws = Seed::new(11).draws();
+    let places: Vec<Vec3> = (0..30).map(|_| draws.direction() * 2.0).collect();
+    let around = |p: &Vec3| [0.0, 0.05, -0.05].map(|d| *p + Vec3::splat(d));
+    let grown =
+        colonized(&places.iter().flat_map(around).collect::<Vec<_>>(), [0.4, 0.3, 3.0], &Open);
+    let mut children = vec![0usize; grown.position.len() + 1];
+    grown.parent.iter().for_each(|&p| children[p as usize] += 1);
+    let most = children.into_iter().max().unwrap_or(0);
+    Ok(most.saturating_sub(usize::from(MAX_CHILDREN)) as f64)
 }
 
 fn duplicates() -> Result<f64> {

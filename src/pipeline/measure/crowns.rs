@@ -73,7 +73,9 @@ pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
         truth,
         cost: None,
         note: format!("{what} {how}"),
+        is_by_group: false,
         points,
+        verdict: String::new(),
     };
     let f1 = (Quantity::new("1 − F1", "%"), "Missed and invented trees.");
     let height = (Quantity::new("height RMSE", "m"), "Of the trees that were found.");

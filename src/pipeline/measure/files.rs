@@ -62,7 +62,9 @@ pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
             "Pictures coded anew each time, written to the disk and flushed. OBJ writes every tree \
                out."
                 .into(),
+        is_by_group: false,
         points: sizes,
+        verdict: String::new(),
     };
     let shifts = Front {
         id: "rounding".into(),
@@ -75,7 +77,9 @@ pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
             "Along an axis. 0 where the numbers of the file read back as the same f32. The engine \
                profile rounds directions and texture coordinates, not positions."
                 .into(),
+        is_by_group: false,
         points: shifts,
+        verdict: String::new(),
     };
     Ok(vec![sizes.marked(), shifts.marked()])
 }

@@ -1,5 +1,7 @@
 //! How well trees fill their crowns, against seconds, over nodes, D, d_i, d_k and the voxel.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -16,6 +18,8 @@ use crate::voxel;
 const TREES: [usize; 2] = [24, 6];
 /// Edge of the voxels whose centres of mass stand for the points of a tree, metres.
 const FINEST_M: f32 = 0.2;
+/// Edges of voxels that are tried, metres.
+const VOXELS_M: [f32; 4] = [0.25, 0.5, 1.0, 2.0];
 /// Nodes of a tree of a forest.
 const USUAL_NODES: u32 = 833;
 
@@ -28,22 +32,27 @@ struct Wanted<'a> {
 
 pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
     let usual_m = voxel::choose_size_m(bench.place.density_per_m2, 4.0);
-    let finest = seen(bench, FINEST_M)?;
+    let sizes_m = [&[FINEST_M, usual_m][..], &VOXELS_M].concat();
+    let all = sizes_m.iter().map(|&m| seen(bench, m)).collect::<Result<Vec<_>>>()?;
+    let all = same_trees(all);
+    let finest = &all[0];
     if finest.is_empty() {
         bench.warnings.push("no trees were found: the filling of crowns is not measured".into());
         return Ok(Vec::new());
     }
-    let chosen = chosen(&finest, TREES[usize::from(bench.job.is_quick)]);
-    let wanted = |size_m: f32| -> Result<Vec<Wanted<'_>>> {
-        let crowns = seen(bench, size_m)?;
+    let chosen = chosen(finest, TREES[usize::from(bench.job.is_quick)]);
+    let survey = &bench.place.survey;
+    let species_of: BTreeMap<[u32; 3], usize> =
+        survey.trees.iter().map(|t| place(&t.crown)).zip(survey.species.iter().copied()).collect();
+    let wanted = |crowns: &[Crown]| -> Vec<Wanted<'_>> {
         let of = |&i: &usize| {
-            let points = finest[i].attractors.iter().map(|p| *p - finest[i].root).collect();
-            let species = bench.place.survey.species.get(i).copied().unwrap_or(0);
+            let points = finest[i].attractors.iter().map(|p| *p - crowns[i].root).collect();
+            let species = species_of.get(&place(&finest[i])).copied().unwrap_or(0);
             Wanted { species: &bench.job.species[species], crown: crowns[i].clone(), points }
         };
-        Ok(chosen.iter().map(of).collect())
+        chosen.iter().map(of).collect()
     };
-    let usual = wanted(usual_m)?;
+    let usual = wanted(&all[1]);
     let mut points = Vec::new();
     for nodes in [200, 400, USUAL_NODES, 2_500, 8_000] {
         let is_default = nodes == USUAL_NODES;
@@ -62,13 +71,15 @@ pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
             points.push(point(bench, of, &usual, USUAL_NODES, |s| change(s, factor))?);
         }
     }
-    for size_m in [0.25, 0.5, 1.0, 2.0] {
+    for (size_m, crowns) in VOXELS_M.iter().zip(&all[2..]) {
         let of = ("voxel", format!("voxel {size_m} m"), false);
-        points.push(point(bench, of, &wanted(size_m)?, USUAL_NODES, |_| {})?);
+        points.push(point(bench, of, &wanted(crowns), USUAL_NODES, |_| {})?);
     }
     let note = format!(
         "Mean distance from the points of {} trees, thinned to {FINEST_M} m, to the wood grown into \
-         their crowns. The default has voxels of {usual_m:.2} m and {USUAL_NODES} nodes.",
+         their crowns. The default has voxels of {usual_m:.2} m and {USUAL_NODES} nodes. D, d_i and d_k are \
+         of the rule files, for the look of branches: longer steps that leave more out reach farther with \
+         as few nodes, but in straighter, sparser twigs.",
         chosen.len()
     );
     let front = Front {
@@ -79,12 +90,32 @@ pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
         truth: Truth::Cloud,
         cost: None,
         note,
+        is_by_group: false,
         points,
+        verdict: String::new(),
     };
     Ok(vec![front.marked()])
 }
 
-/// The crowns with their points gathered in voxels of this edge; always the same crowns.
+/// What a tree is known by whatever the voxels: its highest point.
+fn place(crown: &Crown) -> [u32; 3] {
+    crown.apex.to_array().map(f32::to_bits)
+}
+
+/// Of lists of crowns the trees that are in each of them, in one order: coarse voxels may merge a
+/// tree's points into too little for a crown.
+fn same_trees(mut all: Vec<Vec<Crown>>) -> Vec<Vec<Crown>> {
+    let places = |list: &Vec<Crown>| list.iter().map(place).collect::<BTreeSet<_>>();
+    let shared = all.iter().map(places).reduce(|a, b| &a & &b).unwrap_or_default();
+    for list in &mut all {
+        list.retain(|c| shared.contains(&place(c)));
+        list.sort_by_key(place);
+        list.dedup_by_key(|c| place(c));
+    }
+    all
+}
+
+/// The crowns with their points gathered in voxels of this edge.
 fn seen(bench: &Bench<'_>, size_m: f32) -> Result<Vec<Crown>> {
     let classified = &bench.place.classified;
     let terrain =
@@ -125,4 +156,38 @@ fn point(
     let error = sum / count.max(1) as f64;
     let group = group.into();
     Ok(Point { group, setting, error, cost: None, time, is_default, is_on_front: false })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn trees_that_a_list_lacks_are_left_out_of_all() {
+        let crown = |x: f32, root_m: f32| Crown {
+            key: 0,
+            root: Vec3::new(x, root_m, 0.0),
+            apex: Vec3::new(x, 0.0, 10.0),
+            height_m: 10.0,
+            base_height_m: 2.0,
+            diameter_m: 3.0,
+            spread_m: 3.0,
+            volume_cu_m: 20.0,
+            surface_sq_m: 30.0,
+            is_understory: false,
+            outline: Vec::new(),
+            attractors: Vec::new(),
+            point_count: 9,
+            confidence: 1.0,
+        };
+        let all = [&[1.0, 2.0, 3.0][..], &[3.0, 2.0], &[4.0, 3.0, 2.0]];
+        let all = all
+            .iter()
+            .enumerate()
+            .map(|(k, xs)| xs.iter().map(|x| crown(*x, 0.1 * k as f32)).collect::<Vec<_>>());
+        for list in same_trees(all.collect()) {
+            assert_eq!(list.iter().map(|c| c.apex.x).collect::<Vec<_>>(), [2.0, 3.0]);
+        }
+        assert!(same_trees(vec![vec![crown(1.0, 0.0)], Vec::new()])[0].is_empty());
+    }
 }

@@ -5,6 +5,7 @@
 
 mod convergence;
 mod crowns;
+mod facts;
 mod files;
 mod growth;
 mod models;
@@ -92,7 +93,8 @@ fn repeats(is_quick: bool, spent_s: f64) -> usize {
 type Task = fn(&mut Bench<'_>, &mut Document) -> Result<()>;
 
 /// The tasks, with about the share of the time that each takes.
-const TASKS: [(&str, f64, Task); 10] = [
+const TASKS: [(&str, f64, Task); 11] = [
+    ("whole run as usual", 0.05, |b, d| extend(&mut d.facts, facts::facts(b))),
     ("terrain", 0.04, |b, d| add(&mut d.fronts, terrain::front(b))),
     ("crowns", 0.05, |b, d| extend(&mut d.fronts, crowns::fronts(b))),
     ("growth", 0.05, |b, d| extend(&mut d.fronts, growth::fronts(b))),
@@ -136,6 +138,7 @@ pub fn report(job: &ReportJob, progress: &dyn Progress) -> Result<Document> {
             seconds: 0.0,
             warnings: Vec::new(),
         },
+        facts: Vec::new(),
         fronts: Vec::new(),
         convergence: Vec::new(),
         stability: Vec::new(),
@@ -150,9 +153,21 @@ pub fn report(job: &ReportJob, progress: &dyn Progress) -> Result<Document> {
         done += share;
     }
     progress.at(1.0, "page");
+    left_unmeasured(&mut document, &mut bench.warnings);
     document.about.warnings = bench.warnings;
     document.about.seconds = start.elapsed().as_secs_f64();
     Ok(document)
+}
+
+/// What a scan gives no numbers for is told instead of shown: ground known to be level, no trees.
+fn left_unmeasured(document: &mut Document, warnings: &mut Vec<String>) {
+    let told = |title: &str| format!("{title}: this scan gives nothing to measure it on");
+    for front in document.fronts.extract_if(.., |f| f.points.is_empty()) {
+        warnings.push(told(&front.title));
+    }
+    for ladder in document.convergence.extract_if(.., |l| l.rungs.is_empty()) {
+        warnings.push(told(&ladder.title));
+    }
 }
 
 fn machine() -> Machine {

@@ -57,7 +57,9 @@ pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
             "Silhouettes from eight sides and from above, beside those of {reference} triangles of the \
              same skeleton. Seconds are of meshing one tree. The default is that of a forest."
         ),
+        is_by_group: true,
         points: meshes,
+        verdict: String::new(),
     };
     let forms = Front {
         id: "levels".into(),
@@ -70,7 +72,9 @@ pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
             "Beside the finest form, of {HERO} triangles. Seconds are of making the form and all finer \
              ones and of measuring them. None is made unless asked for."
         ),
+        is_by_group: true,
         points: forms,
+        verdict: String::new(),
     };
     let textures = Front {
         id: "textures".into(),
@@ -84,7 +88,9 @@ pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
              that of a forest.",
             FINEST_PX
         ),
+        is_by_group: true,
         points: textures,
+        verdict: String::new(),
     };
     Ok(vec![meshes.marked(), forms.marked(), textures.marked()])
 }

@@ -1,8 +1,6 @@
 //! What scenes do without, what that saves, and the counts that prove it.
 
-use std::time::Instant;
-
-use glam::DVec3;
+use glam::Vec2;
 
 use super::super::view::Eye;
 use super::super::{ForestJob, forest, levels};
@@ -13,60 +11,60 @@ use crate::export::{self, Format, Job, Pictures, Profile, Staged, WindAs};
 use crate::lod;
 use crate::mesh::WindProfile;
 use crate::report::document::{Counted, Omission, Omissions, Timing};
-use crate::report::{Outcome, Recorder, Silent};
+use crate::report::{Outcome, Recorder, Silent, grouped};
 use crate::scene::{ColliderShape, Texture, ValidScene};
 use crate::work::{self, Work};
 
-/// One thing: how it is asked for, how it is left out, whose work it is.
+/// One thing: whose work it is, and how it is asked for; what a usual scene has is left out instead.
 struct Thing {
     what: &'static str,
     of: &'static [Work],
-    with: fn(&mut ForestJob, &Place),
-    without: fn(&mut ForestJob),
+    is_usual: bool,
+    change: fn(&mut ForestJob, &Place),
 }
 
 const THINGS: [Thing; 7] = [
     Thing {
-        what: "photo on the terrain",
+        what: "photo on the terrain (--photo)",
         of: &[Work::PhotoSamples],
-        with: |job, place| job.survey.photo.clone_from(&place.photo),
-        without: |job| job.survey.photo = None,
+        is_usual: true,
+        change: |job, _| job.survey.photo = None,
     },
     Thing {
         what: "textures of trees (--texture 0)",
         of: &[Work::TexturePixels, Work::Tangents],
-        with: |_, _| {},
-        without: |job| job.texture_px = 0,
+        is_usual: true,
+        change: |job, _| job.texture_px = 0,
     },
     Thing {
-        what: "wind",
+        what: "wind (--wind)",
         of: &[Work::WindNodes],
-        with: |job, _| job.levels.wind = Some(WindProfile::Unity),
-        without: |_| {},
+        is_usual: false,
+        change: |job, _| job.levels.wind = Some(WindProfile::Unity),
     },
     Thing {
-        what: "levels of detail",
+        what: "levels of detail (--lods)",
         of: &[Work::CoarserForms, Work::Silhouettes],
-        with: |job, _| job.levels.meshed = levels::SHARES.len(),
-        without: |_| {},
+        is_usual: false,
+        change: |job, _| job.levels.meshed = levels::SHARES.len(),
     },
     Thing {
-        what: "impostors",
+        what: "impostors (--impostor)",
         of: &[Work::Impostors, Work::Silhouettes],
-        with: |job, _| job.levels.impostor = Some(lod::Kind::Cross),
-        without: |_| {},
+        is_usual: false,
+        change: |job, _| job.levels.impostor = Some(lod::Kind::Cross),
     },
     Thing {
-        what: "colliders",
+        what: "colliders (--collision)",
         of: &[Work::Colliders],
-        with: |job, _| job.levels.collision = Some(ColliderShape::Convex),
-        without: |_| {},
+        is_usual: false,
+        change: |job, _| job.levels.collision = Some(ColliderShape::Convex),
     },
     Thing {
-        what: "choice by a camera",
+        what: "choice by a camera among the trees (--camera)",
         of: &[Work::TreesLookedFor, Work::CoarserForms, Work::Impostors],
-        with: |job, place| job.eye = Some(eye(place)),
-        without: |_| {},
+        is_usual: false,
+        change: |job, place| job.eye = Some(eye(place)),
     },
 ];
 
@@ -88,24 +86,27 @@ fn of_place(bench: &Bench<'_>, place: &Place) -> Result<Omissions> {
         }
         job
     };
-    let base = measured(bench, &usual())?;
-    let mut rows = Vec::new();
-    for thing in THINGS {
-        if thing.of.contains(&Work::PhotoSamples) && place.photo.is_none() {
-            continue;
-        }
-        let (mut with, mut without) = (usual(), usual());
-        (thing.with)(&mut with, place);
-        (thing.without)(&mut without);
-        // One of the two is as usual, unless a scan has its photo.
-        let is_added =
-            matches!(thing.what, "photo on the terrain" | "textures of trees (--texture 0)");
-        let (with, without) = match is_added {
-            true => (base.clone(), measured(bench, &without)?),
-            false => (measured(bench, &with)?, base.clone()),
-        };
-        rows.push(row(&thing, &with, &without));
-    }
+    let has = |t: &&Thing| place.photo.is_some() || !t.of.contains(&Work::PhotoSamples);
+    let things: Vec<&Thing> = THINGS.iter().filter(has).collect();
+    let changed = |thing: &&Thing| {
+        let mut job = usual();
+        (thing.change)(&mut job, place);
+        job
+    };
+    let jobs: Vec<ForestJob> = std::iter::once(usual()).chain(things.iter().map(changed)).collect();
+    // In turns, so that what else the machine does weighs on all alike.
+    let rounds: Vec<Vec<Run>> = (0..ROUNDS)
+        .map(|_| jobs.iter().map(|job| run(bench, job)).collect())
+        .collect::<Result<_>>()?;
+    let measured: Vec<Measured> = (0..jobs.len())
+        .map(|k| Measured::of(&rounds.iter().map(|r| &r[k]).collect::<Vec<_>>()))
+        .collect();
+    let base = &measured[0];
+    let row_of = |(thing, changed): (&&Thing, &Measured)| match thing.is_usual {
+        true => row(thing, base, changed),
+        false => row(thing, changed, base),
+    };
+    let rows = things.iter().zip(&measured[1..]).map(row_of).collect();
     let subject = place.subject.trim_start_matches("Measured on ").trim_end_matches('.').to_owned();
     Ok(Omissions { subject, rows })
 }
@@ -132,20 +133,24 @@ fn row(thing: &Thing, with: &Measured, without: &Measured) -> Omission {
     }
 }
 
-/// What the scene holds only with it, in words; and what it holds only without it.
+/// What the scene holds only with it; and, where the thing itself leaves something out, what it
+/// holds only without.
 fn removed(with: &Measured, without: &Measured) -> String {
     let counts: Vec<(i64, &str)> = (with.holds.iter().zip(&without.holds))
         .map(|((of, a), (_, b))| (*a as i64 - *b as i64, *of))
         .filter(|c| c.0 != 0)
         .collect();
-    let words = |sign: i64| -> Vec<String> {
+    let words = |sign: i64| -> String {
         let of = counts.iter().filter(|c| c.0 * sign > 0);
-        of.map(|(n, of)| format!("{} {of}", n.abs())).collect()
+        let words: Vec<String> =
+            of.map(|(n, of)| format!("{} {of}", grouped(n.unsigned_abs()))).collect();
+        words.join(", ")
     };
     match (words(1), words(-1)) {
-        (more, less) if less.is_empty() => more.join(", "),
-        (more, less) if more.is_empty() => format!("nothing; it spares {}", less.join(", ")),
-        (more, less) => format!("{}; it spares {}", more.join(", "), less.join(", ")),
+        (more, less) if more.is_empty() && less.is_empty() => "nothing".into(),
+        (more, less) if less.is_empty() => more,
+        (more, less) if more.is_empty() => format!("nothing; in its place come {less}"),
+        (more, less) => format!("{more}; in their place come {less}"),
     }
 }
 
@@ -169,20 +174,32 @@ fn holds(scene: &ValidScene) -> Vec<(&'static str, u64)> {
     ]
 }
 
-/// Over the south-western corner, looking at the middle of the scene from above its trees.
+/// Among the trees, in the middle of the scene at the height of a person's eyes, looking north-east.
 fn eye(place: &Place) -> Eye {
+    const EYES_M: f32 = 1.7;
     let survey = &place.survey;
     let g = &survey.terrain.heights.geometry;
-    let z = f64::from(survey.terrain.height_at(glam::Vec2::new(g.west as f32, g.south() as f32)));
-    let world = |x: f64, y: f64, z: f64| {
-        survey.frame.world_from_local(glam::Vec3::new(x as f32, y as f32, z as f32))
+    let middle =
+        Vec2::new((0.5 * (g.west + g.east())) as f32, (0.5 * (g.north + g.south())) as f32);
+    let over = |p: Vec2| {
+        let at = p.extend(survey.terrain.height_at(p) + EYES_M);
+        survey.frame.world_from_local(at)
     };
-    let (x, y) = (0.5 * (g.west + g.east()), 0.5 * (g.north + g.south()));
-    let at: DVec3 = world(g.west, g.south(), z + 20.0);
-    Eye { at, look: world(x, y, z + 5.0), fov_deg: 40.0 }
+    let corner = Vec2::new(g.east() as f32, g.north as f32);
+    Eye { at: over(middle), look: over(corner), fov_deg: 40.0 }
 }
 
-#[derive(Clone)]
+/// Times that every scene is made.
+const ROUNDS: usize = 2;
+
+struct Run {
+    seconds: f64,
+    peak_bytes: u64,
+    bytes: u64,
+    work: [u64; Work::ALL.len()],
+    holds: Vec<(&'static str, u64)>,
+}
+
 struct Measured {
     bytes: u64,
     time: Timing,
@@ -191,34 +208,40 @@ struct Measured {
     holds: Vec<(&'static str, u64)>,
 }
 
-/// A forest built and written as GLB.
-fn measured(bench: &Bench<'_>, job: &ForestJob) -> Result<Measured> {
-    let (mut seconds, mut peaks, mut last) = (Vec::new(), Vec::new(), None);
-    let start = Instant::now();
-    while last.is_none()
-        || seconds.len() < super::repeats(bench.job.is_quick, start.elapsed().as_secs_f64())
-    {
-        let before = work::done();
-        let mut run = Recorder::new(&Silent);
-        let forest = forest::forest(job, &mut run)?;
-        let formats = [Format::Glb];
-        let (profile, wind) = (Profile::Dcc, WindAs::Attribute);
-        let to = Job { stem: "forest", formats: &formats, profile, wind };
-        let bytes = run.stage("export", |_| -> Result<(u64, Outcome)> {
-            let pictures = Pictures::encode(&forest.scene, &to.picture_formats())?;
-            let files = export::files(&forest.scene, &pictures, &to)?.value;
-            Ok((Staged::new(&bench.job.scratch)?.add(files)?, Outcome::default()))
-        })?;
-        seconds.push(run.seconds());
-        peaks.push(run.peak_bytes() as f64);
-        let after = work::done();
-        last = Some(Measured {
-            bytes,
+impl Measured {
+    /// Of runs of one scene: work and bytes are the same in each.
+    fn of(runs: &[&Run]) -> Measured {
+        let last = runs[runs.len() - 1];
+        let seconds: Vec<f64> = runs.iter().map(|r| r.seconds).collect();
+        Measured {
+            bytes: last.bytes,
             time: Timing::of(&seconds),
-            peak_bytes: crate::report::stats::spread(&peaks).map_or(0, |s| s.median as u64),
-            work: std::array::from_fn(|k| after[k] - before[k]),
-            holds: holds(&forest.scene),
-        });
+            peak_bytes: runs.iter().map(|r| r.peak_bytes).min().unwrap_or(0),
+            work: last.work,
+            holds: last.holds.clone(),
+        }
     }
-    last.ok_or_else(|| crate::diagnostic::Error::new("nothing was measured"))
+}
+
+/// A forest built and written as GLB.
+fn run(bench: &Bench<'_>, job: &ForestJob) -> Result<Run> {
+    let before = work::done();
+    let mut run = Recorder::new(&Silent);
+    let forest = forest::forest(job, &mut run)?;
+    let formats = [Format::Glb];
+    let (profile, wind) = (Profile::Dcc, WindAs::Attribute);
+    let to = Job { stem: "forest", formats: &formats, profile, wind };
+    let bytes = run.stage("export", |_| -> Result<(u64, Outcome)> {
+        let pictures = Pictures::encode(&forest.scene, &to.picture_formats())?;
+        let files = export::files(&forest.scene, &pictures, &to)?.value;
+        Ok((Staged::new(&bench.job.scratch)?.add(files)?, Outcome::default()))
+    })?;
+    let after = work::done();
+    Ok(Run {
+        seconds: run.seconds(),
+        peak_bytes: run.peak_bytes(),
+        bytes,
+        work: std::array::from_fn(|k| after[k] - before[k]),
+        holds: holds(&forest.scene),
+    })
 }

@@ -1,8 +1,9 @@
-//! The edge of reading, voxels, ground, terrain and crowns.
+//! The edge of voxels, ground, terrain and crowns.
 
 use glam::{DVec3, Vec2, Vec3};
 
 use super::super::convergence::{empty_cloud, push};
+use super::unrefused;
 use crate::crown::{self, Crown, CrownOptions};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
@@ -14,160 +15,48 @@ use crate::terrain::{self, Terrain, TerrainOptions};
 use crate::voxel::{VoxelOctree, centres_of_mass};
 
 pub(super) fn cases() -> Vec<(&'static str, Case)> {
-    let case = Case::new;
-    vec![
-        (
-            "frame",
-            case("coordinates of 10⁷ m", "millimetres kept within 2 km", (1e-3, "m"), ten_million),
-        ),
-        (
-            "voxel",
-            case(
-                "voxels of 10⁻⁹ m and of no size, for one tree",
-                "raised to the least, points kept",
-                (0.0, "points lost"),
-                tiny_voxels,
-            ),
-        ),
-        (
-            "voxel",
-            case(
-                "an octree of voxels of 0, −1, NaN and 10⁻⁹ m",
-                "an error each",
-                (0.0, "answers without one"),
-                no_octree,
-            ),
-        ),
-        (
-            "voxel",
-            case(
-                "10⁵ points in one place",
-                "one voxel, its centre of mass there",
-                (1e-6, "m"),
-                one_voxel,
-            ),
-        ),
-        (
-            "ground",
-            case(
-                "no point, one and two",
-                "an error that says how many",
-                (0.0, "answers without one"),
-                too_few,
-            ),
-        ),
-        (
-            "ground",
-            case("10⁴ points all alike", "an error, or level ground there", (1e-3, "m"), all_alike),
-        ),
-        (
-            "ground",
-            case(
-                "one point 1 km below the ground",
-                "the ground is not pulled down",
-                (0.05, "m"),
-                stray_below,
-            ),
-        ),
-        (
-            "ground",
-            case(
-                "one point 1 km above the ground",
-                "the ground is not pulled up",
-                (0.05, "m"),
-                stray_above,
-            ),
-        ),
-        (
-            "ground",
-            case("the points in reverse order", "the same kinds", (0.0, "points differ"), reversed),
-        ),
-        (
-            "ground",
-            case(
-                "a slope of 60°, bare",
-                "nearly all of it is ground",
-                (0.02, "of the points lost"),
-                steep,
-            ),
-        ),
-        ("terrain", case("10,000 points/m²", "the plane they lie on", (0.01, "m"), dense)),
-        (
-            "terrain",
-            case(
-                "a plot of 24 m on a slope, 4 points/m²",
-                "the plane it lies on",
-                (0.05, "m"),
-                small_plot,
-            ),
-        ),
-        ("terrain", case("0.01 points/m²", "the plane they lie on", (0.05, "m"), sparse)),
-        (
-            "terrain",
-            case(
-                "a cliff of 12 m, its ground known",
-                "right beyond two cells of its edge",
-                (0.05, "m"),
-                cliff,
-            ),
-        ),
-        (
-            "terrain",
-            case("points on a line", "their heights, finite everywhere", (0.05, "m"), on_a_line),
-        ),
-        ("terrain", case("three points", "a surface through them", (0.05, "m"), three_points)),
-        (
-            "terrain",
-            case("a gap of 60 m in a slope", "the slope goes on through it", (0.3, "m"), gap),
-        ),
-        (
-            "terrain",
-            case(
-                "cells of 10⁻⁶ m, 0 and NaN",
-                "an error before memory is taken",
-                (0.0, "answers without one"),
-                tiny_cells,
-            ),
-        ),
-        ("terrain", case("heights of 8,848 m, local", "millimetres kept", (2e-3, "m"), high)),
-        (
-            "terrain",
-            case(
-                "asked far outside the scan",
-                "the height of the border",
-                (1e-3, "m"),
-                far_outside,
-            ),
-        ),
-        ("crown", case("no vegetation", "no trees", (0.0, "trees"), no_trees)),
-        (
-            "crown",
-            case(
-                "one dome alone on level ground",
-                "one tree of its height",
-                (0.02, "of the height"),
-                one_dome,
-            ),
-        ),
-        (
-            "crown",
-            case(
-                "1,000 points in one place, 10 m up",
-                "no crown that breaks its invariants",
-                (0.0, "unsound crowns"),
-                a_spot,
-            ),
-        ),
-        (
-            "crown",
-            case(
-                "voxels and cells that are no lengths",
-                "an error each",
-                (0.0, "answers without one"),
-                no_lengths,
-            ),
-        ),
-    ]
+    cases! {
+        voxel: "voxels of 10⁻⁹ m and of no size, for one tree" => "raised to the least, points kept",
+            0.0 "points lost", tiny_voxels;
+        voxel: "an octree of voxels of 0, −1, NaN and 10⁻⁹ m" => "an error each",
+            0.0 "answers without one", no_octree;
+        voxel: "10⁵ points in one place" => "one voxel, its centre of mass there", 1e-6 "m", one_voxel;
+        ground: "no point, one and two" => "an error that says how many", 0.0 "answers without one", too_few;
+        ground: "10⁴ points all alike" => "an error, or level ground there", 1e-3 "m", all_alike;
+        ground: "one point 1 km below the ground" => "the ground is not pulled down", 0.05 "m", stray_below;
+        ground: "one point 1 km above the ground" => "the ground is not pulled up", 0.05 "m", stray_above;
+        ground: "the points in reverse order" => "the same kinds", 0.0 "points differ", reversed;
+        ground: "a slope of 60°, bare" => "nearly all of it is ground", 0.02 "of the points lost", steep;
+        ground: "a slope of 45° on a plot of 16 m, where no trend is known" => "what is found lies on it",
+            0.1 "m", small_steep;
+        ground: "a cliff of 12 m across a plot" => "above and below, beyond 4 m of its edge, nearly all is ground",
+            0.1 "of it lost", cliffs;
+        ground: "a crest of two flanks of 45°" => "right beyond 4 m of it", 0.1 "m", crest;
+        ground: "a house of 20 m" => "no ground", 0.02 "of its roof", house;
+        ground: "a hall of 60 m, wider than any window" => "around it the ground is right", 0.1 "m", hall;
+        ground: "undergrowth of 1 m that no pulse passes, 30 m wide" => "lifts the ground by no more than that",
+            1.05 "m", undergrowth;
+        ground: "terraces 4 m wide and 1 m high, by triangles" => "off by no more than a rise", 1.0 "m", terraces;
+        ground: "no returns from under a crown of 20 m, by rules of voxels" => "right beyond it", 0.5 "m", hidden;
+        terrain: "10,000 points/m²" => "the plane they lie on", 0.01 "m", dense;
+        terrain: "a plot of 24 m on a slope, 4 points/m²" => "the plane it lies on", 0.05 "m", small_plot;
+        terrain: "0.01 points/m²" => "the plane they lie on", 0.05 "m", sparse;
+        terrain: "a cliff of 12 m, its ground known" => "right beyond two cells of its edge", 0.05 "m", cliff;
+        terrain: "points on a line" => "their heights, finite everywhere", 0.05 "m", on_a_line;
+        terrain: "three points" => "a surface through them", 0.05 "m", three_points;
+        terrain: "a gap of 60 m in a slope" => "the slope goes on through it", 0.3 "m", gap;
+        terrain: "cells of 10⁻⁶ m, 0 and NaN" => "an error before memory is taken",
+            0.0 "answers without one", tiny_cells;
+        terrain: "heights of 8,848 m, local" => "millimetres kept", 2e-3 "m", high;
+        terrain: "asked far outside the scan" => "the height of the border", 1e-3 "m", far_outside;
+        crown: "no vegetation" => "no trees", 0.0 "trees", no_trees;
+        crown: "one dome alone on level ground" => "one tree of its height", 0.02 "of the height", one_dome;
+        crown: "a lower tree beside a taller, and one whose top touches it" => "two trees, and one",
+            0.0 "trees off", lower_tree;
+        crown: "1,000 points in one place, 10 m up" => "no crown that breaks its invariants",
+            0.0 "unsound crowns", a_spot;
+        crown: "voxels and cells that are no lengths" => "an error each", 0.0 "answers without one", no_lengths;
+    }
 }
 
 /// Vegetation stands where `kind` says so.
@@ -233,25 +122,8 @@ fn worst(
     places.filter(|p| counts(*p)).map(off).fold(0.0, f64::max)
 }
 
-fn unrefused<T>(outcomes: impl IntoIterator<Item = Result<T>>) -> f64 {
-    outcomes.into_iter().filter(Result::is_ok).count() as f64
-}
-
 /// The filter knows no trend of a smaller plot.
 const SIDE_M: f32 = 24.0;
-
-fn ten_million() -> Result<f64> {
-    let frame = Frame::local(DVec3::new(1e7, 1e7, 1e4));
-    let mut draws = Seed::new(6).draws();
-    let mut worst = 0.0f64;
-    for _ in 0..10_000 {
-        let [x, y, z] = [2e3, 2e3, 100.0].map(|r| f64::from(draws.between(-r, r)));
-        let world = frame.origin + DVec3::new(x, y, z);
-        let back = frame.world_from_local(frame.local_from_world(world));
-        worst = worst.max((back - world).abs().max_element());
-    }
-    Ok(worst)
-}
 
 fn tiny_voxels() -> Result<f64> {
     let points = on(slope, 10.0, 2_000);
@@ -312,6 +184,94 @@ fn steep() -> Result<f64> {
     let made = found(on(cliff, 60.0, 20_000))?;
     let lost = made.kind.iter().filter(|&&k| k != Kind::Ground).count();
     Ok(lost as f64 / made.kind.len() as f64)
+}
+
+/// Farthest that points taken for ground are from a surface, where `counts`.
+fn ground_off(
+    made: &Classified,
+    surface: impl Fn(Vec2) -> f32,
+    counts: impl Fn(Vec2) -> bool,
+) -> f64 {
+    let ground = made.cloud.position.iter().zip(&made.kind).filter(|(_, k)| **k == Kind::Ground);
+    let at = ground.map(|(p, _)| p).filter(|p| counts(p.truncate()));
+    at.map(|p| f64::from((p.z - surface(p.truncate())).abs())).fold(0.0, f64::max)
+}
+
+fn small_steep() -> Result<f64> {
+    let steep = |p: Vec2| p.x;
+    let mut points = on(steep, 16.0, 2_500);
+    points.extend(on(|p| p.x + 9.0, 16.0, 500));
+    let made = found(points)?;
+    if !made.kind.contains(&Kind::Ground) {
+        return Err(Error::new("no ground was found"));
+    }
+    Ok(ground_off(&made, steep, |_| true))
+}
+
+fn cliffs() -> Result<f64> {
+    let cliff = |p: Vec2| slope(p) + if p.x < 50.0 { 12.0 } else { 0.0 };
+    let made = found(on(cliff, 100.0, 60_000))?;
+    let beyond =
+        made.cloud.position.iter().zip(&made.kind).filter(|(p, _)| (p.x - 50.0).abs() > 4.0);
+    let (all, lost) =
+        beyond.fold((0, 0), |(n, l), (_, k)| (n + 1, l + usize::from(*k != Kind::Ground)));
+    Ok(lost as f64 / all as f64)
+}
+
+fn crest() -> Result<f64> {
+    let crest = |p: Vec2| 40.0 - (p.x - 40.0).abs();
+    let terrain = built(&found(on(crest, 80.0, 60_000))?, Some(1.0))?;
+    Ok(worst(&terrain, crest, 80.0, |p| (p.x - 40.0).abs() > 4.0))
+}
+
+fn is_within(p: Vec2, middle_m: f32, half_m: f32) -> bool {
+    (p - Vec2::splat(middle_m)).abs().max_element() < half_m
+}
+
+/// Points on a slope with a flat roof so wide, 6 m up, in its middle.
+fn with_roof(side_m: f32, roof_m: f32) -> Vec<Vec3> {
+    let middle = 0.5 * side_m;
+    let top = slope(Vec2::splat(middle)) + 6.0 + 0.3 * roof_m;
+    let surface = |p: Vec2| if is_within(p, middle, 0.5 * roof_m) { top } else { slope(p) };
+    on(surface, side_m, (4.0 * side_m * side_m) as usize)
+}
+
+fn house() -> Result<f64> {
+    let made = found(with_roof(100.0, 20.0))?;
+    let roof = made.cloud.position.iter().zip(&made.kind);
+    let roof = roof.filter(|(p, _)| is_within(p.truncate(), 50.0, 10.0));
+    let (all, lost) =
+        roof.fold((0, 0), |(n, l), (_, k)| (n + 1, l + usize::from(*k == Kind::Ground)));
+    Ok(lost as f64 / all as f64)
+}
+
+fn hall() -> Result<f64> {
+    let terrain = built(&found(with_roof(160.0, 60.0))?, Some(1.0))?;
+    Ok(worst(&terrain, slope, 160.0, |p| !is_within(p, 80.0, 34.0)))
+}
+
+fn undergrowth() -> Result<f64> {
+    let bushes = |p: Vec2| slope(p) + if is_within(p, 50.0, 15.0) { 1.0 } else { 0.0 };
+    let terrain = built(&found(on(bushes, 100.0, 40_000))?, Some(1.0))?;
+    Ok(worst(&terrain, slope, 100.0, |_| true))
+}
+
+fn terraces() -> Result<f64> {
+    let steps = |p: Vec2| (p.x / 4.0).floor();
+    let mut cloud = empty_cloud();
+    on(steps, 60.0, 30_000).into_iter().for_each(|p| push(&mut cloud, p));
+    cloud.frame = Frame::local(DVec3::new(0.0, 0.0, 5000.0));
+    let terrain = built(&ground::classify(cloud, Method::Tin)?.value, Some(1.0))?;
+    Ok(worst(&terrain, steps, 60.0, |p| (p.x / 4.0 - (p.x / 4.0).round()).abs() > 0.25))
+}
+
+fn hidden() -> Result<f64> {
+    let seen = |p: Vec2| slope(p) + if is_within(p, 50.0, 10.0) { 15.0 } else { 0.0 };
+    let mut cloud = empty_cloud();
+    on(seen, 100.0, 40_000).into_iter().for_each(|p| push(&mut cloud, p));
+    cloud.frame = Frame::local(DVec3::new(0.0, 0.0, 5000.0));
+    let made = ground::classify(cloud, Method::VoxelRules)?.value;
+    Ok(ground_off(&made, slope, |p| !is_within(p, 50.0, 14.0)))
 }
 
 fn dense() -> Result<f64> {
@@ -399,6 +359,26 @@ fn one_dome() -> Result<f64> {
         [crown] => Ok(f64::from(crown.height_m / HEIGHT_M - 1.0).abs()),
         _ => Ok(f64::INFINITY),
     }
+}
+
+fn lower_tree() -> Result<f64> {
+    let dome = |x: f32, top_m: f32, half_m: f32| {
+        let at = Vec2::new(x, 25.0);
+        let height = move |p: Vec2| {
+            let from_middle = (p - Vec2::splat(half_m)).length() / half_m;
+            top_m - 0.5 * top_m * from_middle * from_middle
+        };
+        let points = on(height, 2.0 * half_m, 3_000).into_iter();
+        let in_circle =
+            points.filter(move |p| (p.truncate() - Vec2::splat(half_m)).length() < half_m);
+        in_circle.map(move |p| p + (at - Vec2::splat(half_m)).extend(0.0))
+    };
+    let trees = |x: f32, top_m: f32| -> Result<f64> {
+        let mut points = on(|_| 0.0, 50.0, 10_000);
+        points.extend(dome(20.0, 20.0, 4.0).chain(dome(x, top_m, 2.0)));
+        Ok(crowns_of(points, |p| p.z > 1.0)?.len() as f64)
+    };
+    Ok((trees(30.0, 11.0)? - 2.0).abs() + (trees(22.0, 16.0)? - 1.0).abs())
 }
 
 fn a_spot() -> Result<f64> {

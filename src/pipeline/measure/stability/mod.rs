@@ -1,10 +1,20 @@
 //! Extreme and stiff cases of every stage, run and judged: those of growth
-//! ([`crate::skeleton::stability`]), of what comes before it (`ground`), and of what is made of
-//! trees and scenes (`models`).
+//! ([`crate::skeleton::stability`]), of what comes before it (`inputs`, `ground`), and of what is made
+//! of trees (`models`) and of scenes (`scenes`).
+
+/// `stage: input => expected, limit unit, measure;`
+macro_rules! cases {
+    ($($stage:ident: $input:literal => $expected:literal, $limit:literal $unit:literal, $measure:expr;)*) => {
+        vec![$((stringify!($stage), Case::new($input, $expected, ($limit, $unit), $measure))),*]
+    };
+}
 
 mod ground;
+mod inputs;
 mod models;
+mod scenes;
 
+use crate::diagnostic::Result;
 use crate::report::document::Finding;
 use crate::report::significant;
 use crate::skeleton::stability::{self as growth, Case};
@@ -12,7 +22,17 @@ use crate::skeleton::stability::{self as growth, Case};
 /// All cases with their stages.
 fn cases() -> impl Iterator<Item = (&'static str, Case)> {
     let growth = growth::cases().into_iter().map(|case| ("skeleton", case));
-    ground::cases().into_iter().chain(growth).chain(models::cases())
+    inputs::cases()
+        .into_iter()
+        .chain(ground::cases())
+        .chain(growth)
+        .chain(models::cases())
+        .chain(scenes::cases())
+}
+
+/// How many were answered that should have been refused.
+fn unrefused<T>(outcomes: impl IntoIterator<Item = Result<T>>) -> f64 {
+    outcomes.into_iter().filter(Result::is_ok).count() as f64
 }
 
 /// Runs every case, one after another.
@@ -55,12 +75,13 @@ mod tests {
     /// Those of growth have a test of their own.
     #[test]
     fn every_case_before_and_after_growth_passes() {
-        let all: Vec<Finding> = ground::cases()
-            .into_iter()
+        let all: Vec<Finding> = (inputs::cases().into_iter())
+            .chain(ground::cases())
             .chain(models::cases())
+            .chain(scenes::cases())
             .map(|(stage, case)| found(stage, &case))
             .collect();
-        assert!(all.len() >= 30, "{}", all.len());
+        assert!(all.len() >= 60, "{}", all.len());
         let missed: Vec<String> = all
             .iter()
             .filter(|f| !f.passes)

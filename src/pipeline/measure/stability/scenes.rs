@@ -1,0 +1,192 @@
+//! The edge of scenes, files and landscapes.
+
+use glam::{DVec3, Vec2, Vec3};
+
+use super::super::super::forest::model_scene;
+use super::super::super::landscape::DETAIL;
+use super::super::convergence::{empty_cloud, push};
+use super::unrefused;
+use crate::diagnostic::{Error, Result};
+use crate::export::{self, Format, Job, Pictures, Profile, WindAs};
+use crate::frame::Frame;
+use crate::ground::{Classified, Kind};
+use crate::landscape::{self, Columns, Landscape};
+use crate::mesh::{Surface, TreeMesh};
+use crate::scene::{Instance, Scene, TreeFacts};
+use crate::seed::Seed;
+use crate::skeleton::stability::Case;
+use crate::terrain::{self, TerrainOptions};
+use crate::{species, texture};
+
+pub(super) fn cases() -> Vec<(&'static str, Case)> {
+    cases! {
+        scene: "vertices and places that are not numbers" => "refused", 0.0 "scenes let through", not_numbers;
+        scene: "a triangle without area, an index out of range" => "dropped; refused",
+            0.0 "scenes let through", broken_triangles;
+        export: "a scene of nothing" => "files, or an error; no panic",
+            0.0 "formats that fail without an error", nothing;
+        export: "positions counted in 16 bits, a tree of 33 m" => "within half a step, 0.5 mm",
+            5.1e-4 "m", counted;
+        export: "10⁵ trees of one model" => "a GLB of under 100 bytes a tree with instancing",
+            100.0 "bytes a tree", many_instances;
+        landscape: "a slope of 45° in voxels of 1 m" => "its ground within a voxel, at its border too",
+            1.0 "m", sloping_voxels;
+        landscape: "voxels of 10⁻⁶ m, 0 and NaN" => "an error before memory is taken",
+            0.0 "answers without one", tiny_landscape;
+    }
+}
+
+/// A tree of one triangle standing in so many places.
+fn scene_of(surface: Surface, places: impl Iterator<Item = Vec3>) -> Result<Scene> {
+    let species = species::load("betula_pendula")?;
+    let tree = TreeMesh {
+        wood: surface,
+        upper_wood: Surface::default(),
+        twig_wood: Surface::default(),
+        foliage: Surface::default(),
+        axes: 1,
+        unmeshed_axes: 0,
+        sagitta_m: 0.0,
+        twig_scale: 1.0,
+    };
+    let mut scene = model_scene(&species, vec![tree], texture::plain(&species));
+    scene.instances = places
+        .enumerate()
+        .map(|(i, position)| Instance {
+            name: format!("tree_{i}"),
+            prototype: 0,
+            position,
+            yaw_rad: 0.0,
+            scale: Vec3::ONE,
+            facts: TreeFacts {
+                id: i.to_string(),
+                species: species.name.clone(),
+                height_m: 1.0,
+                crown_diameter_m: 1.0,
+                crown_base_height_m: 0.1,
+                stem_diameter_m: 0.1,
+                condition: "I",
+                confidence: 1.0,
+            },
+        })
+        .collect();
+    Ok(scene)
+}
+
+fn triangle(height_m: f32) -> Surface {
+    Surface {
+        position: vec![Vec3::ZERO, Vec3::X, Vec3::Z * height_m],
+        normal: vec![Vec3::NEG_Y; 3],
+        uv: vec![Vec2::ZERO, Vec2::X, Vec2::Y],
+        index: vec![0, 1, 2],
+        ..Surface::default()
+    }
+}
+
+fn not_numbers() -> Result<f64> {
+    let mut bent = triangle(1.0);
+    bent.position[1] = Vec3::NAN;
+    let mut dark = triangle(1.0);
+    dark.normal[1] = Vec3::splat(f32::INFINITY);
+    let one = || [Vec3::ZERO].into_iter();
+    let scenes = [
+        scene_of(bent, one())?,
+        scene_of(dark, one())?,
+        scene_of(triangle(1.0), [Vec3::NAN].into_iter())?,
+        scene_of(triangle(1.0), [Vec3::splat(f32::INFINITY)].into_iter())?,
+    ];
+    Ok(unrefused(scenes.map(Scene::validate)))
+}
+
+fn broken_triangles() -> Result<f64> {
+    let one = || [Vec3::ZERO].into_iter();
+    let mut outside = triangle(1.0);
+    outside.index[2] = 7;
+    let refused = unrefused([scene_of(outside, one())?.validate()]);
+    let mut flat = triangle(1.0);
+    flat.index.extend([0, 1, 1]);
+    let mut scene = scene_of(flat, one())?;
+    let dropped = scene.prune().triangles;
+    scene.validate()?;
+    Ok(refused + f64::from(dropped != 1))
+}
+
+const FORMATS: [Format; 7] =
+    [Format::Glb, Format::Gltf, Format::Usda, Format::Usdc, Format::Usdz, Format::X3d, Format::Obj];
+
+/// Bytes of a scene's files.
+fn bytes(scene: Scene, format: Format, profile: Profile) -> Result<usize> {
+    let mut scene = scene;
+    scene.prune();
+    let scene = scene.validate()?;
+    let formats = [format];
+    let job = Job { stem: "x", formats: &formats, profile, wind: WindAs::Attribute };
+    let pictures = Pictures::encode(&scene, &job.picture_formats())?;
+    let mut all = 0;
+    for file in export::files(&scene, &pictures, &job)?.value {
+        let mut held = std::io::Cursor::new(Vec::new());
+        file.content.write(&mut held).map_err(|e| Error::new(e.to_string()))?;
+        all += held.into_inner().len();
+    }
+    Ok(all)
+}
+
+fn nothing() -> Result<f64> {
+    let empty = || Scene::empty("nothing".into(), Frame::local(DVec3::ZERO));
+    let failed = FORMATS.iter().filter(|&&format| {
+        bytes(empty(), format, Profile::Dcc).is_err_and(|e| e.message().is_empty())
+    });
+    Ok(failed.count() as f64)
+}
+
+fn counted() -> Result<f64> {
+    let mut scene = scene_of(triangle(33.0), [Vec3::ZERO].into_iter())?;
+    let mut draws = Seed::new(4).draws();
+    let surface = &mut scene.prototypes[0].parts[0].surface;
+    for k in 0..1_000u32 {
+        let corner = |x: f32, z: f32| Vec3::new(x, 0.1 * x, z);
+        let (x, z) = (draws.between(-8.0, 8.0), draws.between(0.0, 32.0));
+        surface.position.extend([corner(x, z), corner(x + 0.5, z), corner(x, z + 0.5)]);
+        surface.normal.extend([Vec3::NEG_Y; 3]);
+        surface.uv.extend([Vec2::ZERO, Vec2::X, Vec2::Y]);
+        surface.index.extend([3 * k + 3, 3 * k + 4, 3 * k + 5]);
+    }
+    scene.prune();
+    Ok(export::worst_shift_m(&scene.validate()?, Format::Glb, Profile::Web).into())
+}
+
+fn many_instances() -> Result<f64> {
+    const TREES: usize = 100_000;
+    let place = |i: usize| Vec3::new((i % 400) as f32, (i / 400) as f32, 0.0) * 5.0;
+    let scene = scene_of(triangle(1.0), (0..TREES).map(place))?;
+    Ok(bytes(scene, Format::Glb, Profile::Web)? as f64 / TREES as f64)
+}
+
+/// Ground of a slope, a point every half metre.
+fn sloping() -> Classified {
+    let mut cloud = empty_cloud();
+    for i in 0..6_400 {
+        let (x, y) = (0.5 * (i % 80) as f32, 0.5 * (i / 80) as f32);
+        push(&mut cloud, Vec3::new(x, y, x));
+    }
+    let kind = vec![Kind::Ground; cloud.len()];
+    Classified { cloud, kind, is_normalised: false }
+}
+
+fn columns(voxel_m: f32) -> Result<Columns> {
+    let classified = sloping();
+    let options = TerrainOptions { cell_m: Some(1.0), ..TerrainOptions::default() };
+    let terrain = terrain::build(&classified, &options)?.value;
+    Ok(Columns::of_scan(&classified, &terrain, None, voxel_m, &DETAIL)?.0)
+}
+
+fn sloping_voxels() -> Result<f64> {
+    let columns = columns(1.0)?;
+    let (first_m, frame) = (columns.first_m, Frame::local(DVec3::ZERO));
+    let (scene, _) = Landscape::build(&columns, &DETAIL, frame, first_m, 1.0)?;
+    Ok(landscape::surface_error(&scene, &columns).ground_worst_m)
+}
+
+fn tiny_landscape() -> Result<f64> {
+    Ok(unrefused([1e-6, 0.0, f32::NAN].map(columns)))
+}
