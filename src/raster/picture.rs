@@ -87,23 +87,34 @@ impl Picture {
 
     /// Decodes PNG or JPEG bytes.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
-        let image = image::load_from_memory(bytes)
-            .map_err(|e| {
-                Error::new(format!("not a readable picture: {e}")).remedy("give a PNG or JPEG file")
-            })?
-            .to_rgba8();
+        let image = decoded(bytes)?.to_rgba8();
         let (width, height) = image.dimensions();
         Ok(Picture { width, height, data: image.pixels().map(|p| p.0).collect() })
     }
+}
+
+fn decoded(bytes: &[u8]) -> Result<image::DynamicImage> {
+    if is_cut_short(bytes) {
+        return Err(Error::new("the picture is cut short").remedy("give the whole file"));
+    }
+    image::load_from_memory(bytes).map_err(|e| {
+        Error::new(format!("not a readable picture: {e}")).remedy("give a PNG or JPEG file")
+    })
+}
+
+/// Whether a JPEG ends before its marker of the end: decoders fill the rest with grey. A preview in its
+/// head has an end of its own, before the scan of the picture begins.
+fn is_cut_short(bytes: &[u8]) -> bool {
+    let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
+    let (end, scan) = (last(0xd9), last(0xda));
+    bytes.starts_with(&[0xff, 0xd8]) && scan.is_some() && end < scan
 }
 
 /// Width, height, bands and values of PNG or JPEG bytes: one band of grey, three of colour, four
 /// with alpha; 8 or 16 bits. A pixel that its alpha hides is black.
 pub(super) fn bands_from_bytes(bytes: &[u8]) -> Result<(usize, usize, usize, Samples)> {
     use image::DynamicImage;
-    let image = image::load_from_memory(bytes).map_err(|e| {
-        Error::new(format!("not a readable picture: {e}")).remedy("give a PNG or JPEG file")
-    })?;
+    let image = decoded(bytes)?;
     let (width, height) = (image.width() as usize, image.height() as usize);
     let (bands, samples) = match image {
         DynamicImage::ImageLuma8(p) => (1, Samples::U8(p.into_raw())),
@@ -127,6 +138,18 @@ pub(super) fn bands_from_bytes(bytes: &[u8]) -> Result<(usize, usize, usize, Sam
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_jpeg_that_is_cut_short_is_refused() {
+        let mut p = Picture::filled(64, 64, [90, 120, 60, 255]);
+        (0..64).for_each(|i| p.set(i, i, [i as u8, 200, 3, 255]));
+        let whole = crate::raster::jpeg(&p, 90).unwrap();
+        assert!(Picture::from_bytes(&whole).is_ok());
+        for cut in [2, whole.len() / 4] {
+            let told = Picture::from_bytes(&whole[..whole.len() - cut]).unwrap_err();
+            assert_eq!(told.message(), "the picture is cut short");
+        }
+    }
 
     #[test]
     fn png_round_trip_with_and_without_alpha() {
