@@ -68,7 +68,7 @@ pub fn build(job: &SurveyJob, detail: &Detail, run: &mut Recorder) -> Result<Lan
         let off = landscape::surface_error(&scene, &columns);
         let outcome = Outcome::items(tally.bricks as usize, "bricks", memory.total(), "bytes")
             .error(ErrorMeasure::new("ground off its terrain, RMS", off.ground_rms_m, "m"))
-            .error(ErrorMeasure::new("ground off its terrain, worst", off.ground_worst_m, "m"))
+            .note(format!("ground at worst {:.2} m off its terrain", off.ground_worst_m))
             .note(format!("{} of {voxel_m:.2} m", sides(scene.voxels())))
             .note(format!(
                 "{:.2} MB: voxels {:.2}, heights {:.2}, colours {:.2}",
