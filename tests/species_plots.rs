@@ -15,6 +15,7 @@ use larix::ground::{self, Method};
 use larix::pipeline::survey::{self, READ, Survey};
 use larix::pipeline::{Effort, SurveyJob};
 use larix::raster::geotiff;
+use larix::raster::polygon::contains;
 use larix::report::{Recorder, Silent};
 use larix::scan::read;
 use larix::seed::Seed;
@@ -122,9 +123,13 @@ fn overlap(a: &[f64; 4], b: &[f64; 4]) -> f64 {
 
 /// Annotated crowns and the trees found for them: pairs that overlap to 0.4 of their union, best
 /// first, one to one.
-fn matches(truth: &[Annotated], survey: &Survey) -> Vec<(usize, usize)> {
+fn matches<'a>(
+    truth: &[Annotated],
+    survey: &Survey,
+    crowns: impl Iterator<Item = &'a Crown>,
+) -> Vec<(usize, usize)> {
     let origin = survey.frame.origin;
-    let found: Vec<[f64; 4]> = survey.trees.iter().map(|t| bounds(&t.crown, origin)).collect();
+    let found: Vec<[f64; 4]> = crowns.map(|c| bounds(c, origin)).collect();
     let mut pairs = Vec::new();
     for (i, t) in truth.iter().enumerate() {
         for (j, f) in found.iter().enumerate() {
@@ -258,8 +263,8 @@ struct Outcome {
     named: Vec<Named>,
     /// Of height, m, and stem diameter, m, by site.
     errors: [[Errors; 2]; 2],
-    /// Crowns annotated, found and matched, by site.
-    crowns: [[usize; 3]; 2],
+    /// Crowns annotated, found and matched, by site: of all trees, and of those not hidden from above.
+    crowns: [[[usize; 3]; 2]; 2],
 }
 
 fn run(
@@ -273,11 +278,16 @@ fn run(
         let mut recorder = Recorder::new(&Silent);
         let survey = survey::inventory(&job(plot, names, by, with_photo), &mut recorder).unwrap();
         let site = usize::from(plot.starts_with("OSBS"));
-        let pairs = matches(truth, &survey);
-        let counts = [truth.len(), survey.trees.len(), pairs.len()];
-        out.crowns[site].iter_mut().zip(counts).for_each(|(sum, n)| *sum += n);
+        let every = matches(truth, &survey, survey.trees.iter().map(|t| &t.crown));
+        let canopy: Vec<_> = survey.trees.iter().filter(|t| !t.crown.is_understory).collect();
+        let pairs = matches(truth, &survey, canopy.iter().map(|t| &t.crown));
+        let counts = [(survey.trees.len(), every.len()), (canopy.len(), pairs.len())];
+        for (sums, (found, matched)) in out.crowns.iter_mut().zip(counts) {
+            let counts = [truth.len(), found, matched];
+            sums[site].iter_mut().zip(counts).for_each(|(sum, n)| *sum += n);
+        }
         for (i, j) in pairs {
-            let (t, tree) = (&truth[i], &survey.trees[j]);
+            let (t, tree) = (&truth[i], canopy[j]);
             if !t.taxon.is_empty() {
                 let found = tree.species.split(' ').next().unwrap().to_owned();
                 out.named.push(Named { site, field: t.genus, found });
@@ -288,6 +298,58 @@ fn run(
         }
     }
     out
+}
+
+/// Returns a square metre that scans are thinned to.
+const THINNED: [f64; 3] = [4.0, 2.0, 1.0];
+/// Confidences from each to the next are counted together.
+const STEPS: [f32; 7] = [0.0, 0.3, 0.4, 0.5, 0.6, 0.7, 1.01];
+
+/// A scan with so many returns a square metre, each kept or not by its number.
+fn thinned(path: &Path, per_sq_m: f64) -> Vec<u8> {
+    let scan = read(&[path.to_owned()], &READ).unwrap().value;
+    let share = per_sq_m / f64::from(scan.density_per_m2);
+    let mut cloud = scan.cloud;
+    cloud.retain(|i| f64::from(Seed::new(1).derive("thin", i as u64).draws().unit()) < share);
+    larix::scan::encode_laz(&cloud).unwrap()
+}
+
+/// Of the canopy's trees, by confidence: how many are right, at every density.
+fn confidences(plots: &BTreeMap<String, Vec<Annotated>>) -> Vec<Vec<String>> {
+    let dir = tempfile::tempdir().unwrap();
+    let densities: Vec<Option<f64>> = [None].into_iter().chain(THINNED.map(Some)).collect();
+    densities
+        .iter()
+        .map(|&density| {
+            let mut counts = [[0; 2]; STEPS.len() - 1];
+            for (plot, truth) in plots {
+                let mut job = job(plot, &MIX, SpeciesBy::Auto, false);
+                if let Some(density) = density {
+                    let file = dir.path().join("thin.laz");
+                    std::fs::write(&file, thinned(&job.scans[0], density)).unwrap();
+                    job.scans = vec![file];
+                }
+                // A plot so thin may show no ground.
+                let Ok(survey) = survey::inventory(&job, &mut Recorder::new(&Silent)) else {
+                    continue;
+                };
+                let crowns = || survey.trees.iter().map(|t| &t.crown).filter(|c| !c.is_understory);
+                let pairs = matches(truth, &survey, crowns());
+                let right: BTreeSet<usize> = pairs.into_iter().map(|(_, tree)| tree).collect();
+                for (i, crown) in crowns().enumerate() {
+                    let step = STEPS.iter().rposition(|s| *s <= crown.confidence).unwrap();
+                    counts[step][0] += 1;
+                    counts[step][1] += usize::from(right.contains(&i));
+                }
+            }
+            let first = density.map_or("as flown".to_owned(), |d| format!("{d}"));
+            let cells = counts.map(|[all, right]| {
+                let share = right as f64 / all.max(1) as f64;
+                if all == 0 { "—".to_owned() } else { format!("{share:.2} of {all}") }
+            });
+            [&[first], cells.as_slice()].concat()
+        })
+        .collect()
 }
 
 const DOCS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/inventory.md");
@@ -325,13 +387,18 @@ fn kinds_and_sizes_beside_the_field_stand_on_their_page() {
     ];
     let kinds = format!("{}\n{}", table(&head, &rows), matrices.join("\n"));
 
-    let head = ["", "annotated", "found", "matched", "F1"].map(str::to_owned);
-    let all = std::array::from_fn(|k| crowns[0][k] + crowns[1][k]);
-    let lines = [(SITES[0], crowns[0]), (SITES[1], crowns[1]), ("both", all)];
-    let rows = lines.map(|(site, [annotated, found, matched])| {
-        let f1 = 2.0 * matched as f64 / (annotated + found).max(1) as f64;
-        let cells = [annotated, found, matched].map(|n| n.to_string());
-        [&[site.to_owned()], cells.as_slice(), &[format!("{f1:.3}")]].concat()
+    let head =
+        ["", "annotated", "found", "matched", "F1", "canopy's", "matched", "F1"].map(str::to_owned);
+    let of = |site: usize| crowns.map(|storeys| storeys[site]);
+    let sum = |storey: usize| std::array::from_fn(|k| crowns[storey].iter().map(|c| c[k]).sum());
+    let lines = [(SITES[0], of(0)), (SITES[1], of(1)), ("both", [sum(0), sum(1)])];
+    let rows = lines.map(|(site, counts)| {
+        let mut row = vec![site.to_owned(), counts[0][0].to_string()];
+        for [annotated, found, matched] in counts {
+            let f1 = 2.0 * matched as f64 / (annotated + found).max(1) as f64;
+            row.extend([found.to_string(), matched.to_string(), format!("{f1:.3}")]);
+        }
+        row
     });
     let trees = table(&head, &rows);
 
@@ -348,8 +415,13 @@ fn kinds_and_sizes_beside_the_field_stand_on_their_page() {
     });
     let sizes = table(&head.map(str::to_owned), &rows);
 
+    let steps = STEPS.windows(2).map(|s| format!("{} to {}", s[0], s[1].min(1.0)));
+    let head: Vec<String> = ["returns a m²".to_owned()].into_iter().chain(steps).collect();
+    let sure = table(&head, &confidences(&plots));
+
     let page = std::fs::read_to_string(DOCS).unwrap();
     let new = placed(&page, "trees", &trees);
+    let new = placed(&new, "confidence", &sure);
     let new = placed(&new, "kinds", &kinds);
     let new = placed(&new, "sizes", &sizes);
     for (site, [height, stem]) in SITES.iter().zip(&errors) {
@@ -397,10 +469,24 @@ fn boxed(bounds: [f64; 4], origin: DVec3) -> Crown {
     }
 }
 
+/// How much greener a crown is than grey, of its mean colour: (2 G − R − B) / (R + G + B).
+fn greenness(photo: &Photo, outline: &[Vec2]) -> Option<f32> {
+    let low = outline.iter().copied().reduce(Vec2::min)?;
+    let high = outline.iter().copied().reduce(Vec2::max)?;
+    let at = |k: usize| (k as f32 + 0.5) / 24.0;
+    let places = (0..576).map(|k| low + (high - low) * Vec2::new(at(k % 24), at(k / 24)));
+    let colours = places.filter(|p| contains(outline, *p)).filter_map(|p| photo.sample(p));
+    let [r, g, b] = colours.reduce(|a, b| std::array::from_fn(|k| a[k] + b[k]))?;
+    Some((2.0 * g - r - b) / (r + g + b).max(1e-6))
+}
+
 #[test]
 fn features_of_the_annotated_crowns() {
     let (Some(plots), Some(out)) = (annotated(), std::env::var_os("FEATURES_CSV")) else { return };
-    let mut text = format!("plot,taxon,is_conifer,{}\n", species::kind::FEATURES.join(","));
+    let mut text = format!(
+        "plot,taxon,is_conifer,{},luminance,greenness\n",
+        species::kind::FEATURES.join(",")
+    );
     for (plot, truth) in &plots {
         let job = job(plot, &MIX, SpeciesBy::Auto, true);
         let cloud = read(&job.scans, &READ).unwrap().value.cloud;
@@ -422,6 +508,8 @@ fn features_of_the_annotated_crowns() {
                 Some(l.height_spread),
                 looks.intensity_over_ground(l),
                 seen.and_then(|s| s.contrast),
+                seen.map(|s| s.luminance),
+                greenness(&photo, &crown.outline),
             ];
             let cells = values.map(|v| v.map_or(String::new(), |v| format!("{v:.5}")));
             let is_conifer = u8::from(t.is_conifer());

@@ -30,12 +30,26 @@ SUBSETS = {
 
 def read(path):
     rows = list(csv.DictReader(open(path)))
-    names = list(rows[0])[3:]
+    names = list(rows[0])[3 : 3 + len(LIMITS)]
     x = np.array([[float(r[n] or "nan") for n in names] for r in rows])
     y = np.array([int(r["is_conifer"]) for r in rows])
     plot = np.array([r["plot"] for r in rows])
     keep = ~np.isnan(x).any(1)
     return names, np.clip(x, *LIMITS.T)[keep], y[keep], plot[keep]
+
+
+def print_order(path):
+    """Of every column, in use or not: how often a conifer has the greater value than a broadleaf."""
+    rows = list(csv.DictReader(open(path)))
+    for name in list(rows[0])[3:]:
+        line = f"  {name:21}"
+        for site in sorted({r["plot"].split("_")[0] for r in rows}):
+            here = [r for r in rows if r["plot"].startswith(site) and r[name]]
+            broadleaf, conifer = (
+                np.array([float(r[name]) for r in here if int(r["is_conifer"]) == kind]) for kind in (0, 1)
+            )
+            line += f" {site} {(conifer[:, None] > broadleaf).mean():.2f}"
+        print(line)
 
 
 def fit(x, y, site):
@@ -69,6 +83,8 @@ def main(path):
     site = np.array([p.split("_")[0] for p in plot])
     for s in sorted(set(site)):
         print(f"{s}: {((site == s) & (y == 1)).sum()} conifers, {((site == s) & (y == 0)).sum()} broadleaves")
+    print("a conifer has the greater value")
+    print_order(path)
     commoner = sum(max((y[site == s] == k).sum() for k in (0, 1)) for s in set(site))
     print(f"always the commoner kind of the site {commoner / len(y):.3f} of {len(y)}")
     for title, columns in SUBSETS.items():

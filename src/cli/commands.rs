@@ -374,7 +374,11 @@ fn stage_scene(
     })
 }
 
-/// Heights in the scan's own system and vertical unit; every cell has a value.
+/// Cells farther than this from all ground that was seen hold no data in the GeoTIFF, metres.
+const UNSEEN_M: f64 = 50.0;
+const NODATA: f32 = -9999.0;
+
+/// Heights in the scan's own system and vertical unit; nodata far from all ground that was seen.
 fn terrain_tiff(frame: &crate::frame::Frame, terrain: &crate::terrain::Terrain) -> Result<Vec<u8>> {
     let heights = &terrain.heights;
     let g = heights.geometry;
@@ -386,6 +390,7 @@ fn terrain_tiff(frame: &crate::frame::Frame, terrain: &crate::terrain::Terrain) 
         cell_y: g.cell_y / unit.y,
         ..g
     };
+    let is_near = terrain.is_near_ground(UNSEEN_M);
     cog::encode(&cog::Sheet {
         width: g.cols,
         height: g.rows,
@@ -393,14 +398,17 @@ fn terrain_tiff(frame: &crate::frame::Frame, terrain: &crate::terrain::Terrain) 
         kind: cog::Kind::F32,
         geometry: Some(geometry),
         crs: frame.crs.as_ref(),
-        nodata: Some(-9999.0),
+        nodata: Some(NODATA.into()),
         unit: Some(match unit.z {
             1.0 => "metre",
             z if (z - 0.3048).abs() < 1e-9 => "foot",
             z if (z - 1200.0 / 3937.0).abs() < 1e-9 => "US survey foot",
             _ => "",
         }),
-        value: &|col, row, _| (frame.origin.z + f64::from(heights.at(col, row)) / unit.z) as f32,
+        value: &|col, row, _| match is_near[g.index(col, row)] {
+            true => (frame.origin.z + f64::from(heights.at(col, row)) / unit.z) as f32,
+            false => NODATA,
+        },
     })
 }
 

@@ -60,9 +60,10 @@ pub struct Crown {
     /// Points of the tree, stem included, undergrowth not.
     pub point_count: u32,
     /// 0…1: the chance that this is one tree, as counted on the annotated crowns it was fitted to:
-    /// of those given 0.4 to 0.5 it was right of 43 %, of those given 0.7 to 0.8 of 77 %. From the size
-    /// of the crown against its height, its shape, and how deep the surface dips inside and beside it.
-    /// Of a tree under a taller crown it says less: no such tree is annotated there.
+    /// of those given 0.4 to 0.5 it was right of 40 %, of those given 0.6 to 0.7 of 67 %
+    /// (docs/inventory.md, also for sparser scans). From the size of the crown against its height, its
+    /// shape, how deep the surface dips inside and beside it, and how many returns there are. Of a
+    /// tree under a taller crown it says less: no such tree is annotated there.
     pub confidence: f32,
 }
 
@@ -374,16 +375,15 @@ pub fn detect_within(
         canopy::geometry(low, high, cell, cloud.len())
     };
     let stand = Stand { cloud, height: &height, terrain, voxel_m, bare, options };
-    let upper = Evidence { points: 1, confidence: options.min_confidence, may_stand_alone: true };
-    let upper = stand.layer(grid(cell), &all, upper);
+    let upper = stand.layer(grid(cell), &all, 1);
     let left = match options.has_understory {
         true => upper.left(&stand, &all),
         false => Vec::new(),
     };
-    let lower = Evidence { confidence: LOWER.confidence.max(options.min_confidence), ..LOWER };
-    let lower = stand.layer(grid(LOWER_CELLS * cell), &left, lower);
+    let points = LOWER_POINTS.max((LOWER_SQ_M / (cell * cell)) as usize);
+    let lower = stand.layer(grid(LOWER_CELLS * cell), &left, points);
     tally.left_out = upper.left_out.iter().filter(|p| is_own(**p)).count();
-    let mut crowns = join(upper, lower);
+    let mut crowns = join(upper, lower, left.iter().map(|&i| cloud.position[i as usize]));
     crowns.retain(|crown| is_own(crown.apex));
     let found = crowns.len();
     crowns.retain(|crown| crown.height_m <= TALLEST_M);
@@ -392,15 +392,21 @@ pub fn detect_within(
     Ok(Found { crowns, tally })
 }
 
-/// What is taken for a lower tree. Seen through gaps, boughs and undergrowth look more like trees than
-/// from above: the annotated plots mark crowns seen from above alone, and F1 there falls by 0.02 for
-/// every 40 places that pass.
-const LOWER: Evidence = Evidence { points: 10, confidence: 0.6, may_stand_alone: false };
+/// A lower tree is shown by this many returns at least, and by as many as the canopy has cells in so
+/// many square metres: fewer are as often a bough or undergrowth. The annotated plots mark crowns seen
+/// from above alone, and F1 there falls by 0.02 for every 40 lower trees.
+const LOWER_POINTS: usize = 10;
+const LOWER_SQ_M: f64 = 3.0;
 /// Cells of the lower storey, which fewer points show, in those of the canopy.
 const LOWER_CELLS: f64 = 2.0;
-/// A lower tree ends this far below the crown over it, metres and part of that tree's height.
-const CLEARANCE_M: f32 = 1.0;
-const CLEARANCE_RELATIVE: f32 = 0.05;
+/// A lower tree ends this far below the crown over it, metres and part of that tree's height: what
+/// hangs nearer is that crown's skirt.
+const CLEARANCE_M: f32 = 3.0;
+const CLEARANCE_RELATIVE: f32 = 0.15;
+/// A crown hides what ends so far below its surface, metres.
+const HIDES_M: f32 = 1.0;
+/// So many returns halve the confidence in a tree.
+const HALF_SURE: f32 = 8.0;
 /// What is so near a stem is the stem, metres and part of the tree's height.
 const STEM_M: f32 = 0.3;
 const STEM_RELATIVE: f32 = 0.02;
@@ -415,15 +421,6 @@ struct Stand<'a> {
     /// Numbers of ground points.
     bare: Vec<u32>,
     options: &'a CrownOptions,
-}
-
-/// Less of either is no tree.
-#[derive(Clone, Copy)]
-struct Evidence {
-    points: usize,
-    confidence: f32,
-    /// What stands alone needs no confidence.
-    may_stand_alone: bool,
 }
 
 /// The trees of one storey.
@@ -447,11 +444,12 @@ fn cell_over(g: &GridGeometry, p: Vec3) -> Option<usize> {
 }
 
 impl Stand<'_> {
-    /// The trees that the points of given numbers show, by a canopy on the grid `g`.
-    fn layer(&self, g: GridGeometry, points: &[u32], least: Evidence) -> Layer {
+    /// The trees that the points of given numbers show, by a canopy on the grid `g`; of fewer points
+    /// than `least` there is none.
+    fn layer(&self, g: GridGeometry, points: &[u32], least: usize) -> Layer {
         let cell_m = g.cell_x as f32;
         let at = |i: &u32| self.cloud.position[*i as usize];
-        if points.len() < least.points {
+        if points.len() < least {
             return Layer {
                 trees: Vec::new(),
                 tree_of_cell: vec![basins::NONE; g.len()],
@@ -471,7 +469,7 @@ impl Stand<'_> {
         };
         let (chosen, out): (Vec<_>, Vec<_>) = (hierarchy::choose(&regions, g.cols, cell_m))
             .into_iter()
-            .partition(|c| c.chance >= least.confidence || least.may_stand_alone && c.is_alone);
+            .partition(|c| c.chance >= self.options.min_confidence || c.is_alone);
         let left_out = out.iter().map(top_of).collect();
         let tree_of_basin = regions.tree_of_basin(&chosen, basins.extent.len());
         let mut tree_of_cell: Vec<u32> = (basins.of_cell.par_iter())
@@ -499,7 +497,7 @@ impl Stand<'_> {
             .into_par_iter()
             .map(|tree| {
                 let own = members.of(tree);
-                if own.len() < least.points {
+                if own.len() < least {
                     return None;
                 }
                 let middle: Vec<Vec2> = (cells.of(tree).iter())
@@ -564,23 +562,32 @@ impl Layer {
     }
 }
 
-/// The trees of both storeys. Points of a lower tree no longer count for the crown above it.
-fn join(upper: Layer, lower: Layer) -> Vec<Crown> {
-    let Layer { trees, tree_of_cell, top, .. } = upper;
-    let over = |p: Vec3| {
-        let cell = cell_over(&top.geometry, p)?;
-        Some((tree_of_cell[cell] as usize, top.data[cell]))
-    };
-    let mut crowns = trees;
+/// The trees of both storeys, the lower one made of `left`. Its points no longer count for the crowns
+/// above.
+fn join(upper: Layer, lower: Layer, left: impl Iterator<Item = Vec3>) -> Vec<Crown> {
+    let mut crowns = upper.trees;
     let canopy_trees = crowns.len();
-    for mut crown in lower.trees {
-        if let Some((tree, top_m)) = over(crown.apex) {
-            crown.is_understory = tree < canopy_trees && top_m > crown.height_m + CLEARANCE_M;
-            if let Some(above) = crowns.get_mut(tree).filter(|_| tree < canopy_trees) {
-                above.point_count = above.point_count.saturating_sub(crown.point_count).max(1);
-            }
+    let above = |p: Vec3| {
+        let cell = cell_over(&upper.top.geometry, p)?;
+        let tree = upper.tree_of_cell[cell] as usize;
+        (tree < canopy_trees).then_some((tree, upper.top.data[cell]))
+    };
+    for p in left {
+        let of_lower = cell_over(&lower.top.geometry, p).map(|cell| lower.tree_of_cell[cell]);
+        if of_lower.is_some_and(|tree| (tree as usize) < lower.trees.len())
+            && let Some((tree, _)) = above(p)
+        {
+            crowns[tree].point_count = crowns[tree].point_count.saturating_sub(1).max(1);
         }
+    }
+    for mut crown in lower.trees {
+        crown.is_understory =
+            above(crown.apex).is_some_and(|(_, top_m)| top_m > crown.height_m + HIDES_M);
         crowns.push(crown);
+    }
+    for crown in &mut crowns {
+        let n = crown.point_count as f32;
+        crown.confidence *= n / (n + HALF_SURE);
     }
     crowns
 }

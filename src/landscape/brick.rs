@@ -7,9 +7,10 @@
 //! repeated linear interpolation). Exact to the precision of f32. Known limit: a surface that a ray
 //! touches without crossing may be missed.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use super::dag::{Dag, Ref, SIDE};
+use super::grain::gaps;
 
 /// Voxel centres along the side of a brick with its far faces.
 const ROW: usize = SIDE as usize + 1;
@@ -144,6 +145,39 @@ impl Brick {
             }
         }
         None
+    }
+}
+
+/// Where leaves begin below the surface: noise finer than voxels eats into it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Crust {
+    /// The brick's first voxel.
+    pub low: [u32; 3],
+    /// 0…1: how deep the noise eats.
+    pub depth: f32,
+}
+
+impl Brick {
+    /// As [`Brick::first`], through the gaps of a crust.
+    pub fn first_leaf(&self, p: Vec3, d: Vec3, to: f32, crust: Crust) -> Option<f32> {
+        /// Voxels from one look to the next.
+        const STEP: f32 = 0.14;
+        let step = STEP / d.length().max(1e-6);
+        let corner = DVec3::from(crust.low.map(f64::from));
+        let mut t = self.first(p, d, 0.0, to)?;
+        loop {
+            let at = p + d * t;
+            let over = self.density(at) - ISO;
+            if over < 0.0 {
+                t = self.first(p, d, t, to)?;
+            } else if over >= ISO * crust.depth * gaps(corner + at.as_dvec3()) {
+                return Some(t);
+            }
+            t += step;
+            if t > to {
+                return None;
+            }
+        }
     }
 }
 

@@ -14,9 +14,10 @@ use rayon::prelude::*;
 
 use super::build::{Detail, MOST_VOXELS, Source, Voxel};
 use super::paint::{
-    Brightness, Cell, Clear, LEAST_HEIGHT_M, SOIL, WATER, has_colour, out_of_shadow, ponds, soil,
-    tint,
+    Brightness, Cell, Clear, DEEP, LEAST_HEIGHT_M, Lifted, SOIL, WATER, has_colour, ponds, shores,
+    soil, tint,
 };
+use super::scraps::scraps;
 use crate::diagnostic::{Error, Result};
 use crate::ground::{Classified, Kind};
 use crate::raster::{Grid, GridGeometry, inpaint};
@@ -162,13 +163,14 @@ impl Columns {
             is_same
         });
         voxels.retain(|(_, density)| *density > 0);
-        let mut start = vec![0u32; cols as usize * rows as usize + 1];
-        for (key, _) in &voxels {
-            start[(key >> 16) as usize + 1] += 1;
-        }
-        for i in 1..start.len() {
-            start[i] += start[i - 1];
-        }
+        let column: Vec<Voxel> =
+            voxels.iter().map(|(key, d)| Voxel { z: *key as u16, density: *d as u8 }).collect();
+        let start = starts(&voxels, height.len());
+        let is_scrap = scraps(&column, &start, &height, cols as usize, half as u8);
+        drop((column, start));
+        let mut kept = is_scrap.into_iter().map(|is| !is);
+        voxels.retain(|_| kept.next().unwrap_or(true));
+        let start = starts(&voxels, height.len());
         let column =
             voxels.iter().map(|(key, d)| Voxel { z: *key as u16, density: *d as u8 }).collect();
         let mut columns = Columns {
@@ -181,6 +183,13 @@ impl Columns {
         };
         let from = columns.paint(classified, terrain, photo, voxel_m);
         Ok((columns, from))
+    }
+
+    /// The least edge of voxels that are not too many over an area of this extent.
+    pub fn least_voxel_m(extent_m: Vec2) -> f32 {
+        // Some are added to make whole bricks.
+        let extent = extent_m.max(Vec2::ONE).as_dvec2();
+        (1.03 * extent.x * extent.y / MOST_COLUMNS).sqrt() as f32
     }
 
     /// Voxels with vegetation.
@@ -266,9 +275,13 @@ impl Columns {
         let most = cloud.rgb.iter().flatten().flatten().copied().max().unwrap_or(0);
         let scale = if most > 255 { 255.0 / 65535.0 } else { 1.0 };
         let bright = Brightness::of(&seen);
-        let ponds = match from {
-            PaintedFrom::Heights => ponds(&seen, cols, cell as f32),
-            _ => Vec::new(),
+        let water: Vec<bool> = match from {
+            PaintedFrom::Heights => {
+                let is_pond = ponds(&seen, cols, cell as f32);
+                let is_water = |c: &Cell| c.count[0] > 0.0 && c.low == WATER;
+                seen.iter().zip(is_pond).map(|(c, is_pond)| is_pond || is_water(c)).collect()
+            }
+            _ => vec![false; seen.len()],
         };
         let clear = Clear::of((0..cols * rows).step_by(7).filter_map(|i| match (from, photo) {
             (PaintedFrom::Photo, Some(photo)) => photo(place(i)).map(Vec3::from),
@@ -286,7 +299,8 @@ impl Columns {
                     let mean = || cell.colour[of] * (scale / cell.count[of]);
                     (cell.count[of] > 0.0).then(|| clear.seen(mean()))
                 }
-                _ if of == 0 && ponds.get(i) == Some(&true) => Some(soil(WATER)),
+                // What lies under water is as its shores are.
+                _ if of == 0 && water[i] => None,
                 _ => (cell.count[of] > 0.0).then(|| {
                     let tint = if of == 0 { soil(cell.low) } else { tint(cell.class, cell.height) };
                     tint * bright.of_cell(cell, of)
@@ -298,8 +312,8 @@ impl Columns {
             let mut values: Vec<Option<Vec3>> =
                 (0..cols * rows).into_par_iter().map(|i| known(i, of)).collect();
             if of == 0 && from != PaintedFrom::Heights {
-                let light = out_of_shadow(values.iter().copied().flatten());
-                values.iter_mut().flatten().for_each(|v| *v = (*v * light).min(Vec3::splat(255.0)));
+                let lifted = Lifted::of(values.iter().copied().flatten());
+                values.iter_mut().flatten().for_each(|v| *v = lifted.seen(*v));
             }
             let is_known: Vec<bool> = values.iter().map(Option::is_some).collect();
             if !is_known.contains(&true) {
@@ -320,9 +334,27 @@ impl Columns {
                 colour[of] = [0, 1, 2].map(|c: usize| channels[c].data[i].clamp(0.0, 255.0) as u8);
             }
         }
+        if water.contains(&true) {
+            for ([ground, _], share) in colours.iter_mut().zip(shores(&water, cols)) {
+                let land = Vec3::from(ground.map(f32::from));
+                *ground = land.lerp(DEEP, share).to_array().map(|v| v as u8);
+            }
+        }
         self.paint = Paint { stride, cols, colours };
         from
     }
+}
+
+/// Where the voxels of each of so many columns begin, and their end.
+fn starts(voxels: &[(u64, u32)], columns: usize) -> Vec<u32> {
+    let mut start = vec![0u32; columns + 1];
+    for (key, _) in voxels {
+        start[(key >> 16) as usize + 1] += 1;
+    }
+    for i in 1..start.len() {
+        start[i] += start[i - 1];
+    }
+    start
 }
 
 /// Columns that are made of one scan, at most: they take 33 bytes each while they are.

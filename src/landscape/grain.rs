@@ -35,28 +35,53 @@ pub(super) fn mottle(p: DVec3) -> f32 {
     0.82 + 0.36 * lattice(p * 0.5).0
 }
 
+/// How deep gaps between leaves go at a place, 0…1.
+pub(super) fn gaps(p: DVec3) -> f32 {
+    let noise = 0.6 * lattice(p * 2.3).0 + 0.4 * lattice(p * 5.9).0;
+    ((noise - 0.32) * 2.6).clamp(0.0, 1.0)
+}
+
 /// Clumps of leaves finer than a voxel, where a ray is not broader than they are: their brightness,
 /// and how far they turn the surface.
 pub(super) fn clumps(p: DVec3, breadth: f32) -> (f32, Vec3) {
+    grain(p, breadth, [1.7, 4.1], 1.1)
+}
+
+/// The same of litter and stones on the ground; the frequencies are a metre.
+pub(super) fn litter(p: DVec3, voxel_m: f32, breadth: f32) -> (f32, Vec3) {
+    let (shade, bump) = grain(p * f64::from(voxel_m), breadth * voxel_m, [0.23, 0.9, 3.7], 0.3);
+    (0.4 + 0.6 * shade, bump.with_z(0.0))
+}
+
+/// Noise of these frequencies, as far as it is not finer than a ray is broad.
+fn grain<const N: usize>(p: DVec3, breadth: f32, frequencies: [f32; N], steep: f32) -> (f32, Vec3) {
     let (mut shade, mut bump) = (1.0, Vec3::ZERO);
-    for a_voxel in [1.7f32, 4.1] {
-        let seen = 1.0 - breadth * a_voxel;
+    for frequency in frequencies {
+        let seen = 1.0 - breadth * frequency;
         if seen > 0.0 {
-            let (value, slope) = lattice(p * f64::from(a_voxel));
+            let (value, slope) = lattice(p * f64::from(frequency));
             shade *= 1.0 + (value - 0.5) * seen;
-            bump -= slope * 1.1 * seen;
+            bump -= slope * steep * seen;
         }
     }
     (shade, bump)
 }
 
-/// Colour of the earth where the scene is cut, darker with depth, in layers.
+/// Colour of the earth where the scene is cut: soil on rock in uneven layers.
 pub(super) fn earth(p: DVec3, surface: Option<f64>, voxel_m: f32) -> Vec3 {
-    let deep = ((surface.unwrap_or(p.z) - p.z).max(0.0) as f32 * voxel_m).min(60.0);
-    let layer = 0.9 + 0.1 * (deep * 1.3 + 0.4 * (deep * 0.37).sin()).sin();
-    let top = Vec3::new(0.13, 0.085, 0.05);
-    let below = Vec3::new(0.26, 0.22, 0.18);
-    top.lerp(below, 1.0 - (-deep / 4.0).exp()) * layer
+    let metres = p * f64::from(voxel_m);
+    let deep = (surface.unwrap_or(p.z) - p.z).max(0.0) as f32 * voxel_m;
+    // Layers follow the surface less and less, and waver.
+    let level = metres.z as f32 + 0.35 * deep + 5.0 * lattice(metres * 0.03).0;
+    let along = |scale: f32, row: f64| lattice(DVec3::new(row, 0.5, f64::from(level * scale))).0;
+    let layer = 0.5 * along(0.17, 0.5) + 0.3 * along(0.6, 9.5) + 0.2 * along(1.9, 17.5);
+    let stone = 0.94 + 0.12 * lattice(metres * 1.3).0;
+    let top = Vec3::new(0.085, 0.058, 0.036);
+    let soil = Vec3::new(0.15, 0.113, 0.08);
+    let rock = Vec3::new(0.27, 0.235, 0.20);
+    let fade = |m: f32| (-deep / m).exp();
+    let below = soil.lerp(rock, 1.0 - fade(6.0)) * (0.72 + 0.56 * layer);
+    top.lerp(below, 1.0 - fade(0.6)) * stone
 }
 
 #[cfg(test)]

@@ -21,6 +21,7 @@ mod pack;
 mod paint;
 mod patchwork;
 mod picture;
+mod scraps;
 mod splat;
 mod store;
 #[cfg(test)]

@@ -33,7 +33,6 @@ pub(super) fn tint(class: u8, height_m: f32) -> Vec3 {
 /// Colour of the ground by the class of its points (ASPRS).
 pub(super) fn soil(class: u8) -> Vec3 {
     match class {
-        WATER => Vec3::new(62.0, 92.0, 108.0),
         11 => Vec3::new(128.0, 126.0, 122.0),
         _ => SOIL,
     }
@@ -132,14 +131,32 @@ fn no_greener(colour: Vec3) -> Vec3 {
 /// sRGB of the ground's median, at least, and how much it may be brightened for that.
 const GROUND_MEDIAN: f32 = 74.0;
 const MOST_BRIGHTENED: f32 = 2.5;
+const BRIGHTEST_GROUND: f32 = 165.0;
 
-/// What to multiply the ground's colours by: between crowns it is seen in their shadow, and a renderer
-/// lays that upon it once more.
-pub(super) fn out_of_shadow(ground: impl Iterator<Item = Vec3>) -> f32 {
-    let mut levels: Vec<f32> = ground.map(grey).collect();
-    levels.sort_unstable_by(f32::total_cmp);
-    let median = levels.get(levels.len() / 2).copied().unwrap_or(GROUND_MEDIAN);
-    (GROUND_MEDIAN / median.max(1.0)).clamp(1.0, MOST_BRIGHTENED)
+/// How to brighten the ground's colours: between crowns it is seen in their shadow, and a renderer
+/// lays that upon it once more. What lies in the sun there is left as it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Lifted {
+    factor: f32,
+}
+
+impl Lifted {
+    pub fn of(ground: impl Iterator<Item = Vec3>) -> Lifted {
+        let mut levels: Vec<f32> = ground.map(grey).collect();
+        levels.sort_unstable_by(f32::total_cmp);
+        let median = levels.get(levels.len() / 2).copied().unwrap_or(GROUND_MEDIAN);
+        Lifted { factor: (GROUND_MEDIAN / median.max(1.0)).clamp(1.0, MOST_BRIGHTENED) }
+    }
+
+    pub fn seen(self, colour: Vec3) -> Vec3 {
+        // Up to the median all of it, from the brightest ground on nothing.
+        let level = grey(colour).max(1.0);
+        let from = GROUND_MEDIAN / self.factor;
+        let over = ((level - from) / (BRIGHTEST_GROUND - from).max(1.0)).clamp(0.0, 1.0);
+        let factor = self.factor + (1.0 - self.factor) * over.sqrt();
+        // Bare ground is no brighter than this.
+        colour * factor.min(BRIGHTEST_GROUND / level)
+    }
 }
 
 /// The middle and the spread of intensities, of the ground and of what is above it.
@@ -213,6 +230,33 @@ pub(super) fn ponds(seen: &[Cell], cols: usize, cell_m: f32) -> Vec<bool> {
     (0..seen.len()).map(|i| wide[i] && !holds[i]).collect()
 }
 
+/// Deep, clear water from above.
+pub(super) const DEEP: Vec3 = Vec3::new(46.0, 63.0, 68.0);
+
+/// Share of water about each cell, 0…1, without the steps of cells.
+pub(super) fn shores(water: &[bool], cols: usize) -> Vec<f32> {
+    let rows = water.len() / cols.max(1);
+    let mut share: Vec<f32> = water.iter().map(|w| f32::from(u8::from(*w))).collect();
+    let mut line = Vec::new();
+    for _ in 0..3 {
+        for (count, step, lines, next) in [(cols, 1, rows, cols), (rows, cols, cols, 1)] {
+            for first in (0..lines).map(|i| i * next) {
+                line.clear();
+                line.extend((0..count).map(|i| share[first + i * step]));
+                for i in 0..count {
+                    let (before, after) = (line[i.saturating_sub(1)], line[(i + 1).min(count - 1)]);
+                    share[first + i * step] = 0.25 * (before + after) + 0.5 * line[i];
+                }
+            }
+        }
+    }
+    let sharp = |s: f32| {
+        let s = ((s - 0.3) / 0.4).clamp(0.0, 1.0);
+        s * s * (3.0 - 2.0 * s)
+    };
+    share.into_iter().map(sharp).collect()
+}
+
 /// Cells up to `reach` cells along x and y from one that is set.
 fn widened(set: &[bool], cols: usize, reach: usize) -> Vec<bool> {
     let rows = set.len() / cols.max(1);
@@ -280,10 +324,30 @@ mod tests {
 
     #[test]
     fn dark_ground_is_brightened_and_bright_is_not() {
-        let ground = |level: f32| out_of_shadow((0..99).map(move |_| Vec3::splat(level)));
-        assert!((ground(37.0) - 2.0).abs() < 1e-5);
-        assert_eq!((ground(5.0), ground(120.0)), (MOST_BRIGHTENED, 1.0));
-        assert_eq!(out_of_shadow(std::iter::empty()), 1.0);
+        let lifted = |level: f32| Lifted::of((0..99).map(move |_| Vec3::splat(level)));
+        let seen = |of: f32, level: f32| lifted(of).seen(Vec3::splat(level)).x;
+        assert!((seen(37.0, 37.0) - 74.0).abs() < 1e-3);
+        assert!((seen(37.0, 20.0) - 40.0).abs() < 1e-3);
+        assert!((seen(120.0, 120.0) - 120.0).abs() < 1e-3);
+        assert_eq!((lifted(5.0).factor, lifted(120.0).factor), (MOST_BRIGHTENED, 1.0));
+        assert_eq!(Lifted::of(std::iter::empty()).factor, 1.0);
+        for of in [10.0, 37.0, 70.0] {
+            let rising: Vec<f32> = (1..=255).map(|level| seen(of, level as f32)).collect();
+            assert!(rising.iter().all(|v| *v < BRIGHTEST_GROUND + 0.01), "{of}");
+            assert!(rising.windows(2).all(|v| v[1] > v[0] - 1.5), "{of}: {rising:?}");
+        }
+    }
+
+    #[test]
+    fn shores_have_no_steps() {
+        let cols = 40;
+        let water: Vec<bool> = (0..cols * cols).map(|i| i % cols + i / cols < cols).collect();
+        let share = shores(&water, cols);
+        assert!(share.iter().all(|s| (0.0..=1.0).contains(s)));
+        assert_eq!((share[0], share[cols * cols - 1]), (1.0, 0.0));
+        // Along the shore, which runs aslant, the share stays.
+        let along: Vec<f32> = (10..30).map(|x| share[(cols - 1 - x) * cols + x]).collect();
+        assert!(along.iter().all(|s| (s - along[0]).abs() < 1e-4), "{along:?}");
     }
 
     #[test]

@@ -12,17 +12,17 @@ use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::Landscape;
-use super::grain::{clumps, earth, mottle};
+use super::grain::{clumps, earth, litter, mottle};
 use super::lens::Lens;
 use super::pack::LANES;
 use super::splat;
-use super::trace::{Hit, Ray, Tracer, What};
+use super::trace::{FINEST, Hit, Ray, Tracer, What};
 use super::weather::{Drops, Skin, Weather};
 use crate::diagnostic::{Error, Result};
 use crate::raster::Picture;
 use crate::render::sky::{BOUNCE_COLOUR, SKY_COLOUR, SUN_COLOUR, film, haze, sky};
 use crate::render::{Camera, srgb_from_linear};
-use crate::seed::{Draws, Seed, Stage};
+use crate::seed::{Seed, Stage};
 
 /// How voxels are shown (TD17).
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -141,7 +141,7 @@ pub fn draw(
     if shot.mode == Mode::Splat {
         let hits = splat::splat(scene, &lens, shot.size);
         let lit = |(row, line): (usize, &mut [Vec3])| {
-            let mut tracer = Tracer::new(scene);
+            let mut tracer = Tracer::of_leaves(scene);
             for (col, sum) in line.iter_mut().enumerate() {
                 let at = DVec2::new(col as f64 + 0.5, row as f64 + 0.5);
                 let ray = lens.ray(at, 1.0);
@@ -157,7 +157,7 @@ pub fn draw(
         let rough: Vec<Vec3> = (0..down)
             .into_par_iter()
             .flat_map_iter(|row| {
-                let mut tracer = Tracer::new(scene);
+                let mut tracer = Tracer::of_leaves(scene);
                 let (light, lens) = (&light, &lens);
                 (0..across).map(move |col| {
                     let at = (DVec2::new(col as f64, row as f64) + 0.5) * ROUGH as f64;
@@ -180,7 +180,7 @@ pub fn draw(
         let pass = done..(done.max(1) + done).min(shot.effort);
         let bands: Vec<(usize, &mut [Vec3])> = sums.chunks_mut(width * TILE).enumerate().collect();
         bands.into_par_iter().for_each_init(
-            || Tracer::new(scene),
+            || Tracer::of_leaves(scene),
             |tracer, (band, sums)| {
                 let rows = sums.len() / width;
                 for left in (0..width).step_by(TILE) {
@@ -239,7 +239,7 @@ pub fn layers(scene: &Landscape, shot: &Shot) -> Result<Layers> {
     let lens = scene.lens(&shot.camera, shot.size);
     let [width, height] = shot.size.map(|side| side as usize);
     let row = |row: usize| {
-        let mut tracer = Tracer::new(scene);
+        let mut tracer = Tracer::of_leaves(scene);
         let pixel = move |col: usize| {
             let ray = lens.ray(DVec2::new(col as f64 + 0.5, row as f64 + 0.5), 1.0);
             let Some(hit) = tracer.trace(&ray, 0.0, f64::INFINITY) else {
@@ -308,6 +308,8 @@ struct Light<'a> {
     /// Of the sky itself: grey in rain and fog.
     overcast: f32,
     pixel: f32,
+    /// Voxels about the scene as far as its shadow falls on what it stands on.
+    shadow: f32,
     drops: Drops,
     /// Of the rays from what was met.
     draws: Stage,
@@ -317,6 +319,10 @@ struct Light<'a> {
 const SUN_RADIUS: f32 = 0.012;
 /// Metres up to which leaves and ground dim the sky.
 const DIMMING_M: f32 = 18.0;
+/// The scene stands on a sheet of the backdrop's own colour, on which only its shadow shows: softer
+/// than the sun's, and dimmed so far about it, over the scene's lesser side.
+const TABLE_SUN_RADIUS: f32 = 0.03;
+const TABLE_DIMMED: f32 = 0.2;
 
 impl<'a> Light<'a> {
     fn new(scene: &'a Landscape, shot: &'a Shot, lens: &Lens) -> Light<'a> {
@@ -325,10 +331,14 @@ impl<'a> Light<'a> {
         let rain = (weather.rain_mm / 2.0).min(1.0);
         let fog = 1.0 - if weather.fog_m > 0.0 { (weather.fog_m / 4000.0).min(1.0) } else { 1.0 };
         let overcast = rain.max(fog);
+        let sun = shot.sun.try_normalize().unwrap_or(Vec3::Z);
+        let [wide, deep, high] = scene.reach().map(|side| side as f32);
+        let fall = high * sun.truncate().length() / sun.z.max(0.05);
         Light {
             scene,
             shot,
-            sun: shot.sun.try_normalize().unwrap_or(Vec3::Z),
+            sun,
+            shadow: fall.max(TABLE_DIMMED * wide.min(deep)),
             sun_colour: SUN_COLOUR * sun_share,
             sky_colour: SKY_COLOUR.lerp(Vec3::splat(0.92 - 0.25 * rain), overcast),
             extinction: (HAZE_PER_M + weather.extinction_per_m()) * scene.voxel_m,
@@ -347,6 +357,28 @@ impl<'a> Light<'a> {
         let clear = sky(direction, self.sun);
         let up = direction.normalize_or_zero().z.max(0.0);
         clear.lerp(Vec3::splat(0.66 + 0.18 * up), self.overcast)
+    }
+
+    /// Share of its light that is left of what the scene stands on, where a ray meets that.
+    fn table(&self, tracer: &mut Tracer<'_>, ray: &Ray, at: DVec2, number: u32) -> f32 {
+        let (o, d) = (ray.origin, ray.direction);
+        if !(o.z > 0.0 && d.z < 0.0) || self.scene.is_empty() {
+            return 1.0;
+        }
+        let t = -o.z / d.z;
+        let place = (o + d * t).with_z(0.0);
+        let [wide, deep, _] = self.scene.sides.map(f64::from);
+        let off = (place - place.clamp(DVec3::ZERO, DVec3::new(wide, deep, 0.0))).length() as f32;
+        if off > self.shadow {
+            return 1.0;
+        }
+        let breadth = (ray.breadth[1] * t as f32).max(1.0);
+        let [start, other] = self.starts(at);
+        let lit = self.sunlit(tracer, place, breadth, TABLE_SUN_RADIUS, spread(number, start));
+        let reach = TABLE_DIMMED * wide.min(deep) as f32;
+        let open = self.open(tracer, place, Vec3::Z, breadth, reach, spread(number, other));
+        let clear = 1.0 - self.overcast;
+        (1.0 - 0.42 * clear * (1.0 - lit)) * (1.0 - 0.4 * (1.0 - open))
     }
 
     /// Adds the light of rays of these numbers to pixels beside each other, of which `first` is the
@@ -403,6 +435,7 @@ impl<'a> Light<'a> {
     fn densest(&self, tracer: &mut Tracer<'_>, ray: &Ray) -> Vec3 {
         let (density, ground) = tracer.densest(ray);
         let back = match ground {
+            Some(Hit { what: What::Cut(_), .. }) => Vec3::splat(0.06),
             Some(hit) => {
                 let p = ray.origin + ray.direction * hit.t;
                 let normal = self.scene.slope(p.x, p.y, f64::from(self.pixel) * hit.t);
@@ -411,7 +444,9 @@ impl<'a> Light<'a> {
             None => Vec3::splat(0.02),
         };
         let hot = density.sqrt();
-        back + Vec3::new(1.6 * hot * hot, 1.9 * hot, 0.9 * hot * hot * hot) * hot
+        // Nothing behind shines through what is dense, so that no seam shows where the ground ends.
+        let clear = (1.0 - hot / 0.4).max(0.0);
+        back * clear + Vec3::new(1.6 * hot * hot, 1.9 * hot, 0.9 * hot * hot * hot) * hot
     }
 
     /// Light along a ray that met `hit`.
@@ -427,7 +462,7 @@ impl<'a> Light<'a> {
         let direction = ray.direction.as_vec3();
         let weather = &self.shot.weather;
         let mut light = match hit {
-            None => self.above(direction),
+            None => self.above(direction) * self.table(tracer, ray, at, number),
             Some(hit) => {
                 let lit = self.lit(tracer, ray, &hit, at, number, sky_rays);
                 // Air is where the scene is: what is shown whole from afar is not lost on the way.
@@ -465,24 +500,38 @@ impl<'a> Light<'a> {
         let toward_eye = -ray.direction.as_vec3().normalize_or(Vec3::NEG_Z);
         let [ground, above] = self.scene.colours(place.x, place.y, breadth);
         let is_leafy = hit.what == What::Vegetation;
-        let key = (at.x as u64) << 40 ^ (at.y as u64) << 16 ^ u64::from(number);
-        let mut draws = self.draws.seed(key).draws();
         if is_leafy {
             // Clumps of leaves are rounded, and mostly seen from their lit side.
             normal = (normal + 0.35 * Vec3::Z + 0.25 * toward_eye).normalize_or(Vec3::Z);
         }
-        let (shade, bump) =
-            if is_leafy { clumps(place, ray.breadth[1] * hit.t as f32) } else { (1.0, Vec3::ZERO) };
+        let narrow = ray.breadth[1] * hit.t as f32;
+        let (mut shade, bump) = match hit.what {
+            What::Vegetation => clumps(place, narrow),
+            What::Ground => litter(place, self.scene.voxel_m, narrow),
+            What::Cut(_) => (1.0, Vec3::ZERO),
+        };
+        if is_leafy && narrow < FINEST {
+            // Between leaves it is darker.
+            let deep = (2.0 * tracer.density(place.as_vec3()) - 1.0).clamp(0.0, 1.0);
+            shade *= 1.0 + (1.0 - narrow / FINEST) * (0.15 - 0.6 * deep);
+        }
         normal = (normal + bump).normalize_or(Vec3::Z);
         let albedo = match hit.what {
-            What::Ground => ground,
+            What::Ground => ground * shade,
             What::Vegetation => above * mottle(place) * shade,
             What::Cut(_) => earth(place, self.scene.height(place.x, place.y), self.scene.voxel_m),
         };
         // Off the surface that was met, by what it may be wrong.
         let lift = f64::from(hit.size as f32 * 0.6 + breadth * 0.5);
         let from = place + normal.as_dvec3() * lift;
-        let open = self.open(tracer, from, normal, breadth, sky_rays, &mut draws);
+        let reach = DIMMING_M / self.scene.voxel_m;
+        let [start, other] = self.starts(at);
+        let mut open = 0.0;
+        for ray in 0..sky_rays {
+            let sample = spread(number * sky_rays + ray, other);
+            open += self.open(tracer, from, normal, breadth, reach, sample);
+        }
+        open /= sky_rays.max(1) as f32;
         let skin = Skin { albedo, normal, gloss: if is_leafy { 0.02 } else { 0.0 } };
         // Of what falls on leaves a part falls through.
         let caught = if is_leafy { 0.7 * open } else { open };
@@ -496,7 +545,7 @@ impl<'a> Light<'a> {
             facing.max(0.0)
         };
         let sunlit = if direct > 0.0 && self.sun_colour.max_element() > 0.02 {
-            self.sunlit(tracer, from, breadth, &mut draws)
+            self.sunlit(tracer, from, breadth, SUN_RADIUS, spread(number, start))
         } else {
             0.0
         };
@@ -511,48 +560,55 @@ impl<'a> Light<'a> {
     }
 
     /// Share of the sun's disc that a place sees, by one ray.
-    fn sunlit(&self, tracer: &mut Tracer<'_>, from: DVec3, breadth: f32, draws: &mut Draws) -> f32 {
+    fn sunlit(
+        &self,
+        tracer: &mut Tracer<'_>,
+        from: DVec3,
+        breadth: f32,
+        radius: f32,
+        sample: DVec2,
+    ) -> f32 {
         if !self.shot.shadows {
             return 1.0;
         }
         let side = self.sun.any_orthonormal_vector();
-        let (sin, cos) = (std::f32::consts::TAU * draws.unit()).sin_cos();
-        let off = draws.unit().sqrt() * SUN_RADIUS;
+        let sample = sample.as_vec2();
+        let (sin, cos) = (std::f32::consts::TAU * sample.x).sin_cos();
+        let off = sample.y.sqrt() * radius;
         let towards = self.sun + (side * cos + self.sun.cross(side) * sin) * off;
         let ray =
             Ray { origin: from, direction: towards.as_dvec3(), breadth: [0.7 * breadth, 0.002] };
         if tracer.trace(&ray, 0.0, f64::INFINITY).is_some() { 0.0 } else { 1.0 }
     }
 
-    /// Share of the sky that a place sees, by rays that widen, so that a few steps do.
+    /// Share of the sky that a place sees, by a ray that widens, so that a few steps do.
     fn open(
         &self,
         tracer: &mut Tracer<'_>,
         from: DVec3,
         normal: Vec3,
         breadth: f32,
-        rays: u32,
-        draws: &mut Draws,
+        reach: f32,
+        sample: DVec2,
     ) -> f32 {
-        let reach = DIMMING_M / self.scene.voxel_m;
-        let mut open = 0.0;
-        for _ in 0..rays {
-            // Around the upper half space, more towards the normal.
-            let z = 0.15 + 0.85 * draws.unit().sqrt();
-            let (sin, cos) = (std::f32::consts::TAU * draws.unit()).sin_cos();
-            let flat = (1.0 - z * z).max(0.0).sqrt();
-            let ball = Vec3::new(cos * flat, sin * flat, z);
-            let towards = (ball + 0.6 * normal).normalize_or(Vec3::Z);
-            let ray = Ray {
-                origin: from,
-                direction: towards.as_dvec3(),
-                breadth: [breadth.max(1.0), 0.12],
-            };
-            open += match tracer.trace(&ray, 0.0, f64::from(reach)) {
-                Some(hit) => 0.12 + 0.5 * (hit.t as f32 / reach).min(1.0),
-                None => 1.0,
-            };
+        // Around the upper half space, more towards the normal.
+        let sample = sample.as_vec2();
+        let z = 0.15 + 0.85 * sample.x.sqrt();
+        let (sin, cos) = (std::f32::consts::TAU * sample.y).sin_cos();
+        let flat = (1.0 - z * z).max(0.0).sqrt();
+        let ball = Vec3::new(cos * flat, sin * flat, z);
+        let towards = (ball + 0.6 * normal).normalize_or(Vec3::Z);
+        let ray =
+            Ray { origin: from, direction: towards.as_dvec3(), breadth: [breadth.max(1.0), 0.12] };
+        match tracer.trace(&ray, 0.0, f64::from(reach)) {
+            Some(hit) => 0.12 + 0.5 * (hit.t as f32 / reach).min(1.0),
+            None => 1.0,
         }
-        open / rays.max(1) as f32
+    }
+
+    /// Where the sequences of a pixel's rays to the sun and to the sky begin.
+    fn starts(&self, at: DVec2) -> [u64; 2] {
+        let mut draws = self.draws.seed((at.x as u64) << 32 ^ at.y as u64).draws();
+        [draws.bits(), draws.bits()]
     }
 }

@@ -86,6 +86,7 @@ fn get<T: bytemuck::AnyBitPattern>(count: usize, from: &mut impl Read) -> io::Re
         );
         left -= part;
     }
+    values.shrink_to_fit();
     Ok(values)
 }
 

@@ -10,7 +10,7 @@
 use glam::{DVec3, Vec3};
 
 use super::Landscape;
-use super::brick::Brick;
+use super::brick::{Brick, Crust};
 use super::dag::{BITS, Ref, SIDE};
 use super::pack::{LANES, Pack};
 use super::walk::{Begin, Cell, Way, greater, lesser, walk};
@@ -45,12 +45,16 @@ pub(super) struct Hit {
 }
 
 const SHELF: usize = 1 << 9;
+/// Voxels that a ray is broad up to which it sees gaps between leaves.
+pub(super) const FINEST: f32 = 0.6;
 
 /// Rays on one thread, with the bricks that were last gathered.
 pub(super) struct Tracer<'a> {
     pub scene: &'a Landscape,
     keys: Vec<u64>,
     bricks: Vec<Brick>,
+    /// Whether vegetation seen from near has gaps finer than voxels.
+    is_leafy: bool,
     /// Whether the processor has what [`Tracer::first_by_bits`] needs.
     #[cfg(target_arch = "x86_64")]
     counts_bits: bool,
@@ -62,6 +66,7 @@ impl<'a> Tracer<'a> {
             scene,
             keys: vec![u64::MAX; SHELF],
             bricks: vec![Brick::EMPTY; SHELF],
+            is_leafy: false,
             #[cfg(target_arch = "x86_64")]
             counts_bits: is_x86_feature_detected!("avx2")
                 && is_x86_feature_detected!("bmi1")
@@ -69,6 +74,11 @@ impl<'a> Tracer<'a> {
                 && is_x86_feature_detected!("lzcnt")
                 && is_x86_feature_detected!("popcnt"),
         }
+    }
+
+    /// For pictures: from near, vegetation has gaps as leaves leave them.
+    pub fn of_leaves(scene: &'a Landscape) -> Tracer<'a> {
+        Tracer { is_leafy: true, ..Tracer::new(scene) }
     }
 
     /// The brick whose first voxel is at `low`.
@@ -305,8 +315,13 @@ impl<'a> Tracer<'a> {
                 if child.has(Ref::VEGETATION) { self.scene.dag.solid(child.index()) } else { 0 };
             first_voxel(solid, p, direction, length).map(|(along, number)| (along, (solid, number)))
         } else if child.has(Ref::CELLS) {
+            let depth = if self.is_leafy { 1.0 - way.breadth(t as f32) / FINEST } else { 0.0 };
             let brick = self.brick(low, Some(child));
-            brick.first(p, direction, 0.0, length).map(|along| (along, (0, 0)))
+            let along = match depth > 0.0 {
+                true => brick.first_leaf(p, direction, length, Crust { low, depth }),
+                false => brick.first(p, direction, 0.0, length),
+            };
+            along.map(|along| (along, (0, 0)))
         } else {
             None
         };

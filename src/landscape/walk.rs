@@ -53,11 +53,16 @@ impl Way {
         Way { o: ray.origin.to_array(), d, inverse, breadth: ray.breadth }
     }
 
+    /// Voxels that the ray is broad.
+    #[inline(always)]
+    pub fn breadth(&self, t: f32) -> f32 {
+        self.breadth[0] + self.breadth[1] * t
+    }
+
     /// The largest power of two that is no broader than the ray.
     #[inline(always)]
     fn fine(&self, t: f32) -> i32 {
-        let breadth = self.breadth[0] + self.breadth[1] * t;
-        (breadth.to_bits() >> 23) as i32 - 127
+        (self.breadth(t).to_bits() >> 23) as i32 - 127
     }
 }
 

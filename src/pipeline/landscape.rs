@@ -29,12 +29,18 @@ pub struct Voxelized {
 /// Those of [`survey::terrain`]; an unreadable photo; voxels too small or too large.
 pub fn voxelize(job: &SurveyJob, detail: &Detail, run: &mut Recorder) -> Result<Voxelized> {
     let raster = job.photo.as_deref().map(survey::photo_raster).transpose()?;
-    let scan = survey::read(job, run)?;
-    let frame = scan.cloud.frame.clone();
-    let photo = survey::place_photo(job, run, raster, &frame, scan.bounds)?;
-    let Whole { classified, density_per_m2, .. } = survey::classify(job, scan, run)?;
-    let terrain = survey::build_terrain(job, &classified, run)?;
-    let voxel_m = survey::voxel_m(job, density_per_m2);
+    let (Whole { classified, density_per_m2, bounds }, terrain) = survey::classified(job, run)?;
+    let frame = classified.cloud.frame.clone();
+    let photo = survey::place_photo(job, run, raster, &frame, bounds)?;
+    let mut voxel_m = survey::voxel_m(job, density_per_m2);
+    let least_m = Columns::least_voxel_m((bounds.max - bounds.min).truncate());
+    if job.voxel_m.is_none() && voxel_m < least_m {
+        run.warnings.push(format!(
+            "voxels of {voxel_m:.2} m would be too many over so wide an area: they are {least_m:.2} m; \
+             for finer ones give its parts in runs of their own"
+        ));
+        voxel_m = least_m;
+    }
     let colour_m = photo.as_ref().map_or(density_per_m2.max(1e-3).sqrt().recip(), |p| p.pixel_m());
     let within = |source_m: f32| {
         let voxels = (source_m / voxel_m).clamp(1.0, 64.0) as u32;

@@ -78,6 +78,21 @@ pub(super) struct Whole {
     pub bounds: Bounds,
 }
 
+/// Scan to ground and terrain, all points in memory at the end; by tiles where one piece is not right.
+pub(super) fn classified(job: &SurveyJob, run: &mut Recorder) -> Result<(Whole, Terrain)> {
+    let scan = match way(job, run)? {
+        Way::Whole(scan) => scan,
+        Way::Tiles(tiles) => {
+            let tiled = Tiled::read(job, run)?.classify(job, tiles, run)?;
+            let terrain = tiled.terrain(job, tiles, run)?;
+            return Ok((tiled.into_whole()?, terrain));
+        }
+    };
+    let whole = classify(job, *scan, run)?;
+    let terrain = build_terrain(job, &whole.classified, run)?;
+    Ok((whole, terrain))
+}
+
 pub(super) fn read(job: &SurveyJob, run: &mut Recorder) -> Result<Scan> {
     run.stage("scan", |warnings| {
         let scan = scan::read(&job.scans, &READ)?.into_value(warnings);
@@ -212,19 +227,26 @@ fn has_gaps(scan: &Scan) -> bool {
     size.x * size.y > (MOST * flown_sq_m).max(LEAST_SQ_M)
 }
 
-/// A scan for whom one piece is right; `None`, and nothing recorded, where it goes by tiles.
-fn read_whole(job: &SurveyJob, run: &mut Recorder) -> Result<Option<Scan>> {
-    if tiles_a_side(job).is_some() {
-        return Ok(None);
+/// How a scan is worked through.
+enum Way {
+    Whole(Box<Scan>),
+    /// Tiles along the side of a block; nothing is read or recorded yet.
+    Tiles(i32),
+}
+
+/// By tiles where that is asked for, the scan is large or has gaps.
+fn way(job: &SurveyJob, run: &mut Recorder) -> Result<Way> {
+    if let Some(tiles) = tiles_a_side(job) {
+        return Ok(Way::Tiles(tiles));
     }
     let before = (run.stages.len(), run.warnings.len());
     let scan = read(job, run)?;
     if has_gaps(&scan) {
         run.stages.truncate(before.0);
         run.warnings.truncate(before.1);
-        return Ok(None);
+        return Ok(Way::Tiles(usual_tiles()));
     }
-    Ok(Some(scan))
+    Ok(Way::Whole(Box::new(scan)))
 }
 
 /// Scan to terrain.
@@ -232,17 +254,20 @@ fn read_whole(job: &SurveyJob, run: &mut Recorder) -> Result<Option<Scan>> {
 /// # Errors
 /// Unreadable scans; no ground; a grid too large.
 pub fn terrain(job: &SurveyJob, run: &mut Recorder) -> Result<(Frame, Terrain)> {
-    let Some(scan) = read_whole(job, run)? else {
-        let tiles = tiles_a_side(job).unwrap_or_else(usual_tiles);
-        let tiled = Tiled::read(job, run)?.classify(job, tiles, run)?;
-        let terrain = tiled.terrain(job, tiles, run)?;
-        let (frame, by) = near_frame(tiled.frame(), &tiled.bounds());
-        return Ok((frame, terrain.moved(by)));
-    };
-    let Whole { classified, bounds, .. } = classify(job, scan, run)?;
-    let terrain = build_terrain(job, &classified, run)?;
-    let (frame, by) = near_frame(&classified.cloud.frame, &bounds);
-    Ok((frame, terrain.moved(by)))
+    match way(job, run)? {
+        Way::Tiles(tiles) => {
+            let tiled = Tiled::read(job, run)?.classify(job, tiles, run)?;
+            let terrain = tiled.terrain(job, tiles, run)?;
+            let (frame, by) = near_frame(tiled.frame(), &tiled.bounds());
+            Ok((frame, terrain.moved(by)))
+        }
+        Way::Whole(scan) => {
+            let Whole { classified, bounds, .. } = classify(job, *scan, run)?;
+            let terrain = build_terrain(job, &classified, run)?;
+            let (frame, by) = near_frame(&classified.cloud.frame, &bounds);
+            Ok((frame, terrain.moved(by)))
+        }
+    }
 }
 
 /// One point in so many is looked at by [`check_ground`]: enough for a share.
@@ -333,16 +358,18 @@ pub(super) fn crown_outcome(found: &Found, options: &CrownOptions, voxel_m: f32)
 pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
     // Read first: a photo that can't be used is told before the scan is read.
     let raster = job.photo.as_deref().map(photo_raster).transpose()?;
-    let Some(scan) = read_whole(job, run)? else {
-        let tiles = tiles_a_side(job).unwrap_or_else(usual_tiles);
-        let tiled = Tiled::read(job, run)?;
-        let (frame, by) = near_frame(tiled.frame(), &tiled.bounds());
-        let photo = place_photo(job, run, raster, &frame, tiled.bounds().moved(by))?;
-        let tiled = tiled.classify(job, tiles, run)?;
-        let terrain = tiled.terrain(job, tiles, run)?;
-        let (crowns, looks) = tiled.crowns(job, tiles, &terrain, run)?;
-        let crowns = crowns.into_iter().map(|c| c.moved(by)).collect();
-        return name_trees(job, crowns, &looks, frame, terrain.moved(by), photo, run);
+    let scan = match way(job, run)? {
+        Way::Whole(scan) => *scan,
+        Way::Tiles(tiles) => {
+            let tiled = Tiled::read(job, run)?;
+            let (frame, by) = near_frame(tiled.frame(), &tiled.bounds());
+            let photo = place_photo(job, run, raster, &frame, tiled.bounds().moved(by))?;
+            let tiled = tiled.classify(job, tiles, run)?;
+            let terrain = tiled.terrain(job, tiles, run)?;
+            let (crowns, looks) = tiled.crowns(job, tiles, &terrain, run)?;
+            let crowns = crowns.into_iter().map(|c| c.moved(by)).collect();
+            return name_trees(job, crowns, &looks, frame, terrain.moved(by), photo, run);
+        }
     };
     let (frame, by) = near_frame(&scan.cloud.frame, &scan.bounds);
     let photo = place_photo(job, run, raster, &frame, scan.bounds.moved(by))?;

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::{IVec2, Vec3};
 
 use super::survey::{
-    READ, SurveyJob, check_extent, check_ground, crown_outcome, ground_outcome, looked_at,
+    READ, SurveyJob, Whole, check_extent, check_ground, crown_outcome, ground_outcome, looked_at,
     scan_outcome, voxel_m, with_held_out,
 };
 use crate::crown::{self, Crown, CrownOptions, Extent, Found, Tally};
@@ -64,6 +64,17 @@ impl Tiled {
         self.scan.bounds
     }
 
+    /// All points in one piece, once their kinds are known.
+    pub fn into_whole(self) -> Result<Whole> {
+        let tiles: Vec<Tile> = self.kinds.keys().copied().collect();
+        let Window { cloud, tiles } = self.scan.load(&tiles, 0)?;
+        let kinds = tiles.iter().filter_map(|(tile, _)| self.kinds.get(tile)).flatten();
+        let classified =
+            Classified { cloud, kind: kinds.copied().collect(), is_normalised: self.is_normalised };
+        let density_per_m2 = self.scan.density_per_m2 as f32;
+        Ok(Whole { classified, density_per_m2, bounds: self.scan.bounds })
+    }
+
     /// Finds the kind of every point.
     pub fn classify(
         mut self,
@@ -72,6 +83,13 @@ impl Tiled {
         run: &mut Recorder,
     ) -> Result<Tiled> {
         run.stage("ground", |warnings| {
+            if job.ground == Method::VoxelRules {
+                warnings.push(
+                    "the voxel rules look at one tile at a time: a few trees differ from those of \
+                     the scan in one piece"
+                        .into(),
+                );
+            }
             let blocks = self.scan.blocks(tiles_a_side);
             let mut floor = Floor::default();
             for core in &blocks {

@@ -12,12 +12,15 @@ use std::path::Path;
 use tiff::decoder::{ChunkType, Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 
-use super::{GridGeometry, cog, lzw};
+use super::{GridGeometry, chunks, cog};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Crs;
 
+const KEY_MODEL_TYPE: u16 = 1024;
 const KEY_RASTER_TYPE: u16 = 1025;
+const KEY_GEODETIC_CRS: u16 = 2048;
 const KEY_PROJECTED_CRS: u16 = 3072;
+const MODEL_IS_GEOGRAPHIC: u16 = 2;
 const PIXEL_IS_POINT: u16 = 2;
 
 /// Pixel values as the file has them, interleaved by pixel; floats beyond ±1e30 are NaN.
@@ -52,6 +55,7 @@ pub struct Raster {
     pub samples: Samples,
     /// `None` where the file has no georeference.
     pub geometry: Option<GridGeometry>,
+    /// Of the projected system, or of the geographic one where the file counts degrees.
     pub epsg: Option<u32>,
     pub nodata: Option<f64>,
 }
@@ -124,7 +128,9 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
     limits.ifd_value_size = usize::try_from(file_bytes).unwrap_or(usize::MAX);
     let mut decoder = decoder.with_limits(limits);
     let geometry = georeference(&mut decoder, width, height)?;
-    let epsg = geo_key(&mut decoder, KEY_PROJECTED_CRS).map(u32::from).filter(|&c| c != 32767);
+    let is_geographic = geo_key(&mut decoder, KEY_MODEL_TYPE) == Some(MODEL_IS_GEOGRAPHIC);
+    let system = if is_geographic { KEY_GEODETIC_CRS } else { KEY_PROJECTED_CRS };
+    let epsg = geo_key(&mut decoder, system).map(u32::from).filter(|&c| c != 32767);
     let nodata = decoder
         .get_tag_ascii_string(Tag::GdalNodata)
         .ok()
@@ -134,8 +140,8 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
         .map_err(broken)?
         .is_some_and(|p| p == 2)
         && bands > 1;
-    let shape = lzw::Shape { width, height, bands, is_planar };
-    let samples = match lzw::read(&mut decoder, &shape).map_err(broken)? {
+    let shape = chunks::Shape { width, height, bands, is_planar };
+    let samples = match chunks::read(&mut decoder, &shape).map_err(broken)? {
         Some(samples) => Some(samples),
         None if is_planar => read_planes(&mut decoder, width, height, bands).map_err(broken)?,
         None => to_samples(decoder.read_image().map_err(broken)?),
@@ -144,6 +150,13 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
         Error::new("the TIFF's sample type is not supported")
             .remedy("convert it to 8 or 16 bits or float32, e.g. `gdal_translate -ot Float32`")
     })?;
+    if bands > 3 && samples.len() == 3 * width * height {
+        return Err(Error::new(format!(
+            "the TIFF does not say what its {} bands beyond the colours are",
+            bands - 3
+        ))
+        .remedy("keep the colours alone: `gdal_translate -b 1 -b 2 -b 3 in.tif out.tif`"));
+    }
     if samples.len() < values {
         return Err(Error::new("the TIFF holds fewer pixels than its header says")
             .remedy("the file is cut short; fetch it again"));
@@ -277,8 +290,12 @@ fn georeference<R: Read + Seek>(
             // Columns and rows as they are: no place.
             return Ok(None);
         }
-        if b != 0.0 || d != 0.0 || e >= 0.0 {
+        if b != 0.0 || d != 0.0 {
             return Err(rotated());
+        }
+        if e >= 0.0 {
+            return Err(Error::new("the raster's rows run from south to north")
+                .remedy("turn it north up first, e.g. `gdalwarp in.tif out.tif`"));
         }
         (west, north, cell_x, cell_y) = (x, y, a, -e);
     } else if let (Ok(scale), Ok(tie)) = (
@@ -367,6 +384,20 @@ mod tests {
             sample(4, Samples::F32((0..48).map(|i| i as f32 / 7.0 + 0.1).collect())),
         ] {
             assert_eq!(from_bytes(&encode(&raster).unwrap()).unwrap(), raster);
+        }
+    }
+
+    #[test]
+    fn a_fourth_band_that_nothing_is_said_of_hides_no_colours() {
+        let rgba = sample(4, Samples::U8((1..49).collect()));
+        let mut bytes = encode(&rgba).unwrap();
+        let extra = [0x52, 0x01, 3, 0, 1, 0, 0, 0];
+        let at = bytes.windows(8).position(|b| b == extra).unwrap();
+        assert_ne!(bytes[at + 8], 0);
+        bytes[at + 8] = 0;
+        let back = from_bytes(&bytes).unwrap();
+        for (i, band) in (0..12).flat_map(|i| (0..3).map(move |band| (i, band))) {
+            assert_eq!(back.value(i % 4, i / 4, band), rgba.value(i % 4, i / 4, band));
         }
     }
 

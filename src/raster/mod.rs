@@ -3,13 +3,13 @@
 //! Every grid here is north-up and cell-centred ("pixel is area"): row 0 is the northernmost,
 //! a value stands for the middle of its cell.
 
+mod chunks;
 pub mod cog;
 mod encoded;
 pub mod geotiff;
 mod groups;
 pub mod inpaint;
 mod jpeg;
-mod lzw;
 mod pad;
 pub mod picture;
 mod png;

@@ -118,7 +118,7 @@ impl<'a> Sitter<'a> {
             models: models.to_vec(),
             placements: (0..models.len() as u32).map(alone).collect(),
         };
-        let mut stage = stage(&view, purpose);
+        let mut stage = stage(&view, purpose, None);
         // What stands in for the ground is in place 0, models come after it in their order.
         stage.items.retain(|item| item.place > 0);
         Sitter { stage }

@@ -35,6 +35,21 @@ pub(super) struct Place {
     pub placement: Option<u32>,
 }
 
+impl Place {
+    /// Of a mesh in the scene.
+    fn bounds(&self, mesh: &Mesh) -> (Vec3, Vec3) {
+        (0..8).fold((Vec3::MAX, Vec3::MIN), |(lo, hi), i| {
+            let p = self.linear * corner(mesh.bounds.0, mesh.bounds.1, i) + self.origin;
+            (lo.min(p), hi.max(p))
+        })
+    }
+
+    /// Its mean scale.
+    fn size(&self) -> f32 {
+        self.linear.determinant().abs().cbrt().max(1e-6)
+    }
+}
+
 /// A mesh in its place.
 pub(super) struct Item {
     pub mesh: u32,
@@ -117,6 +132,31 @@ impl Canvas for [f32] {
     }
 }
 
+/// Samples that a card spans at least, in the finest detail that is drawn; how much more where that
+/// is too many triangles, and how often more at most.
+pub(super) const FINEST_CARD_SAMPLES: f32 = 3.0;
+pub(super) const COARSER: f32 = 1.2;
+pub(super) const MOST_COARSER: usize = 16;
+
+/// Metres of a mesh that a sample of the view is wide, where the mesh is in that place.
+fn sample_m(view: &View, place: &Place, (lo, hi): (Vec3, Vec3)) -> f32 {
+    let middle = view.view_from_scene((lo + hi) * 0.5);
+    1.0 / (view.samples_per_m(middle.z) * place.size())
+}
+
+/// Triangles of a mesh that are drawn of it in each of its places.
+pub(super) fn needed<'p>(
+    mesh: &Mesh,
+    view: &View,
+    card_samples: f32,
+    places: impl Iterator<Item = &'p Place>,
+) -> impl Iterator<Item = usize> {
+    places.map(move |place| {
+        let sample_m = sample_m(view, place, place.bounds(mesh));
+        mesh.detail(sample_m, card_samples).0
+    })
+}
+
 /// What a view shows, near things first, sorted into bands of rows.
 pub(super) struct DrawList {
     draws: Vec<Draw>,
@@ -127,23 +167,18 @@ pub(super) struct DrawList {
 impl Stage<'_> {
     /// Bounds of an item in the scene.
     pub fn bounds(&self, item: &Item) -> (Vec3, Vec3) {
-        let (mesh, place) = (&self.meshes[item.mesh as usize], &self.places[item.place as usize]);
-        (0..8).fold((Vec3::MAX, Vec3::MIN), |(lo, hi), i| {
-            let p = place.linear * corner(mesh.bounds.0, mesh.bounds.1, i) + place.origin;
-            (lo.min(p), hi.max(p))
-        })
+        self.places[item.place as usize].bounds(&self.meshes[item.mesh as usize])
     }
 
     /// Lists what the view shows, as detailed as `triangle_budget` allows.
     pub fn list(&self, view: &View, rows_per_band: usize, triangle_budget: usize) -> DrawList {
-        const FINEST_CARD_SAMPLES: f32 = 3.0;
         let mut card_samples = FINEST_CARD_SAMPLES;
         let mut draws = self.draws(view, Some(card_samples));
-        for _ in 0..16 {
+        for _ in 0..MOST_COARSER {
             if draws.iter().map(|d| d.triangles).sum::<usize>() <= triangle_budget {
                 break;
             }
-            card_samples *= 1.2;
+            card_samples *= COARSER;
             draws = self.draws(view, Some(card_samples));
         }
         draws.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.item.cmp(&b.item)));
@@ -172,9 +207,7 @@ impl Stage<'_> {
             let (mesh, place) =
                 (&self.meshes[item.mesh as usize], &self.places[item.place as usize]);
             let (mut lo, mut hi) = self.bounds(item);
-            let middle = view.view_from_scene((lo + hi) * 0.5);
-            let scale = place.linear.determinant().abs().cbrt().max(1e-6);
-            let sample_m = 1.0 / (view.samples_per_m(middle.z) * scale);
+            let (scale, sample_m) = (place.size(), sample_m(view, place, (lo, hi)));
             let (triangles, grow) = match card_samples {
                 Some(card_samples) => mesh.detail(sample_m, card_samples),
                 None => (mesh.triangle.len(), 1.0),

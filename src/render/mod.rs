@@ -192,7 +192,7 @@ pub fn picture(view: &View<'_>, camera: &Camera, options: &RenderOptions) -> Pic
     let (width, height) =
         (options.width.clamp(1, 8192) as usize, options.height.clamp(1, 8192) as usize);
     let eye = camera::View::pinhole(camera, width * per_pixel, height * per_pixel);
-    let stage = stage(view, Purpose::Picture);
+    let stage = stage(view, Purpose::Picture, Some((&eye, options.triangle_budget)));
     let seen: Vec<Vec3> = (stage.items.iter())
         .map(|item| stage.bounds(item))
         .filter(|(lo, hi)| lo.is_finite() && hi.is_finite() && eye.cover(*lo, *hi).is_some())
@@ -264,8 +264,9 @@ fn dither(x: u32, y: u32) -> f32 {
     (52.982_918 * v).fract()
 }
 
-/// Lays out everything that can be drawn.
-fn stage<'a>(view: &View<'a>, purpose: Purpose) -> Stage<'a> {
+/// Lays out everything that can be drawn; for an eye with a budget of triangles no more of each model
+/// than it gets to see, so that a large scene is not held twice.
+fn stage<'a>(view: &View<'a>, purpose: Purpose, eye: Option<(&camera::View, usize)>) -> Stage<'a> {
     let mut cutoffs: BTreeMap<u32, f32> = BTreeMap::new();
     for material in view.materials {
         if let (Alpha::Mask { cutoff }, Some(t)) = (material.alpha, material.base_color_texture) {
@@ -328,34 +329,74 @@ fn stage<'a>(view: &View<'a>, purpose: Purpose) -> Stage<'a> {
     }
     let material = |id: u32| id.min(earth);
 
-    let mut meshes: Vec<Mesh> = (view.models.iter())
-        .flat_map(|parts| parts.iter())
-        .collect::<Vec<_>>()
-        .into_par_iter()
-        .map(|part| {
-            let paint = &paints[material(part.material) as usize];
-            let mut mesh = if paint.cutoff.is_some() || paint.is_double_sided {
-                Mesh::cards(part)
-            } else {
-                Mesh::solid(part)
-            };
-            mesh.material = material(part.material);
-            mesh
-        })
+    let mut places = vec![Place::new(None, Placement::HOME)];
+    // Of each model.
+    let mut own_places: Vec<Vec<u32>> = vec![Vec::new(); view.models.len()];
+    for (number, p) in (0u32..).zip(&view.placements) {
+        let is_sound = p.position.is_finite() && p.scale.is_finite() && p.yaw_rad.is_finite();
+        if let Some(own) = own_places.get_mut(p.model as usize)
+            && is_sound
+            && p.scale.min_element() != 0.0
+        {
+            own.push(places.len() as u32);
+            places.push(Place::new(Some(number), *p));
+        }
+    }
+    let parts: Vec<(usize, &Part)> = (view.models.iter().enumerate())
+        .flat_map(|(model, parts)| parts.iter().map(move |part| (model, part)))
         .collect();
+    let mesh = |part: &Part| {
+        let paint = &paints[material(part.material) as usize];
+        let mut mesh = if paint.cutoff.is_some() || paint.is_double_sided {
+            Mesh::cards(part)
+        } else {
+            Mesh::solid(part)
+        };
+        mesh.material = material(part.material);
+        mesh
+    };
+    let of_model = |model: usize| own_places[model].iter().map(|i| &places[*i as usize]);
+    let truncate = |mesh: &mut Mesh, model: usize, card_samples: f32| {
+        if let Some((eye, _)) = eye {
+            let most = draw::needed(mesh, eye, card_samples, of_model(model)).max();
+            mesh.truncate(most.unwrap_or(0));
+        }
+    };
+    // Triangles that are shown of what is laid out.
+    let shown = |meshes: &[Mesh], card_samples: f32| -> usize {
+        let Some((eye, _)) = eye else { return 0 };
+        let of = |(mesh, part): (&Mesh, &(usize, &Part))| -> usize {
+            draw::needed(mesh, eye, card_samples, of_model(part.0)).sum()
+        };
+        meshes.par_iter().zip(&parts).map(of).sum()
+    };
+    /// Parts that are laid out at a time.
+    const BATCH: usize = 256;
+    let budget = eye.map_or(usize::MAX, |(_, budget)| budget);
+    let (mut card_samples, mut coarser) = (draw::FINEST_CARD_SAMPLES, 0);
+    let mut meshes: Vec<Mesh> = Vec::with_capacity(parts.len());
+    for batch in parts.chunks(BATCH) {
+        let lay = |part: &(usize, &Part)| {
+            let mut mesh = mesh(part.1);
+            truncate(&mut mesh, part.0, card_samples);
+            mesh
+        };
+        meshes.par_extend(batch.par_iter().map(lay));
+        while coarser < draw::MOST_COARSER && shown(&meshes, card_samples) > budget {
+            (card_samples, coarser) = (card_samples * draw::COARSER, coarser + 1);
+            let laid = meshes.par_iter_mut().zip(&parts);
+            laid.for_each(|(mesh, part)| truncate(mesh, part.0, card_samples));
+        }
+    }
     let mut first_mesh = vec![0u32];
     for parts in &view.models {
         first_mesh.push(first_mesh[first_mesh.len() - 1] + parts.len() as u32);
     }
-    let (mut places, mut items) = (vec![Place::new(None, Placement::HOME)], Vec::new());
-    for (number, p) in (0u32..).zip(&view.placements) {
-        let model = p.model as usize;
-        let is_sound = p.position.is_finite() && p.scale.is_finite() && p.yaw_rad.is_finite();
-        if model >= view.models.len() || !is_sound || p.scale.min_element() == 0.0 {
+    let mut items = Vec::new();
+    for (place, p) in (0u32..).zip(&places) {
+        let Some(model) = p.placement.map(|i| view.placements[i as usize].model as usize) else {
             continue;
-        }
-        let place = places.len() as u32;
-        places.push(Place::new(Some(number), *p));
+        };
         let own = first_mesh[model]..first_mesh[model + 1];
         items.extend(own.map(|mesh| Item { mesh, place }));
     }

@@ -31,6 +31,8 @@ pub(super) enum Order {
         middle: Vec<Vec3>,
         /// Triangles up to the end of each card.
         end: Vec<u32>,
+        /// Cards of the whole crown.
+        all: usize,
         /// Side of a square of a card's mean area.
         side_m: f32,
         /// Middle of the crown, and one over the square of its half axes.
@@ -156,7 +158,8 @@ impl Mesh {
         let side_m = (area / end.len().max(1) as f64).sqrt() as f32;
         let half = ((mesh.bounds.1 - mesh.bounds.0) * 0.5).max(Vec3::splat(1e-3));
         let crown = ((mesh.bounds.0 + mesh.bounds.1) * 0.5, 1.0 / (half * half));
-        mesh.order = Order::Cards { middle, end, side_m, crown };
+        let all = end.len();
+        mesh.order = Order::Cards { middle, end, all, side_m, crown };
         mesh
     }
 
@@ -174,6 +177,33 @@ impl Mesh {
         triangles.chunks(TRIANGLES).map(|c| Mesh::new(surface, c, material)).collect()
     }
 
+    /// Lets go of all but the first triangles, a count that [`Mesh::detail`] gave.
+    pub fn truncate(&mut self, triangles: usize) {
+        if triangles >= self.triangle.len() {
+            return;
+        }
+        let used = triangles.checked_sub(1).map_or(0, |i| self.vertex_end[i] as usize);
+        self.vertex.truncate(used);
+        self.vertex.shrink_to_fit();
+        self.triangle.truncate(triangles);
+        self.triangle.shrink_to_fit();
+        self.vertex_end.truncate(triangles);
+        self.vertex_end.shrink_to_fit();
+        match &mut self.order {
+            Order::Whole => {}
+            Order::ThickFirst(thickness) => {
+                thickness.truncate(triangles);
+                thickness.shrink_to_fit();
+            }
+            Order::Cards { middle, end, .. } => {
+                middle.truncate(used);
+                middle.shrink_to_fit();
+                end.truncate(end.partition_point(|&e| e as usize <= triangles));
+                end.shrink_to_fit();
+            }
+        }
+    }
+
     /// Triangles to draw where a sample is `sample_m` wide and a card shall span `card_samples`,
     /// and how much longer a card's sides become.
     pub fn detail(&self, sample_m: f32, card_samples: f32) -> (usize, f32) {
@@ -183,12 +213,12 @@ impl Mesh {
                 let least = 0.35 * sample_m;
                 (thickness.partition_point(|&t| t >= least), 1.0)
             }
-            Order::Cards { end, side_m, .. } => {
+            Order::Cards { end, all, side_m, .. } => {
                 let wanted = (side_m / (sample_m * card_samples)).min(1.0);
                 let share = (wanted * wanted).max(0.004);
-                let cards = ((end.len() as f32 * share).ceil() as usize).min(end.len());
+                let cards = ((*all as f32 * share).ceil() as usize).min(end.len());
                 let count = cards.checked_sub(1).map_or(0, |i| end[i] as usize);
-                let kept = cards as f32 / end.len().max(1) as f32;
+                let kept = cards as f32 / (*all).max(1) as f32;
                 (count, if kept > 0.0 { (1.0 / kept).sqrt() } else { 1.0 })
             }
         }
@@ -249,6 +279,20 @@ mod tests {
         assert_eq!(count % 2, 0);
         assert!((count as f32 / 2.0 * grow * grow - 1000.0).abs() < 1.0);
         assert!(count < 600);
+    }
+
+    #[test]
+    fn what_is_let_go_of_is_not_missed_in_that_detail() {
+        for lay in [Mesh::cards as fn(&Part) -> Mesh, Mesh::solid] {
+            let (whole, mut short) = (lay(&quads(1000)), lay(&quads(1000)));
+            let (count, grow) = whole.detail(1.0, 2.0);
+            short.truncate(count);
+            assert_eq!(short.detail(1.0, 2.0), (count, grow));
+            assert_eq!(short.detail(3.0, 2.0), whole.detail(3.0, 2.0));
+            assert_eq!(short.triangle[..], whole.triangle[..count]);
+            let most = short.triangle.iter().flatten().max().map_or(0, |i| *i as usize + 1);
+            assert_eq!(short.vertex.len(), most);
+        }
     }
 
     #[test]

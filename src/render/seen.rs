@@ -37,7 +37,7 @@ pub fn seen(view: &View<'_>, camera: &Camera, options: &RenderOptions) -> Vec<Op
     let [width, height] =
         [options.width, options.height].map(|n| n.clamp(1, 8192) as usize * per_pixel);
     let eye = camera::View::pinhole(camera, width, height);
-    let stage = stage(view, Purpose::Outline);
+    let stage = stage(view, Purpose::Outline, Some((&eye, options.triangle_budget)));
     let list = stage.list(&eye, ROWS, options.triangle_budget);
     let owners: Vec<Vec<u32>> = (0..height.div_ceil(ROWS))
         .into_par_iter()

@@ -1,11 +1,14 @@
-//! Isolated points, by the isolated voxel filter (IVF, as in lidR 4): a point is noise if the
-//! 3 × 3 × 3 voxels around its own hold at most a few points.
+//! Isolated points. By the isolated voxel filter (IVF, as in lidR 4) a point is noise if the
+//! 3 × 3 × 3 voxels around its own hold at most a few points. Besides, few points far above or below
+//! all others of the 3 × 3 columns of voxels around are noise, however many stand together (flocks,
+//! clouds, echoes of echoes): so far that no tree or slope fills the gap with nothing in it.
 //!
 //! Departures: the voxel size follows from the density, so that scans of every density are
 //! treated alike, and voxels are counted as sorted keys, so that memory follows the occupied
 //! voxels and not the extent.
 //!
-//! Known limit: clumps of more than [`MOST_POINTS`] noise points (flocks, clouds) stay.
+//! Known limits: what fills more than a tenth of its surroundings (0.3 more than 60 m below) is no
+//! clump; the bottom of a shaft narrower than that, and power lines more than 40 m over the canopy, are.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,6 +20,16 @@ use rayon::prelude::*;
 use super::PointCloud;
 use super::part::Part;
 use crate::raster::scatter;
+
+/// Nothing stands between a clump of noise and the rest for so far, metres: below the rest, and above
+/// it, where a stem may show no return up to the crown.
+const GAP_BELOW_M: f64 = 20.0;
+const GAP_FAR_BELOW_M: f64 = 60.0;
+const GAP_ABOVE_M: f64 = 40.0;
+/// The most of the points around that may be such noise.
+const CLUMP_BELOW: f64 = 0.1;
+const CLUMP_FAR_BELOW: f64 = 0.3;
+const CLUMP_ABOVE: f64 = 0.05;
 
 /// A neighbourhood with at most this many points, the point itself among them, is noise.
 pub(super) const MOST_POINTS: u32 = 2;
@@ -71,7 +84,7 @@ pub(super) const BLOCK_M: f64 = 20_000.0;
 const MOST_BLOCKS: usize = 1 << 16;
 /// So many points may be strays, or this part of all where that is more, but no more than the next.
 const STRAYS: f64 = MOST_POINTS as f64;
-const STRAYS_RELATIVE: f64 = 1e-3;
+const STRAYS_RELATIVE: f64 = 5e-3;
 const MOST_STRAYS_RELATIVE: f64 = 1e-2;
 
 /// The number of points by block.
@@ -137,6 +150,9 @@ pub(super) fn keep(parts: &[Part], unit_m: DVec3, density_per_m2: f64) -> Option
         .filter(|(key, n)| *n <= MOST_POINTS && grid.is_lonely(*key, &voxels))
         .map(|(key, _)| *key)
         .collect();
+    isolated.extend(grid.clumps(&voxels, edge_m));
+    isolated.par_sort_unstable();
+    isolated.dedup();
     // A scan of a few points has nothing to be isolated from.
     if isolated.is_empty() || isolated.len() == voxels.len() {
         return None;
@@ -228,6 +244,52 @@ impl Voxels {
         });
         let counts = (0..).zip(counts).map(|(key, count)| (key, count.into_inner()));
         counts.filter(|(_, n)| *n > 0).collect()
+    }
+
+    /// Voxels of few points far above or below all others around.
+    fn clumps(&self, voxels: &[(u64, u32)], edge_m: f64) -> Vec<u64> {
+        // Layers and points by column, from the bottom up.
+        let column = |key: u64| key % self.stride[2];
+        let mut order: Vec<(u64, u64, u32)> =
+            voxels.iter().map(|(key, n)| (column(*key), key / self.stride[2], *n)).collect();
+        order.par_sort_unstable();
+        let columns: Vec<&[(u64, u64, u32)]> = order.chunk_by(|a, b| a.0 == b.0).collect();
+        let of = |at: u64| columns.binary_search_by_key(&at, |c| c[0].0).ok().map(|i| columns[i]);
+        let layers_in = |gap_m: f64| (gap_m / edge_m).ceil() as u64;
+        let found = |own: &&[(u64, u64, u32)]| -> Vec<u64> {
+            let at = own[0].0;
+            let mut layers: Vec<(u64, u32)> = Vec::new();
+            for row in [-1i64, 0, 1] {
+                let middle = at.wrapping_add_signed(row * self.stride[1] as i64);
+                let beside = [middle.wrapping_sub(1), middle, middle.wrapping_add(1)];
+                layers.extend(beside.into_iter().filter_map(of).flatten().map(|c| (c.1, c.2)));
+            }
+            layers.sort_unstable();
+            let all: u64 = layers.iter().map(|(_, n)| u64::from(*n)).sum();
+            // The first layer that is no clump from below, the last from above.
+            let rest =
+                |gap: u64, part: f64, mut layers: Box<dyn Iterator<Item = &(u64, u32)> + '_>| {
+                    let mut last = layers.next().copied().unwrap_or_default();
+                    let (mut passed, mut rest) = (u64::from(last.1), last.0);
+                    for layer in layers {
+                        if passed as f64 > part * all as f64 {
+                            break;
+                        }
+                        if layer.0.abs_diff(last.0) > gap {
+                            rest = layer.0;
+                        }
+                        (passed, last) = (passed + u64::from(layer.1), *layer);
+                    }
+                    rest
+                };
+            let below = |gap_m, part| rest(layers_in(gap_m), part, Box::new(layers.iter()));
+            let first =
+                below(GAP_BELOW_M, CLUMP_BELOW).max(below(GAP_FAR_BELOW_M, CLUMP_FAR_BELOW));
+            let last = rest(layers_in(GAP_ABOVE_M), CLUMP_ABOVE, Box::new(layers.iter().rev()));
+            let out = own.iter().filter(|c| c.1 < first || c.1 > last);
+            out.map(|c| c.0 + c.1 * self.stride[2]).collect()
+        };
+        columns.par_iter().flat_map_iter(found).collect()
     }
 
     /// Whether the neighbourhood of a voxel holds at most [`MOST_POINTS`] points.

@@ -122,8 +122,16 @@ fn read_inner(path: &Path, options: &ReadOptions, sink: Option<Sink<'_>>) -> Res
         warnings.push(format!("its scale {scale:?} is negative: coordinates are mirrored"));
     }
     let bounds = decoded.bounds();
-    if bounds.is_some_and(|bounds| bounds_are_wrong(&header, &layout, bounds)) {
-        warnings.push("the bounds in its header are wrong; those of its points are used".into());
+    if let Some(bounds) = bounds
+        && bounds_are_wrong(&header, &layout, bounds)
+    {
+        warnings.push(match wrong_scale(&header, bounds) {
+            Some(times) => format!(
+                "its points are spread {times} times as far as the bounds in its header: if these are \
+                 right, its scale is wrong, and so are all sizes"
+            ),
+            None => "the bounds in its header are wrong; those of its points are used".into(),
+        });
     }
     let colour = ColourScale::of(decoded.all.brightest);
     let Decoded { steps, mut columns, removed, .. } = decoded.all;
@@ -171,6 +179,22 @@ fn bounds_are_wrong(header: &las::raw::Header, layout: &Layout, bounds: (DVec3, 
     let is_inside =
         |p: DVec3| p.cmpge(stated_min - slack).all() && p.cmple(stated_max + slack).all();
     !ends.into_iter().all(is_inside)
+}
+
+/// How many times as far along an axis the points are spread as the header says, where that is a power
+/// of ten: one of scale and bounds is wrong.
+fn wrong_scale(header: &las::raw::Header, (low, high): (DVec3, DVec3)) -> Option<f64> {
+    let stated = DVec3::new(
+        header.max_x - header.min_x,
+        header.max_y - header.min_y,
+        header.max_z - header.min_z,
+    );
+    let times = ((high - low) / stated).to_array();
+    times.into_iter().find_map(|times| {
+        let power = 10f64.powf(times.log10().round());
+        let is_wrong = power != 1.0 && (1e-6..=1e6).contains(&power);
+        (is_wrong && (times / power - 1.0).abs() < 0.01).then_some(power)
+    })
 }
 
 /// Unpacks a batch of chunks at a time, each chunk on its own; gives what the user should know.

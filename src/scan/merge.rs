@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::las_file::io_error;
 use super::part::{ColourScale, Columns, Coordinates, Part};
+use super::shared::Sample;
 use super::{
     ALIGNMENT_M, Bounds, Census, PointCloud, ReadOptions, Removed, Scan, crs, isolated, las_file,
     text,
@@ -24,15 +25,18 @@ const ORIGIN_STEP: f64 = 10.0;
 
 pub(super) fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Scan>> {
     let mut parts: Vec<Part> = Vec::with_capacity(paths.len());
+    let mut sample = Sample::default();
     for (path, format) in paths.iter().zip(formats(paths)?) {
         let part = match format {
             Format::Las => las_file::read(path, options, None)?,
             Format::Text => text::read(path)?,
         };
         refuse(&parts, &part)?;
+        sample.add(parts.len(), &part.coordinates, &part.columns);
         parts.push(part);
     }
     let mut warnings = Vec::new();
+    sample.tell(paths, &mut warnings);
     refuse_no_points(&parts)?;
     let mut census = census(&parts, &mut warnings);
     let unit_m = unit_m(&parts);
@@ -268,9 +272,10 @@ impl Format {
         match extension.as_str() {
             _ if start == b"LASF" => Ok(Format::Las),
             "las" | "laz" => Ok(Format::Las),
-            "xyz" | "txt" | "asc" | "pts" => Ok(Format::Text),
-            other => Err(Error::new(format!("files of type \"{other}\" are not read"))
-                .remedy("give a scan in LAS, LAZ or plain x y z text (.xyz, .txt, .asc, .pts)")),
+            "xyz" | "txt" | "asc" | "pts" | "csv" => Ok(Format::Text),
+            other => Err(Error::new(format!("files of type \"{other}\" are not read")).remedy(
+                "give a scan in LAS, LAZ or plain x y z text (.xyz, .txt, .asc, .pts, .csv)",
+            )),
         }
     }
 }

@@ -8,6 +8,7 @@ mod las_file;
 mod laz_chunks;
 mod merge;
 mod part;
+mod shared;
 #[cfg(test)]
 mod tests;
 mod text;

@@ -335,6 +335,47 @@ fn a_point_beyond_reason_does_not_hide_other_noise() {
 }
 
 #[test]
+fn columns_that_a_header_does_not_name_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |text: &str| error_of(&write_file(&folder, "a.txt", text.as_bytes()));
+    insta::assert_snapshot!(of("foo,bar,baz,qux\n1,2,3,4\n").message(), @"no column is named x in its first line: foo bar baz qux");
+    insta::assert_snapshot!(of("id,x,y\n1,2,3\n").message(), @"no column is named z in its first line: id x y");
+    insta::assert_snapshot!(of("x,y,z,x\n1,2,3,4\n").message(), @"2 columns are named x in its first line: x y z x");
+}
+
+#[test]
+fn points_that_two_files_share_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let lines = |columns: std::ops::Range<u32>| -> String {
+        let places = columns.flat_map(|x| (0..200).map(move |y| (x, y)));
+        places.map(|(x, y)| format!("{}.5 {}.25 {}\n", x, y, (x * y) % 7)).collect()
+    };
+    let file = |name: &str, text: String| write_file(&folder, name, text.as_bytes());
+    let a = file("a.xyz", lines(0..100));
+    let beside = file("beside.xyz", lines(100..200));
+    let over = file("over.xyz", lines(75..175));
+    let told = |paths: &[PathBuf]| -> Vec<Vec<String>> {
+        let whole = read(paths, &ReadOptions::default()).unwrap().warnings;
+        let tiled = TiledScan::read(paths, &ReadOptions::default()).unwrap().warnings;
+        let shared = |w: Vec<String>| w.into_iter().filter(|w| w.contains("also in")).collect();
+        vec![shared(whole), shared(tiled)]
+    };
+    assert_eq!(told(&[a.clone(), beside]), [[""; 0]; 2]);
+    for warnings in told(&[a.clone(), over]) {
+        let [warning] = &warnings[..] else { panic!("{warnings:?}") };
+        let percent = warning.split(": about ").nth(1).unwrap().split(' ').next().unwrap();
+        assert!((20.0..30.0).contains(&percent.parse::<f64>().unwrap()), "{warning}");
+        assert!(warning.contains("over.xyz: about") && warning.contains(&*a.to_string_lossy()));
+    }
+    let twice = file("twice.xyz", lines(0..50) + &lines(0..50));
+    let warnings = read(&[twice], &ReadOptions::default()).unwrap().warnings;
+    assert!(
+        warnings.iter().any(|w| w.contains("about 50 % of the points come a second time")),
+        "{warnings:?}"
+    );
+}
+
+#[test]
 fn text_is_read_in_its_dialects() {
     let folder = tempfile::tempdir().unwrap();
     for (name, text) in [
@@ -343,6 +384,15 @@ fn text_is_read_in_its_dialects() {
         ("a.asc", "\u{feff}X Y Z Intensity\r\n1;2;3;0\r\n4\t5\t6\t0\r\n"),
         ("a.pts", "2\n 1.0 2.0 3.0 -1200 255 0 0\n4e0 5 6.0 1 2 3 4\n// end\n"),
         ("A.XYZ", "1 2 3\n4 5 6"),
+        ("b.xyz", "id x y z i\n7 1 2 3 9\n8 4 5 6 9"),
+        ("b.txt", "//Z,Y,X\n3,2,1\n6,5,4"),
+        ("b.asc", "\"northing\" \"easting\" \"height\"\n2 1 3\n5 4 6"),
+        ("c.csv", "POINT_Y,POINT_X,POINT_Z\n2,1,3\n5,4,6"),
+        ("d.txt", "Y_COORD Z_COORD coordX\n2 3 1\n5 6 4"),
+        ("e.txt", "y(m) z(m) x(m) height_m\n2 3 1 9\n5 6 4 9"),
+        ("f.txt", "# columns: y x elevation_m\n2 1 3\n5 4 6"),
+        // No names of columns.
+        ("g.txt", "# z y x of the old grid\n1 2 3\n4 5 6"),
     ] {
         let scan = read_one(&write_file(&folder, name, text.as_bytes())).unwrap().value;
         sound(&scan);

@@ -1,8 +1,9 @@
 //! Plain text points: x y z at the start of each line, the rest of the line ignored; separators
 //! are spaces, tabs, commas or semicolons; `#` and `//` begin comments.
 //!
-//! The first line may be a header of names or, as in PTS files, the number of points.
-//! Decimal commas are refused.
+//! The first line may be a header of names or, as in PTS files, the number of points. The names of a
+//! header, or of a comment before the points, tell which columns x, y and z are; a header that does
+//! not is refused, and so are decimal commas.
 
 use std::fs::File;
 use std::io::Read;
@@ -44,6 +45,7 @@ fn read_inner(path: &Path) -> Result<Part> {
     let mut block: Vec<u8> = Vec::new();
     let mut lines_before = 0;
     let mut is_first = true;
+    let mut columns = [0, 1, 2];
     let mut first_bad: Option<String> = None;
     loop {
         let kept = block.len();
@@ -70,12 +72,12 @@ fn read_inner(path: &Path) -> Result<Part> {
         let text = &block[..whole];
         let mut start = 0;
         if is_first {
-            start = heading_bytes(text)?;
+            (start, columns) = heading(text)?;
             refuse_decimal_commas(&text[start..])?;
             is_first = false;
         }
         let pieces = pieces(&text[start..]);
-        let parsed: Vec<Lines> = pieces.par_iter().map(|piece| parse(piece)).collect();
+        let parsed: Vec<Lines> = pieces.par_iter().map(|piece| parse(piece, columns)).collect();
         let mut piece_start = start;
         for (piece, mut lines) in pieces.iter().zip(parsed) {
             all.world.append(&mut lines.world);
@@ -171,13 +173,17 @@ fn number(field: &[u8]) -> Option<f64> {
     std::str::from_utf8(field).ok()?.parse().ok()
 }
 
-/// Bytes of the heading: a byte order mark, comments, and one line of names or one count.
-fn heading_bytes(text: &[u8]) -> Result<usize> {
+/// Bytes of the heading (a byte order mark, comments, and one line of names or one count), and the
+/// columns of x, y and z.
+fn heading(text: &[u8]) -> Result<(usize, [usize; 3])> {
     let mut at = if text.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
+    let mut columns = [0, 1, 2];
     while let Some(rest) = text.get(at..).filter(|rest| !rest.is_empty()) {
         let length = rest.iter().position(|b| *b == b'\n').map_or(rest.len(), |end| end + 1);
         let line = &rest[..length];
         if is_comment(line) {
+            let after = rest[length..].split(|b| *b == b'\n').find(|line| !is_comment(line));
+            columns = commented_columns(line, after.unwrap_or_default()).unwrap_or(columns);
             at += length;
             continue;
         }
@@ -190,9 +196,73 @@ fn heading_bytes(text: &[u8]) -> Result<usize> {
         let is_names = number(first).is_none()
             && fields(line).count() >= 3
             && fields(line).all(|f| number(f).is_none() && f.iter().all(|b| b.is_ascii_graphic()));
-        return Ok(if is_count || is_names { at + length } else { at });
+        if is_names {
+            let text = String::from_utf8_lossy(line);
+            let names: Vec<&str> = split(text.trim()).collect();
+            columns = columns_of(&names).map_err(|what| {
+                let shown: String = names.join(" ").chars().take(60).collect();
+                Error::new(format!("{what} in its first line: {shown}")).remedy(
+                    "name the columns x, y and z, or leave the line out where they come first",
+                )
+            })?;
+        }
+        return Ok((if is_count || is_names { at + length } else { at }, columns));
     }
-    Ok(at)
+    Ok((at, columns))
+}
+
+/// Names of coordinates.
+const NAMES: [&[&str]; 3] = [
+    &["x", "easting", "east"],
+    &["y", "northing", "north"],
+    &["z", "elevation", "elev", "height", "altitude"],
+];
+/// What may stand beside them.
+const BESIDE: [&str; 8] = ["point", "coord", "coordinate", "m", "ft", "metres", "meters", "utm"];
+
+/// The axis that a name tells, as of `x`, `"Y"`, `POINT_X`, `Z_COORD`, `coordX`, `x(m)`, `elevation_m`,
+/// and whether by its letter.
+fn axis(name: &str) -> Option<(usize, bool)> {
+    let name = name.to_ascii_lowercase();
+    let words = name.split(|c: char| !c.is_ascii_alphanumeric()).filter(|w| !w.is_empty());
+    let mut words = words.filter(|word| !BESIDE.contains(word));
+    let word = words.next()?;
+    let word = ["coord", "point"].iter().find_map(|w| word.strip_prefix(w)).unwrap_or(word);
+    let axis = NAMES.iter().position(|known| known.contains(&word))?;
+    words.next().is_none().then_some((axis, word.len() == 1))
+}
+
+/// The columns of x, y and z by their names. A letter goes before a word: z before height.
+fn columns_of(names: &[&str]) -> std::result::Result<[usize; 3], String> {
+    let mut columns = [0; 3];
+    for (k, letter) in ["x", "y", "z"].into_iter().enumerate() {
+        let of = |by_letter: bool| -> Vec<usize> {
+            let named = names.iter().map(|name| axis(name));
+            let found = named.enumerate().filter(|(_, a)| *a == Some((k, by_letter)));
+            found.map(|(column, _)| column).collect()
+        };
+        let found = Some(of(true)).filter(|found| !found.is_empty()).unwrap_or_else(|| of(false));
+        columns[k] = match found[..] {
+            [column] => column,
+            [] => return Err(format!("no column is named {letter}")),
+            _ => return Err(format!("{} columns are named {letter}", found.len())),
+        };
+    }
+    Ok(columns)
+}
+
+/// The columns by a comment of as many names as `point` has numbers; `None` where it is another.
+fn commented_columns(comment: &[u8], point: &[u8]) -> Option<[usize; 3]> {
+    let text = String::from_utf8_lossy(comment.trim_ascii_start());
+    let text = text.trim_start_matches(['#', '/']);
+    let names = text.split_once(':').map_or(text, |(_, names)| names);
+    let names: Vec<&str> = split(names).collect();
+    (names.len() == fields(point).count()).then(|| columns_of(&names).ok()).flatten()
+}
+
+fn split(line: &str) -> impl Iterator<Item = &str> {
+    let is_between = |c: char| c.is_ascii_whitespace() || c == ',' || c == ';';
+    line.split(is_between).filter(|name| !name.is_empty())
 }
 
 /// Cuts text after line ends into pieces of about [`PIECE_BYTES`].
@@ -210,15 +280,21 @@ fn pieces(text: &[u8]) -> Vec<&[u8]> {
     pieces
 }
 
-fn parse(text: &[u8]) -> Lines {
+/// The points of whole lines, by the columns of x, y and z.
+fn parse(text: &[u8], columns: [usize; 3]) -> Lines {
     let mut lines = Lines::default();
+    let most = columns.into_iter().max().unwrap_or(0);
     let mut at = 0;
     for line in text.split_inclusive(|b| *b == b'\n') {
         if !is_comment(line) {
-            let mut coordinates = fields(line).map(number);
-            let mut next = || coordinates.next().flatten();
-            match (next(), next(), next()) {
-                (Some(x), Some(y), Some(z)) => {
+            let mut place = [None; 3];
+            for (column, field) in fields(line).take(most + 1).enumerate() {
+                if let Some(axis) = columns.iter().position(|c| *c == column) {
+                    place[axis] = number(field);
+                }
+            }
+            match place {
+                [Some(x), Some(y), Some(z)] => {
                     let p = DVec3::new(x, y, z);
                     match p.is_finite() {
                         true => lines.world.push(p),

@@ -18,6 +18,7 @@ use glam::{DVec2, DVec3, IVec2, Vec3};
 use super::las_file::{self, Batch};
 use super::merge::{self, Format};
 use super::part::{ColourScale, Columns, Coordinates, Part};
+use super::shared::Sample;
 use super::{Bounds, Census, PointCloud, ReadOptions, isolated, text};
 use crate::diagnostic::{Error, Result, Warned};
 use crate::frame::{Crs, Frame};
@@ -98,9 +99,11 @@ impl TiledScan {
         let mut tiles: BTreeMap<Tile, Stack> = BTreeMap::new();
         let mut spill = Spill::default();
         let mut parts: Vec<Part> = Vec::with_capacity(paths.len());
+        let mut sample = Sample::default();
         for (number, (path, format)) in paths.iter().zip(formats).enumerate() {
             let mut take = |crs: Option<&Crs>, batch: Batch| -> Result<()> {
                 let unit_m = unit_m(crs);
+                sample.add(number, &batch.coordinates, &batch.columns);
                 spill.held += bytes_of(&batch);
                 for (tile, batch) in by_tile(batch, unit_m) {
                     let stack = tiles.entry(tile).or_default();
@@ -126,6 +129,7 @@ impl TiledScan {
             parts.push(part);
         }
         let mut warnings = Vec::new();
+        sample.tell(paths, &mut warnings);
         merge::refuse_no_points(&parts)?;
         let mut census = merge::census(&parts, &mut warnings);
         if options.drop_isolated && merge::span_too_much(&parts) {

@@ -457,6 +457,32 @@ impl Terrain {
         self
     }
 
+    /// By cell: whether ground was seen within so many metres, east or west and north or south.
+    pub fn is_near_ground(&self, reach_m: f64) -> Vec<bool> {
+        let g = self.heights.geometry;
+        let [across, down] = [g.cell_x, g.cell_y].map(|cell| (reach_m / cell).floor() as usize);
+        // Spreads what is set along each run of `n` cells, `stride` apart.
+        let spread = |cells: &mut [bool], start: usize, n: usize, stride: usize, reach: usize| {
+            let set: Vec<bool> = (0..n).map(|i| cells[start + i * stride]).collect();
+            let (mut left, mut ahead) = (usize::MAX, 0);
+            for i in 0..n {
+                if set[i] {
+                    left = i;
+                }
+                ahead = ahead.max(i);
+                while ahead < n && !set[ahead] {
+                    ahead += 1;
+                }
+                let is_near = |at: usize| at < n && at.abs_diff(i) <= reach;
+                cells[start + i * stride] = is_near(left) || is_near(ahead);
+            }
+        };
+        let mut cells = self.is_observed.clone();
+        (0..g.rows).for_each(|row| spread(&mut cells, row * g.cols, g.cols, 1, across));
+        (0..g.cols).for_each(|col| spread(&mut cells, col, g.rows, g.cols, down));
+        cells
+    }
+
     /// What a user should know.
     pub fn warning(&self) -> Option<String> {
         let (seen, cells) =

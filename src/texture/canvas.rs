@@ -165,8 +165,8 @@ impl Canvas {
     }
 }
 
-/// Smaller versions that count: halves, quarters …
-const HALVINGS: usize = 6;
+/// Smaller versions that count of a picture of so many pixels a side: halves, quarters …
+const HALVINGS: (usize, usize) = (6, 512);
 /// Most alpha that a pixel gets which is not seen.
 const MOST_HIDDEN: f32 = 0.8;
 
@@ -183,7 +183,9 @@ pub fn keep_cover(picture: &mut Picture, cutoff: f32) {
     if seen == 0 || seen == picture.data.len() {
         return;
     }
-    let near = density(picture, 8);
+    // Finer pictures have as many pixels more between their leaves.
+    let finer = (w.min(h) / HALVINGS.1).max(1);
+    let near = density(picture, 8 * finer);
     let raised = |alpha: u8, near: f32, gain: f32| -> f32 {
         let alpha = f32::from(alpha);
         let hidden = (gain * near).min(MOST_HIDDEN) * (least - 1.0);
@@ -195,7 +197,7 @@ pub fn keep_cover(picture: &mut Picture, cutoff: f32) {
         let alphas = picture.data.iter().zip(&near);
         let mut level: Vec<f32> = alphas.map(|(p, n)| raised(p[3], *n, gain)).collect();
         let (mut w, mut h, mut sum) = (w, h, 0.0);
-        for _ in 0..HALVINGS {
+        for _ in 0..HALVINGS.0 + finer.ilog2() as usize {
             let (nw, nh) = (w / 2, h / 2);
             if nw < 4 || nh < 4 {
                 break;

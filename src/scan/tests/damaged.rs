@@ -355,6 +355,21 @@ fn counts_and_bounds_in_the_header_may_be_wrong() {
 }
 
 #[test]
+fn a_scale_that_its_bounds_do_not_bear_out_is_told() {
+    let mut bytes = file(PACKED[0], 0, Packing::Plain);
+    let scale = f64::from_le_bytes(bytes[131..139].try_into().unwrap());
+    bytes[131..139].copy_from_slice(&(10.0 * scale).to_le_bytes());
+    let read = read_bytes(&bytes).unwrap();
+    assert_eq!(
+        warnings(&read),
+        [
+            "its points are spread 10 times as far as the bounds in its header: if these are right, its \
+          scale is wrong, and so are all sizes"
+        ]
+    );
+}
+
+#[test]
 fn records_of_the_header_may_be_garbage() {
     let sound = file(3, 0, Packing::Fixed(700));
     let whole = read_bytes(&sound).unwrap().value;

@@ -53,6 +53,8 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
         crown: "one dome alone on level ground" => "one tree of its height", 0.02 "of the height", one_dome;
         crown: "a lower tree beside a taller, and one whose top touches it" => "two trees, and one",
             0.0 "trees off", lower_tree;
+        crown: "a tree of 5 m under a crown of 14 m whose base is at 9 m, 10 to 100 returns/m²" =>
+            "two trees, the lower marked", 0.0 "trees off", under_a_crown;
         crown: "1,000 points in one place, 10 m up" => "no crown that breaks its invariants",
             0.0 "unsound crowns", a_spot;
         crown: "voxels and cells that are no lengths" => "an error each", 0.0 "answers without one", no_lengths;
@@ -379,6 +381,30 @@ fn lower_tree() -> Result<f64> {
         Ok(crowns_of(points, |p| p.z > 1.0)?.len() as f64)
     };
     Ok((trees(30.0, 11.0)? - 2.0).abs() + (trees(22.0, 16.0)? - 1.0).abs())
+}
+
+/// The upper tree lets every third pulse through, the lower one none.
+fn under_a_crown() -> Result<f64> {
+    let mut off = 0;
+    for per_sq_m in [10, 20, 40, 100] {
+        let side_m = 24.0;
+        let mut draws = Seed::new(8).draws();
+        let pulses = (side_m * side_m) as usize * per_sq_m;
+        let points = (0..pulses).map(|k| {
+            let p = Vec2::new(side_m * draws.unit(), side_m * draws.unit());
+            let away = p.distance(Vec2::splat(12.0));
+            let z = match away {
+                r if r < 3.5 && k % 3 > 0 => 14.0 - r.powi(2) * (5.0 / 12.25) - draws.unit(),
+                r if r < 1.8 => 5.0 - r,
+                _ => 0.0,
+            };
+            p.extend(z)
+        });
+        let crowns = crowns_of(points.collect(), |p| p.z > 0.1)?;
+        let marked = crowns.iter().filter(|c| c.is_understory).count();
+        off += crowns.len().abs_diff(2) + marked.abs_diff(1);
+    }
+    Ok(off as f64)
 }
 
 fn a_spot() -> Result<f64> {

@@ -20,8 +20,12 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
         scan: "a LAZ file cut in half" => "the points before the cut", 0.11 "of the points lost before it", cut;
         scan: "a LAZ file of which a half is overwritten" => "what can be told is read, or an error",
             0.0 "points that are no numbers", overwritten;
-        scan: "two points and three 500 m over the rest" => "the two are noise, three are a clump and stay",
+        scan: "a LAZ file whose table of chunks is nowhere" => "every point",
+            0.0 "points lost", no_table;
+        scan: "2 points and 30 together, 500 m over and 9,999 m under the rest" => "left out",
             0.0 "points off", clumps;
+        scan: "a cliff of 100 m, a mast of 80 m with returns all the way up" => "every point kept",
+            0.0 "points off", cliff_and_mast;
         scan: "one point 1,000 km away" => "left out, the rest read", 0.0 "points off", stray;
         skeleton: "clouds of no point, one, 10⁴ alike, none that is a number, 100 m wide" => "an error each",
             0.0 "answers without one", no_clouds;
@@ -97,13 +101,31 @@ fn overwritten() -> Result<f64> {
         .map_or(0.0, |s| s.cloud.position.iter().filter(|p| !p.is_finite()).count() as f64))
 }
 
+fn no_table() -> Result<f64> {
+    let mut bytes = scan::encode_laz(&plot(DVec3::ZERO, 120_000))?;
+    // LAS 1.4: the header says where the points begin, and there where the table is.
+    let points = u32::from_le_bytes([bytes[96], bytes[97], bytes[98], bytes[99]]) as usize;
+    bytes[points..points + 8].copy_from_slice(&(-1i64).to_le_bytes());
+    Ok(read(&bytes)?.cloud.len().abs_diff(120_000) as f64)
+}
+
 fn clumps() -> Result<f64> {
-    let left = |count: usize| -> Result<f64> {
+    let mut off = 0;
+    for (count, z) in [(2, 500.0), (30, 500.0), (2, -9_999.0), (30, -9_999.0)] {
         let mut cloud = plot(DVec3::ZERO, 40_000);
-        (0..count).for_each(|k| push(&mut cloud, Vec3::new(50.0, 50.0 + 0.1 * k as f32, 500.0)));
-        Ok((read(&scan::encode_laz(&cloud)?)?.cloud.len() - 40_000) as f64)
-    };
-    Ok(left(2)? + (left(3)? - 3.0).abs())
+        (0..count).for_each(|k| push(&mut cloud, Vec3::new(50.0, 50.0 + 0.1 * k as f32, z)));
+        off += read(&scan::encode_laz(&cloud)?)?.cloud.len().abs_diff(40_000);
+    }
+    Ok(off as f64)
+}
+
+fn cliff_and_mast() -> Result<f64> {
+    let mut cloud = plot(DVec3::ZERO, 40_000);
+    for p in &mut cloud.position {
+        p.z += if p.x > 37.3 + 4.0 * (0.2 * p.y).sin() { 100.0 } else { 0.0 };
+    }
+    (0..160).for_each(|k| push(&mut cloud, Vec3::new(20.0, 20.0, 0.5 * k as f32)));
+    Ok(read(&scan::encode_laz(&cloud)?)?.cloud.len().abs_diff(cloud.len()) as f64)
 }
 
 fn stray() -> Result<f64> {

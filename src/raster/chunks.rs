@@ -1,13 +1,17 @@
-//! LZW pixels of a TIFF (TIFF 6.0, sections 13 and 14; floats after Adobe's Technical Note 3).
+//! Pixels of a TIFF that the `tiff` crate (0.11) does not read right: packed by LZW (TIFF 6.0, sections
+//! 13 and 14; floats after Adobe's Technical Note 3), or of colours with further bands of no stated
+//! kind, by LZW, deflate or plain.
 //!
-//! The `tiff` crate (0.11) fails on sound tiles whose last code just fills its buffer, and on those
-//! without an end code; here a chunk is done when it has all its bytes, as libtiff has it.
+//! The crate fails on sound tiles whose last LZW code just fills its buffer, and on those without an end
+//! code; here a chunk is done when it has all its bytes, as libtiff has it. Of the further bands it
+//! takes the samples for those of the next pixels.
 
 use std::io::{Read, Seek, SeekFrom};
 
-use tiff::TiffResult;
+use flate2::read::ZlibDecoder;
 use tiff::decoder::{ChunkType, Decoder};
 use tiff::tags::{ByteOrder, Tag};
+use tiff::{ColorType, TiffResult};
 use weezl::{BitOrder, LzwStatus, decode::Configuration};
 
 use super::geotiff::Samples;
@@ -21,8 +25,12 @@ pub(super) struct Shape {
     pub is_planar: bool,
 }
 
-/// Reads a picture of 8 or 16 bits or of 32-bit floats that is packed by LZW; `None` where it is
-/// another, which is left to the `tiff` crate.
+const PLAIN: u64 = 1;
+const LZW: u64 = 5;
+const DEFLATE: [u64; 2] = [8, 32946];
+
+/// Reads a picture of 8 or 16 bits or of 32-bit floats; `None` where it is one that is left to the
+/// `tiff` crate.
 pub(super) fn read<R: Read + Seek>(
     decoder: &mut Decoder<R>,
     shape: &Shape,
@@ -47,7 +55,10 @@ pub(super) fn read<R: Read + Seek>(
         3 => bytes == 4,
         _ => false,
     };
-    if compression != 5 || is_inverted || !is_predicted {
+    let is_unnamed = shape.bands > 3 && matches!(decoder.colortype(), Ok(ColorType::RGB(_)));
+    let is_read = compression == LZW
+        || is_unnamed && (compression == PLAIN || DEFLATE.contains(&compression));
+    if !is_read || is_inverted || !is_predicted {
         return Ok(None);
     }
     let (offset_tag, length_tag) = match decoder.get_chunk_type() {
@@ -78,13 +89,17 @@ pub(super) fn read<R: Read + Seek>(
         packed.clear();
         decoder.inner().seek(SeekFrom::Start(*offset))?;
         decoder.inner().take(*length).read_to_end(&mut packed)?;
-        // A code of at least 9 bits stands for at most 4096 bytes.
+        // A code of at least 9 bits stands for at most 4096 bytes; deflate packs to a 1032th.
         let room = row_bytes.saturating_mul(rows);
         if room > packed.len().saturating_mul(4096) {
             return Err(early().into());
         }
         let mut unpacked = vec![0u8; room];
-        unpack(&packed, &mut unpacked)?;
+        match compression {
+            PLAIN => packed.as_slice().read_exact(&mut unpacked)?,
+            LZW => unpack(&packed, &mut unpacked)?,
+            _ => ZlibDecoder::new(packed.as_slice()).read_exact(&mut unpacked)?,
+        }
         for (y, row) in unpacked.chunks_exact_mut(row_bytes).enumerate() {
             let values = values(row, bytes, stride, predictor, is_big);
             let kept = chunk_width.min(shape.width.saturating_sub(left)) * stride;
@@ -105,7 +120,7 @@ pub(super) fn read<R: Read + Seek>(
 }
 
 fn early() -> std::io::Error {
-    std::io::Error::new(std::io::ErrorKind::UnexpectedEof, "LZW pixels end early")
+    std::io::Error::new(std::io::ErrorKind::UnexpectedEof, "packed pixels end early")
 }
 
 /// Fills `out`.
