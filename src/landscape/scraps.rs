@@ -51,11 +51,11 @@ pub(super) fn scraps(
     }
     let mut count = vec![0u32; column.len()];
     let mut is_low = vec![false; column.len()];
-    for at in 0..height.len() {
+    for (at, ground) in height.iter().enumerate() {
         for i in range(at).filter(dense) {
             let of = top(&mut root, i as u32) as usize;
             count[of] += 1;
-            is_low[of] |= f32::from(column[i].z) < height[at] + NEAR_GROUND;
+            is_low[of] |= f32::from(column[i].z) < ground + NEAR_GROUND;
         }
     }
     let is_scrap = |i: usize| {

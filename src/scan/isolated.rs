@@ -1,7 +1,8 @@
 //! Isolated points. By the isolated voxel filter (IVF, as in lidR 4) a point is noise if the
 //! 3 × 3 × 3 voxels around its own hold at most a few points. Besides, few points far above or below
 //! all others of the 3 × 3 columns of voxels around are noise, however many stand together (flocks,
-//! clouds, echoes of echoes): so far that no tree or slope fills the gap with nothing in it.
+//! clouds, echoes of echoes): so far that no tree or slope fills the gap with nothing in it, and unless
+//! they go on beside the columns, as the foot of a cliff does.
 //!
 //! Departures: the voxel size follows from the density, so that scans of every density are
 //! treated alike, and voxels are counted as sorted keys, so that memory follows the occupied
@@ -289,25 +290,39 @@ impl Voxels {
             let out = own.iter().filter(|c| c.1 < first || c.1 > last);
             out.map(|c| c.0 + c.1 * self.stride[2]).collect()
         };
-        columns.par_iter().flat_map_iter(found).collect()
+        let mut found: Vec<u64> = columns.par_iter().flat_map_iter(found).collect();
+        found.par_sort_unstable();
+        // The foot of a cliff goes on beside it.
+        let goes_on = |key: &u64| {
+            let is_rest = |(k, _): &(u64, u32)| found.binary_search(k).is_err();
+            self.around(*key, voxels).any(is_rest)
+        };
+        found.par_iter().copied().filter(|key| !goes_on(key)).collect()
+    }
+
+    /// The voxels of the 3 × 3 × 3 around one that hold points.
+    fn around<'a>(
+        &self,
+        key: u64,
+        voxels: &'a [(u64, u32)],
+    ) -> impl Iterator<Item = &'a (u64, u32)> {
+        let [_, row, layer] = self.stride.map(|s| s as i64);
+        (0..9).flat_map(move |k| {
+            // Three voxels in a row along x have successive keys.
+            let middle = key.wrapping_add_signed((k / 3 - 1) * layer + (k % 3 - 1) * row);
+            let (from, to) = (middle.wrapping_sub(1), middle.wrapping_add(1));
+            let start = voxels.partition_point(|(k, _)| *k < from);
+            voxels[start..].iter().take_while(move |(k, _)| *k <= to)
+        })
     }
 
     /// Whether the neighbourhood of a voxel holds at most [`MOST_POINTS`] points.
     fn is_lonely(&self, key: u64, voxels: &[(u64, u32)]) -> bool {
         let mut points = 0;
-        for dz in [-1i64, 0, 1] {
-            for dy in [-1i64, 0, 1] {
-                // Three voxels in a row along x have successive keys.
-                let row = dz * self.stride[2] as i64 + dy * self.stride[1] as i64;
-                let middle = key.wrapping_add_signed(row);
-                let (from, to) = (middle.wrapping_sub(1), middle.wrapping_add(1));
-                let start = voxels.partition_point(|(k, _)| *k < from);
-                for (_, n) in voxels.iter().skip(start).take_while(|(k, _)| *k <= to) {
-                    points += n;
-                }
-                if points > MOST_POINTS {
-                    return false;
-                }
+        for (_, n) in self.around(key, voxels) {
+            points += n;
+            if points > MOST_POINTS {
+                return false;
             }
         }
         true
