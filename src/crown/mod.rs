@@ -405,6 +405,8 @@ const CLEARANCE_M: f32 = 3.0;
 const CLEARANCE_RELATIVE: f32 = 0.15;
 /// A crown hides what ends so far below its surface, metres.
 const HIDES_M: f32 = 1.0;
+/// What no crown hides was seen from above already, and is mostly the skirt of a crown beside it.
+const SEEN_CONFIDENCE: f32 = 0.6;
 /// So many returns halve the confidence in a tree.
 const HALF_SURE: f32 = 8.0;
 /// What is so near a stem is the stem, metres and part of the tree's height.
@@ -572,19 +574,21 @@ fn join(upper: Layer, lower: Layer, left: impl Iterator<Item = Vec3>) -> Vec<Cro
         let tree = upper.tree_of_cell[cell] as usize;
         (tree < canopy_trees).then_some((tree, upper.top.data[cell]))
     };
+    let is_hidden =
+        |c: &Crown| above(c.apex).is_some_and(|(_, top_m)| top_m > c.height_m + HIDES_M);
+    let trees: Vec<Option<Crown>> = (lower.trees.into_iter())
+        .map(|crown| Crown { is_understory: is_hidden(&crown), ..crown })
+        .map(|crown| Some(crown).filter(|c| c.is_understory || c.confidence >= SEEN_CONFIDENCE))
+        .collect();
     for p in left {
         let of_lower = cell_over(&lower.top.geometry, p).map(|cell| lower.tree_of_cell[cell]);
-        if of_lower.is_some_and(|tree| (tree as usize) < lower.trees.len())
+        if of_lower.is_some_and(|tree| matches!(trees.get(tree as usize), Some(Some(_))))
             && let Some((tree, _)) = above(p)
         {
             crowns[tree].point_count = crowns[tree].point_count.saturating_sub(1).max(1);
         }
     }
-    for mut crown in lower.trees {
-        crown.is_understory =
-            above(crown.apex).is_some_and(|(_, top_m)| top_m > crown.height_m + HIDES_M);
-        crowns.push(crown);
-    }
+    crowns.extend(trees.into_iter().flatten());
     for crown in &mut crowns {
         let n = crown.point_count as f32;
         crown.confidence *= n / (n + HALF_SURE);
