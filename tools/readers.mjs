@@ -142,7 +142,8 @@ window.look = async (url, isForest) => {
   const size = bounds.getSize(at.clone()), middle = bounds.getCenter(new THREE.Vector3());
   const reach = Math.max(size.x, size.y, size.z);
   const camera = new THREE.PerspectiveCamera(40, 960 / 540, 0.1, 20 * reach);
-  const way = isForest ? [0.35, 0.28, 0.75] : [0, 0.1, 1.55];
+  // A forest from where tools/render_blender.py looks at it.
+  const way = isForest ? [0.55, 0.6, 0.88] : [0, 0.1, 1.55];
   camera.position.copy(middle).add(new THREE.Vector3(...way).multiplyScalar(reach));
   camera.lookAt(middle);
   renderer.render(scene, camera);

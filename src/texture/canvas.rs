@@ -165,14 +165,18 @@ impl Canvas {
     }
 }
 
-/// Smaller versions that count of a picture of so many pixels a side: halves, quarters …
-const HALVINGS: (usize, usize) = (6, 512);
-/// Most alpha that a pixel gets which is not seen.
-const MOST_HIDDEN: f32 = 0.8;
+/// Pixels about a leaf that get alpha, in a picture of so many a side; finer ones have as many more
+/// between their leaves.
+const NEAR: (usize, usize) = (32, 512);
+/// Most alpha that a pixel gets which is not seen, in parts of the mask's cutoff.
+const MOST_HIDDEN: f32 = 0.95;
+/// The most that a smaller version shows, in parts of what the picture does.
+const MOST_COVER: f32 = 1.25;
 
 /// Gives pixels that a mask hides so much alpha, still below `cutoff`, that smaller versions made
-/// by averaging blocks show the same share of the picture as the picture itself. What is near
-/// leaves gets more, what is far from any none, so that outlines stay.
+/// by averaging blocks show about the same share of the picture as the picture itself: none much more,
+/// so that of the smallest, where leaves and the gaps about a twig are in one pixel, as much as can be
+/// stays. What is near leaves gets more, what is far from any none, so that outlines stay.
 ///
 /// Cutouts made of averages thin out otherwise (Castaño 2010, who scales alpha on every level; a
 /// file holds the first level alone).
@@ -183,24 +187,26 @@ pub fn keep_cover(picture: &mut Picture, cutoff: f32) {
     if seen == 0 || seen == picture.data.len() {
         return;
     }
-    // Finer pictures have as many pixels more between their leaves.
-    let finer = (w.min(h) / HALVINGS.1).max(1);
-    let near = density(picture, 8 * finer);
+    let near = density(picture, NEAR.0 * (w.min(h) / NEAR.1).max(1));
     let raised = |alpha: u8, near: f32, gain: f32| -> f32 {
         let alpha = f32::from(alpha);
         let hidden = (gain * near).min(MOST_HIDDEN) * (least - 1.0);
         if alpha >= least { alpha } else { alpha.max(hidden) }
     };
-    // How much more the smaller versions show than the picture, with that gain.
-    let share = seen as f32 / (w * h) as f32;
-    let miss = |gain: f32| -> f32 {
+    // What is whole shows on every level.
+    let whole = near.iter().filter(|n| **n > 0.99).count();
+    let parts = |seen: usize, all: usize| seen as f32 / all as f32;
+    let is_whole = parts(whole, w * h);
+    let most = is_whole + MOST_COVER * (parts(seen, w * h) - is_whole).max(0.0);
+    // Whether with that gain a smaller version shows too much.
+    let is_too_full = |gain: f32| -> bool {
         let alphas = picture.data.iter().zip(&near);
         let mut level: Vec<f32> = alphas.map(|(p, n)| raised(p[3], *n, gain)).collect();
-        let (mut w, mut h, mut sum) = (w, h, 0.0);
-        for _ in 0..HALVINGS.0 + finer.ilog2() as usize {
+        let (mut w, mut h) = (w, h);
+        loop {
             let (nw, nh) = (w / 2, h / 2);
             if nw < 4 || nh < 4 {
-                break;
+                return false;
             }
             let mean = |x: usize, y: usize| {
                 let i = 2 * y * w + 2 * x;
@@ -209,14 +215,15 @@ pub fn keep_cover(picture: &mut Picture, cutoff: f32) {
             level = (0..nw * nh).map(|i| mean(i % nw, i / nw)).collect();
             (w, h) = (nw, nh);
             let passed = level.iter().filter(|a| **a >= least).count();
-            sum += passed as f32 / (w * h) as f32 - share;
+            if parts(passed, w * h) > most {
+                return true;
+            }
         }
-        sum
     };
-    let (mut low, mut high) = (0.0f32, 4.0f32);
-    for _ in 0..7 {
+    let (mut low, mut high) = (0.0f32, 8.0f32);
+    for _ in 0..8 {
         let gain = 0.5 * (low + high);
-        if miss(gain) < 0.0 { low = gain } else { high = gain }
+        if is_too_full(gain) { high = gain } else { low = gain }
     }
     for (pixel, near) in picture.data.iter_mut().zip(&near) {
         pixel[3] = raised(pixel[3], *near, low).round() as u8;
