@@ -159,7 +159,7 @@ pub(super) fn files<'a>(
         let bytes = binary.bytes();
         if bytes > recipe.most_bytes {
             drop((binary, files));
-            return split::files(&forms, bytes, pictures, recipe);
+            return split::files(&forms, (form, bytes), pictures, recipe);
         }
         let content = Content::stream(move |sink| binary.write(sink));
         files.push(OutputFile { path: format!("{stem}{form}.glb").into(), content });

@@ -13,7 +13,7 @@ use crate::scene::Selection;
 
 /// Sides at which one gives up.
 const LEAST_SIDE_M: f32 = 1.0;
-/// So many times the bytes of the whole are too many.
+/// So many times the bytes of the wholes are too many.
 const MOST_REPEATED: u64 = 10;
 
 /// A file of the set.
@@ -25,14 +25,14 @@ struct Part<'a> {
     bytes: u64,
 }
 
-/// Files of a scene whose `forms`, by the suffixes of their names, would be of `whole_bytes`.
+/// Files of a scene in these forms, by the suffixes of their names, of which one would be of so many bytes.
 ///
 /// # Errors
 /// Terrain, or trees that stand together, too large for a GLB; models that would be repeated too
 /// often; compression's.
 pub(super) fn files<'a>(
     forms: &[(String, Selection<'a>)],
-    whole_bytes: u64,
+    (large, large_bytes): (&str, u64),
     pictures: &'a Pictures,
     recipe: Recipe<'a>,
 ) -> Result<Warned<Vec<OutputFile<'a>>>> {
@@ -77,7 +77,7 @@ pub(super) fn files<'a>(
         side_m *= 0.5;
     }
     let all_bytes: u64 = parts.iter().map(|p| p.bytes).sum();
-    if all_bytes > MOST_REPEATED.saturating_mul(whole_bytes) {
+    if all_bytes > MOST_REPEATED.saturating_mul(large_bytes * forms.len() as u64) {
         let what = format!("{} files would repeat its models, and take", parts.len());
         return Err(too_large(&what, all_bytes, &recipe).remedy(
             "ask for fewer triangles (--triangles) or models (--unique), or write --format gltf or usdc",
@@ -85,9 +85,9 @@ pub(super) fn files<'a>(
     }
     let terrain = if terrains > 0 { " and one of the terrain" } else { "" };
     let warning = format!(
-        "{stem}.glb would be {}, more than a GLB may be ({}): split by place into {} files of {} together, by \
+        "{stem}{large}.glb would be {}, more than a GLB may be ({}): split by place into {} files of {} together, by \
          squares of {side_m} m ({stem}_x0_y0.glb and so on){terrain}; all have one origin",
-        amount(whole_bytes),
+        amount(large_bytes),
         amount(most_bytes),
         parts.len(),
         amount(all_bytes),
