@@ -4,7 +4,7 @@
 
 use std::io::Cursor;
 
-use larix::export::{self, Format, Pictures, Profile, WindAs};
+use larix::export::{self, Format, Pictures, WindAs};
 use larix::ground::Method;
 use larix::pipeline::{self, ForestJob, SurveyJob};
 use larix::report::{Recorder, Silent};
@@ -62,12 +62,8 @@ fn forest(bencher: divan::Bencher) {
 fn export(bencher: divan::Bencher, format: Format) {
     let (_dir, job) = job();
     let forest = pipeline::forest::forest(&job, &mut Recorder::new(&Silent)).expect("a scene");
-    let job = export::Job {
-        stem: "forest",
-        formats: &[format],
-        profile: Profile::Dcc,
-        wind: WindAs::Color,
-    };
+    let formats = [format];
+    let job = export::Job { wind: WindAs::Color, ..export::Job::new("forest", &formats) };
     bencher.bench(|| {
         let pictures = Pictures::encode(&forest.scene, &job.picture_formats()).expect("pictures");
         let files = export::files(&forest.scene, &pictures, &job).expect("files");

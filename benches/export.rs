@@ -10,7 +10,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use larix::export::{self, Format, Job, Pictures, Profile, WindAs};
+use larix::export::{self, Format, Job, Pictures, Profile};
 use larix::mesh::{self, MeshOptions};
 use larix::pipeline::forest::{mesh_options, model_scene};
 use larix::scene::{Instance, TreeFacts, ValidScene};
@@ -105,7 +105,7 @@ fn main() {
         }
         let held = tempfile::tempdir_in(&folder).expect("a folder to write to");
         let formats = [format];
-        let job = Job { stem: "tree", formats: &formats, profile, wind: WindAs::Attribute };
+        let job = Job { profile, ..Job::new("tree", &formats) };
         let pictures = Pictures::encode(&scene, &job.picture_formats()).expect("sound pictures");
         let (mut least, mut least_raw, mut bytes) = (f64::MAX, f64::MAX, 0);
         for _ in 0..runs {

@@ -1008,13 +1008,12 @@ def check_unique_ids(report, label, scene):
     report.check(f"{label} every tree has an id of its own", faults, f"{scene.tree_count} trees")
 
 
-def check_agreement(report, first, scene, other, against):
+def check_agreement(report, first, scene, other, against, repeats_models=False):
     label = f"{other} agrees with {first}:"
-    for what, count in {
-        "trees": lambda s: s.tree_count,
-        "unique triangles": Scene.unique_triangles,
-        "instanced triangles": Scene.drawn_triangles,
-    }.items():
+    counts = {"trees": lambda s: s.tree_count, "instanced triangles": Scene.drawn_triangles}
+    if not repeats_models:
+        counts["unique triangles"] = Scene.unique_triangles
+    for what, count in counts.items():
         a, b = count(scene), count(against)
         report.check(f"{label} {what}", [f"{b}, not {a}"] if a != b else [], str(a))
     off = np.abs(np.array(scene.bounds) - np.array(against.bounds)).max()
@@ -1084,6 +1083,32 @@ def check_all(report, paths, inventory=None, blender=None):
         check_same(report, usd[0], other)
     for label, scene in scenes if inventory else []:
         check_inventory(report, inventory, label, scene)
+
+
+def joined(scenes):
+    whole = Scene()
+    for scene in scenes:
+        first = len(whole.meshes)
+        whole.meshes += scene.meshes
+        whole.drawn += [(first + number, matrix) for number, matrix in scene.drawn]
+        whole.terrain += [first + number for number in scene.terrain]
+        whole.trees |= scene.trees
+        whole.tree_count += scene.tree_count
+    return whole
+
+
+def check_parts(report, paths, whole):
+    """Whether files are, together, what one file is."""
+    scenes = [check_file(report, path) for path in [*paths, whole]]
+    if None in scenes:
+        return
+    together = joined(scenes[:-1])
+    label = f"{len(paths)} parts"
+    places = {str(scene.place) for scene in scenes}
+    report.check(f"{label} have one origin", [f"{len(places)} origins"] if len(places) > 1 else [])
+    check_unique_ids(report, label, together)
+    check_standing(report, label, together)
+    check_agreement(report, whole.name, scenes[-1], label, together, repeats_models=True)
 
 
 # Seeded defects
@@ -1331,13 +1356,14 @@ def main():
     parser.add_argument("files", nargs="*", type=Path)
     parser.add_argument("--same", type=Path, metavar="FOLDER", help="compare every .usda with the .usdc of its name")
     parser.add_argument("--inventory", type=Path, help="GeoJSON with one feature a tree")
+    parser.add_argument("--parts-of", type=Path, metavar="FILE", help="the files are, together, what this one is")
     parser.add_argument("--quiet", action="store_true", help="tell failures and the count alone")
     parser.add_argument("--three", type=Path, metavar="FOLDER", help="pictures by three.js go here")
     parser.add_argument("--blender", metavar="PYTHON", help="an interpreter with bpy, to import the files too")
     parser.add_argument("--self-test", action="store_true", help="seed defects in copies of a .glb and a .usda")
     options = parser.parse_args()
     known = (".glb", ".gltf", ".usda", ".usdc", ".usdz")
-    for path in [*options.files, *filter(None, [options.inventory])]:
+    for path in [*options.files, *filter(None, [options.inventory, options.parts_of])]:
         if not path.is_file():
             parser.error(f"{path}: no such file")
     for path in options.files:
@@ -1352,6 +1378,8 @@ def main():
         if [path.suffix for path in options.files] not in ([".glb", ".usda"], [".glb", ".usda", ".glb", ".glb"]):
             parser.error("--self-test takes a .glb and a .usda, then one .glb of profile engine and one of web")
         self_test(report, *options.files)
+    elif options.parts_of:
+        check_parts(report, options.files, options.parts_of)
     else:
         check_all(report, options.files, options.inventory, options.blender)
         if options.three:

@@ -393,6 +393,9 @@ pub struct SceneArgs {
     /// Files to write, comma separated.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "glb,usda")]
     pub format: Vec<Format>,
+    /// Largest GLB in megabytes, 4294 where absent; a scene that needs more is split by place.
+    #[arg(long, value_name = "MB", allow_negative_numbers = true, value_parser = above_zero::<f64>("megabytes"))]
+    pub largest_glb: Option<f64>,
 }
 
 /// How the trees stand.

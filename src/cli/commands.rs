@@ -9,7 +9,7 @@ use super::args::{self, Cli, Command, ScanArgs, SceneArgs, TreeArgs};
 use super::progress::Terminal;
 use crate::cache::Cache;
 use crate::diagnostic::{Error, Result};
-use crate::export::{self, Format, OutputFile, Profile, Staged, WindAs};
+use crate::export::{self, Format, MOST_GLB_BYTES, OutputFile, Profile, Staged, WindAs};
 use crate::ground::Method;
 use crate::lod;
 use crate::mesh::{FoliageLevel, Junctions, WindProfile, lightmap};
@@ -332,11 +332,12 @@ fn stage_forest(
         Ok((picture.to_png()?, Outcome::items(trees, "trees", 1, "picture")))
     })?;
     let survey = &forest.survey;
+    let formats = formats(&typed.format);
     let job = export::Job {
-        stem: "forest",
-        formats: &formats(&typed.format),
         profile: profile(typed.levels.profile),
         wind: wind_as(typed.levels.wind_as),
+        most_glb_bytes: typed.largest_glb.map_or(MOST_GLB_BYTES, |mb| (mb * 1e6) as u64),
+        ..export::Job::new("forest", &formats)
     };
     stage_scene(&forest.scene, &job, cache, staged, run)?;
     run.warnings.extend(crate::inventory::unnamed_crs(&survey.frame));
@@ -462,8 +463,8 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
         let (scene, facets) = pipeline::forest::terrain_scene(frame, &terrain, error_m, run)?;
         if let Some(format) = format {
             let stem = stem(&a.output);
-            let (profile, wind) = Default::default();
-            let job = export::Job { stem: &stem, formats: &[format], profile, wind };
+            let formats = [format];
+            let job = export::Job::new(&stem, &formats);
             stage_scene(&scene, &job, &Cache::off(), &mut staged, run)?;
         }
         lines.push(format!(
@@ -516,7 +517,8 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     match format {
         Some(format) => {
             let (profile, wind) = (profile(a.levels.profile), wind_as(a.levels.wind_as));
-            let files = export::Job { stem: &stem, formats: &[format], profile, wind };
+            let formats = [format];
+            let files = export::Job { profile, wind, ..export::Job::new(&stem, &formats) };
             stage_scene(&scene, &files, &job.cache, &mut staged, run)?;
         }
         None => run.stage("preview", |_| {

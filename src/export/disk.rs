@@ -95,8 +95,8 @@ impl Staged {
         self.scratch.get_mut(folder).ok_or_else(|| ErrorKind::NotFound.into())
     }
 
-    /// Levels and parts of a scene of this name that lie in the folder and are not among the files
-    /// added: an earlier run's, which would be taken for this one's. By name; none is touched.
+    /// Files of a scene of this name, whole, by levels or by places, that lie in the folder and are not
+    /// among those added: an earlier run's, which would be taken for this one's. By name; none is touched.
     pub fn of_earlier_runs(&self, stem: &str) -> Vec<String> {
         let is_of_scene = |path: &PathBuf| path.parent() == Some(Path::new(""));
         let kinds: BTreeSet<&str> = self
@@ -106,14 +106,20 @@ impl Staged {
             .filter_map(|path| path.extension()?.to_str())
             .collect();
         let is_left = |name: &String| {
-            let form = name.strip_prefix(stem).and_then(|rest| rest.strip_prefix('_'));
-            let Some((form, kind)) = form.and_then(|rest| rest.rsplit_once('.')) else {
-                return false;
+            let rest = name.strip_prefix(stem).and_then(|rest| rest.rsplit_once('.'));
+            let Some((forms, kind)) = rest else { return false };
+            let is_form = |form: &str| {
+                let number = |s: &str| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
+                matches!(form, "impostor" | "terrain")
+                    || ["LOD", "x", "y", ""]
+                        .iter()
+                        .any(|p| form.strip_prefix(p).is_some_and(number))
             };
-            let number = form.strip_prefix("LOD").unwrap_or(form);
-            let is_form = form == "impostor"
-                || (!number.is_empty() && number.bytes().all(|b| b.is_ascii_digit()));
-            is_form && kinds.contains(kind) && !self.paths.contains(Path::new(name))
+            let mut forms = forms.split('_');
+            forms.next() == Some("")
+                && forms.all(is_form)
+                && kinds.contains(kind)
+                && !self.paths.contains(Path::new(name))
         };
         let mut names: Vec<String> = names_in(&self.dir).filter(is_left).collect();
         names.sort_unstable();

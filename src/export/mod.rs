@@ -19,7 +19,7 @@ use std::path::PathBuf;
 use bytes::Bytes;
 
 pub use disk::{Staged, check_writable, write_all};
-pub use gltf::{Profile, WindAs};
+pub use gltf::{MOST_GLB_BYTES, Profile, WindAs};
 pub use pictures::{Keeper, PictureFormat, Pictures};
 
 use crate::diagnostic::{Result, Warned};
@@ -114,9 +114,17 @@ pub struct Job<'a> {
     /// Of the glTF files, as `wind`; [`Profile::Web`] makes X3D compact, too.
     pub profile: Profile,
     pub wind: WindAs,
+    /// A larger GLB is split; no more than [`MOST_GLB_BYTES`].
+    pub most_glb_bytes: u64,
 }
 
-impl Job<'_> {
+impl<'a> Job<'a> {
+    /// As users who ask for nothing else get it.
+    pub fn new(stem: &'a str, formats: &'a [Format]) -> Self {
+        let (profile, wind) = Default::default();
+        Job { stem, formats, profile, wind, most_glb_bytes: MOST_GLB_BYTES }
+    }
+
     /// How textures are coded in files of their own.
     fn pictures_beside(&self) -> BTreeSet<PictureFormat> {
         let of = |format: &Format| match format {
@@ -143,32 +151,30 @@ impl Job<'_> {
 /// The files of a scene: `STEM.glb`, `STEM.gltf` + `STEM.bin`, `STEM.usda` or `STEM.usdc` +
 /// `assets/STEM_MODEL`, `STEM.usdz`, `STEM.x3d`, `STEM.obj` + `STEM.mtl`, and the textures that
 /// these refer to, each once. Where a glTF profile holds one form a file, as OBJ does, coarser forms
-/// are `STEM_LOD1.glb` and so on. `pictures` must be of [`Job::picture_formats`].
+/// are `STEM_LOD1.glb` and so on; a GLB too large is split by place into `STEM_x0_y0.glb` and so on.
+/// `pictures` must be of [`Job::picture_formats`].
 ///
 /// # Errors
-/// A tree too large for a GLB, a scene too large for a package; more vertices than readers of OBJ count.
+/// What is too large for a GLB and can't be split, a scene too large for a package; more vertices than readers of OBJ count.
 pub fn files<'a>(
     scene: &'a ValidScene,
     pictures: &'a Pictures,
     job: &Job<'a>,
 ) -> Result<Warned<Vec<OutputFile<'a>>>> {
-    let Job { stem, formats, profile, wind } = *job;
+    let Job { stem, formats, profile, wind, most_glb_bytes } = *job;
     let mut files = Vec::new();
     let mut warnings = Vec::new();
     for format in [Format::Glb, Format::Gltf].into_iter().filter(|f| formats.contains(f)) {
-        for (stem, selection) in forms(scene, stem, profile.holds_all_forms()) {
-            let recipe = gltf::Recipe {
-                is_binary: format == Format::Glb,
-                profile,
-                wind,
-                stem: &stem,
-                textures_of: job.stem,
-                most_bytes: gltf::MOST_GLB_BYTES,
-            };
-            let made = gltf::files(&selection, pictures, &recipe)?;
-            files.extend(made.value);
-            warnings.extend(made.warnings);
-        }
+        let recipe = gltf::Recipe {
+            is_binary: format == Format::Glb,
+            profile,
+            wind,
+            stem,
+            most_bytes: most_glb_bytes.min(MOST_GLB_BYTES),
+        };
+        let made = gltf::files(forms(scene, profile.holds_all_forms()), pictures, recipe)?;
+        files.extend(made.value);
+        warnings.extend(made.warnings);
     }
     if formats.contains(&Format::Usda) {
         files.extend(usd::layers(scene, stem, usd::Encoding::Text));
@@ -183,8 +189,8 @@ pub fn files<'a>(
         files.push(x3d::file(Selection::of(scene, Forms::All), stem, profile == Profile::Web));
     }
     if formats.contains(&Format::Obj) {
-        for (form, selection) in forms(scene, stem, false) {
-            let made = obj::files(selection, &form, stem)?;
+        for (form, selection) in forms(scene, false) {
+            let made = obj::files(selection, &format!("{stem}{form}"), stem)?;
             files.extend(made.value);
             warnings.extend(made.warnings);
         }
@@ -208,15 +214,15 @@ pub fn worst_shift_m(scene: &ValidScene, format: Format, profile: Profile) -> f3
     }
 }
 
-/// What goes into which file.
-fn forms<'a>(scene: &'a ValidScene, stem: &str, is_one_file: bool) -> Vec<(String, Selection<'a>)> {
+/// What goes into which file, by the suffix of its name.
+fn forms(scene: &ValidScene, is_one_file: bool) -> Vec<(String, Selection<'_>)> {
     if is_one_file {
-        return vec![(stem.to_owned(), Selection::of(scene, Forms::All))];
+        return vec![(String::new(), Selection::of(scene, Forms::All))];
     }
-    let finest = (stem.to_owned(), Selection::of(scene, Forms::One(0)));
+    let finest = (String::new(), Selection::of(scene, Forms::One(0)));
     let coarser = (1..)
         .zip(scene.level_names())
-        .map(|(k, name)| (format!("{stem}_{name}"), Selection::of(scene, Forms::One(k))));
+        .map(|(k, name)| (format!("_{name}"), Selection::of(scene, Forms::One(k))));
     std::iter::once(finest).chain(coarser).collect()
 }
 

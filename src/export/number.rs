@@ -11,6 +11,33 @@ pub(super) struct Pen {
 
 /// Of the longest number in one piece.
 const ROOM: usize = 24;
+/// Of the longest row: four numbers with what is about them.
+const ROW: usize = 128;
+
+/// A few numbers that are stored as one.
+pub(super) struct Row<'p> {
+    bytes: &'p mut [u8; ROW],
+    end: usize,
+}
+
+impl Row<'_> {
+    #[inline(always)]
+    pub fn text<const N: usize>(&mut self, text: &[u8; N]) {
+        if let Some(room) = self.bytes.get_mut(self.end..self.end + N) {
+            room.copy_from_slice(text);
+        }
+        self.end += N;
+    }
+
+    /// As [`shortest`] has it.
+    #[inline(always)]
+    pub fn shortest(&mut self, value: f32) {
+        let room = self.bytes.get_mut(self.end..).and_then(|b| b.first_chunk_mut());
+        if let Some(room) = room {
+            self.end += shortest_in(room, value);
+        }
+    }
+}
 
 impl Pen {
     pub fn new() -> Self {
@@ -56,6 +83,19 @@ impl Pen {
         }
     }
 
+    #[inline(always)]
+    pub fn row(&mut self, store: impl FnOnce(&mut Row<'_>)) {
+        if self.bytes.len() < self.end + ROW {
+            self.grow(ROW);
+        }
+        let room = self.bytes.get_mut(self.end..).and_then(|b| b.first_chunk_mut());
+        if let Some(bytes) = room {
+            let mut row = Row { bytes, end: 0 };
+            store(&mut row);
+            self.end += row.end;
+        }
+    }
+
     #[cold]
     fn grow(&mut self, by: usize) {
         const LEAST: usize = 1 << 10;
@@ -78,9 +118,15 @@ impl From<Vec<u8>> for Pen {
 /// `zmij` has them.
 #[inline]
 pub(super) fn shortest(out: &mut Pen, value: f32) {
+    out.piece(|to| shortest_in(to, value));
+}
+
+/// Gives how much of what it stored is text.
+#[inline(always)]
+fn shortest_in(to: &mut [u8; ROOM], value: f32) -> usize {
     let bits = value.to_bits();
     let exponent = (bits >> 23 & 0xFF).wrapping_sub((127 + LEAST_EXPONENT) as u32);
-    let Some(binade) = BINADES.get(exponent as usize) else { return any_shortest(out, value) };
+    let Some(binade) = BINADES.get(exponent as usize) else { return any_shortest(to, value) };
     let fraction = u64::from(bits & 0x7F_FFFF);
     // All binades have their point at one place.
     let exact = (fraction | 1 << 23) * binade.unit;
@@ -88,12 +134,12 @@ pub(super) fn shortest(out: &mut Pen, value: f32) {
     let twice_off = 2 * exact.abs_diff(near << POINT);
     // A power of two has a nearer neighbour below.
     if twice_off == binade.unit || (fraction == 0 && twice_off != 0) {
-        return any_shortest(out, value);
+        return any_shortest(to, value);
     }
     let exact = 10 * exact;
     let finer = (exact + HALF - 1 + (exact >> POINT & 1)) >> POINT;
     let digits = select_unpredictable(twice_off < binade.unit, 10 * near, finer);
-    put(out, bits >> 31 == 1, digits * binade.rest, false);
+    put(to, bits >> 31 == 1, digits * binade.rest, false)
 }
 
 /// Numbers from 2^e on, below 2^(e + 1).
@@ -142,11 +188,15 @@ static BINADES: [Binade; (MOST_EXPONENT - LEAST_EXPONENT + 1) as usize] = {
 };
 
 #[cold]
-fn any_shortest(out: &mut Pen, value: f32) {
+fn any_shortest(to: &mut [u8; ROOM], value: f32) -> usize {
     let mut buffer = zmij::Buffer::new();
     // `+ 0.0` takes the sign off a zero.
     let text = buffer.format(value + 0.0);
-    out.text(text.strip_suffix(".0").unwrap_or(text).as_bytes());
+    let text = text.strip_suffix(".0").unwrap_or(text).as_bytes();
+    // No f32 has a longer one.
+    let length = text.len().min(ROOM);
+    to[..length].copy_from_slice(&text[..length]);
+    length
 }
 
 /// The values of four digits, the first in the lowest byte.
@@ -171,9 +221,9 @@ fn eight_digits(k: u64) -> u64 {
 }
 
 /// `parts` / 10^[`PLACES`] < 10,000, without zeros at the end; `is_bare`: without the one before the
-/// point.
+/// point. Gives how much of what it stored is text.
 #[inline(always)]
-fn put(out: &mut Pen, is_negative: bool, parts: u64, is_bare: bool) {
+fn put(to: &mut [u8; ROOM], is_negative: bool, parts: u64, is_bare: bool) -> usize {
     const LOW: u64 = 100_000_000;
     let (high, low) = (eight_digits(parts / LOW), eight_digits(parts % LOW));
     let (whole, first) = (high & 0xFFFF_FFFF, high >> 32);
@@ -183,17 +233,15 @@ fn put(out: &mut Pen, is_negative: bool, parts: u64, is_bare: bool) {
     };
     let least = if is_bare && places > 0 { 1 << 32 } else { 1 << 24 };
     let unwritten = (whole | least).trailing_zeros() as usize / 8;
-    out.piece(|to| {
-        to[0] = b'-';
-        let at = usize::from(is_negative);
-        let whole = (whole | ZEROS) >> (8 * unwritten);
-        to[at..at + 4].copy_from_slice(&(whole as u32).to_le_bytes());
-        let at = at + 4 - unwritten.min(4);
-        to[at] = b'.';
-        to[at + 1..at + 5].copy_from_slice(&((first | ZEROS) as u32).to_le_bytes());
-        to[at + 5..at + 13].copy_from_slice(&(low | ZEROS).to_le_bytes());
-        at + places + usize::from(places > 0)
-    });
+    to[0] = b'-';
+    let at = usize::from(is_negative);
+    let whole = (whole | ZEROS) >> (8 * unwritten);
+    to[at..at + 4].copy_from_slice(&(whole as u32).to_le_bytes());
+    let at = at + 4 - unwritten.min(4);
+    to[at] = b'.';
+    to[at + 1..at + 5].copy_from_slice(&((first | ZEROS) as u32).to_le_bytes());
+    to[at + 5..at + 13].copy_from_slice(&(low | ZEROS).to_le_bytes());
+    at + places + usize::from(places > 0)
 }
 
 /// `values` by [`shortest`], a space between them.
@@ -212,7 +260,7 @@ pub(super) fn rounded(out: &mut Pen, value: f32, places: u32) {
         return round_large(out, value, places);
     }
     let scaled = (f64::from(size) * TENS[places] as f64 + 0.5) as i64 as u64;
-    put(out, value < 0.0 && scaled > 0, scaled * TENS[PLACES - places], true);
+    out.piece(|to| put(to, value < 0.0 && scaled > 0, scaled * TENS[PLACES - places], true));
 }
 
 #[cold]
@@ -220,7 +268,7 @@ fn round_large(out: &mut Pen, value: f32, places: usize) {
     /// Beyond, f32 has no places.
     const WHOLE: f32 = 16_777_216.0;
     if value.is_nan() || value.abs() >= WHOLE {
-        return any_shortest(out, value);
+        return out.piece(|to| any_shortest(to, value));
     }
     let text = format!("{value:.places$}");
     let text = if places > 0 { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
@@ -302,7 +350,7 @@ mod tests {
         for sign_and_exponent in 0..512u32 {
             for fraction in &fractions {
                 let value = f32::from_bits(sign_and_exponent << 23 | fraction);
-                let expected = text(|out| any_shortest(out, value));
+                let expected = text(|out| out.piece(|to| any_shortest(to, value)));
                 assert_eq!(text(|out| shortest(out, value)), expected);
             }
         }

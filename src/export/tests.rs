@@ -23,7 +23,7 @@ struct Made {
 }
 
 fn made(scene: &ValidScene, stem: &str, formats: &[Format], profile: Profile) -> Vec<Made> {
-    let job = Job { stem, formats, profile, wind: WindAs::Color };
+    let job = Job { profile, wind: WindAs::Color, ..Job::new(stem, formats) };
     let pictures = Pictures::encode(scene, &job.picture_formats()).unwrap();
     let files = super::files(scene, &pictures, &job).unwrap();
     assert!(files.warnings.is_empty());
@@ -519,6 +519,10 @@ fn forms_of_an_earlier_run_are_told_and_stay() {
         "tree_old_LOD2.glb",
         "trees_LOD2.glb",
         "other_LOD2.glb",
+        "tree_x0_y12.glb",
+        "tree_x0_y12_LOD1.glb",
+        "tree_terrain.glb",
+        "tree_x0_old.glb",
     ] {
         fs::write(dir.path().join(name), "old").unwrap();
     }
@@ -526,7 +530,20 @@ fn forms_of_an_earlier_run_are_told_and_stay() {
     let mut staged = Staged::new(dir.path()).unwrap();
     staged.add(vec![file("tree.glb", "new"), file("tree_LOD1.glb", "new")]).unwrap();
     let told = staged.of_earlier_runs("tree");
-    assert_eq!(told, ["tree_2.glb", "tree_LOD2.glb", "tree_impostor.glb"]);
+    let left = [
+        "tree_2.glb",
+        "tree_LOD2.glb",
+        "tree_impostor.glb",
+        "tree_terrain.glb",
+        "tree_x0_y12.glb",
+        "tree_x0_y12_LOD1.glb",
+    ];
+    assert_eq!(told, left);
+    // Nor is a whole where this run wrote parts.
+    let mut parts = Staged::new(dir.path()).unwrap();
+    parts.add(vec![file("tree_x0_y12.glb", "new")]).unwrap();
+    assert!(parts.of_earlier_runs("tree").starts_with(&["tree.glb".to_owned()]));
+    drop(parts);
     staged.commit().unwrap();
     assert_eq!(tree(dir.path()).len(), before);
 }

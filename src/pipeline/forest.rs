@@ -631,7 +631,8 @@ fn assemble(
                     stem_diameter_m: tree.stem_diameter_m,
                     condition: job.state.condition.numeral(),
                     confidence: crown.confidence,
-                },
+                }
+                .rounded(),
             });
         }
     }

@@ -139,6 +139,21 @@ pub struct TreeFacts {
     pub confidence: f32,
 }
 
+impl TreeFacts {
+    /// To millimetres and thousandths: no scan tells more, and files are shorter.
+    pub fn rounded(self) -> Self {
+        let thousandths = |v: f32| ((f64::from(v) * 1e3).round() * 1e-3) as f32;
+        TreeFacts {
+            height_m: thousandths(self.height_m),
+            crown_diameter_m: thousandths(self.crown_diameter_m),
+            crown_base_height_m: thousandths(self.crown_base_height_m),
+            stem_diameter_m: thousandths(self.stem_diameter_m),
+            confidence: thousandths(self.confidence),
+            ..self
+        }
+    }
+}
+
 /// One tree in its place: scale, then turn about Z, then move.
 #[derive(Debug, Clone)]
 pub struct Instance {

@@ -1,6 +1,8 @@
 //! What one file shows of a scene: some of its trees, in one form or in all, and only the
 //! materials and textures that these need, numbered anew.
 
+use std::collections::BTreeMap;
+
 use glam::Vec3;
 
 use super::{Apart, Collider, Instance, Material, Octahedral, Part, Texture, ValidScene, Wrap};
@@ -134,28 +136,21 @@ impl<'a> Selection<'a> {
         }
     }
 
-    /// The same in two files, one on either side of the middle tree along the longer way; the
-    /// terrain goes with the first. `None` where there is but one tree.
-    pub fn halves(&self) -> Option<[Selection<'a>; 2]> {
-        if self.trees.len() < 2 {
-            return None;
+    /// Its trees by squares of ground, by column and row from the origin; without terrain.
+    pub fn squares(&self, side_m: f32) -> BTreeMap<[i32; 2], Selection<'a>> {
+        let mut by_place: BTreeMap<[i32; 2], Vec<u32>> = BTreeMap::new();
+        for tree in &self.trees {
+            // Saturates for places that no forest reaches.
+            let at = (tree.instance.position.truncate() / side_m).floor().to_array();
+            by_place.entry(at.map(|c| c as i32)).or_default().push(tree.number);
         }
-        let places = || self.trees.iter().map(|t| t.instance.position);
-        let (lo, hi) = places()
-            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
-        let axis = usize::from(hi.y - lo.y > hi.x - lo.x);
-        let mut order: Vec<&Tree<'_>> = self.trees.iter().collect();
-        order.sort_by(|a, b| {
-            let along = |t: &Tree<'_>| t.instance.position[axis];
-            along(a).total_cmp(&along(b)).then(a.number.cmp(&b.number))
-        });
-        let (low, high) = order.split_at(order.len() / 2);
-        let half = |trees: &[&Tree<'_>], has_terrain| {
-            let mut numbers: Vec<u32> = trees.iter().map(|t| t.number).collect();
-            numbers.sort_unstable();
-            Self::of_trees(self.scene, self.forms, &numbers, has_terrain)
-        };
-        Some([half(low, self.terrain.is_some()), half(high, false)])
+        let of = |numbers: Vec<u32>| Self::of_trees(self.scene, self.forms, &numbers, false);
+        by_place.into_iter().map(|(at, numbers)| (at, of(numbers))).collect()
+    }
+
+    /// The terrain without trees, where it is shown.
+    pub fn terrain_alone(&self) -> Option<Selection<'a>> {
+        self.terrain.map(|_| Self::of_trees(self.scene, self.forms, &[], true))
     }
 
     pub fn scene(&self) -> &'a ValidScene {
@@ -228,6 +223,10 @@ fn numbered(shown: &[bool]) -> Vec<u32> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
+    use glam::Vec2;
+
     use super::*;
     use crate::scene::Level;
     use crate::scene::sample::forest;
@@ -272,26 +271,28 @@ mod tests {
     }
 
     #[test]
-    fn halves_hold_each_tree_once_with_its_own_model() {
+    fn squares_hold_each_tree_once_with_its_own_model() {
         let scene = with_levels();
         let whole = Selection::of(&scene, Forms::One(0));
-        let mut waiting = vec![whole];
         let mut seen = vec![0; scene.instances().len()];
-        let mut terrains = 0;
-        while let Some(part) = waiting.pop() {
-            if let Some(halves) = part.halves() {
-                waiting.extend(halves);
-                continue;
-            }
-            terrains += usize::from(part.terrain.is_some());
-            assert_eq!((part.trees.len(), part.models.len(), part.groups.len()), (1, 1, 1));
+        let squares = whole.squares(16.0);
+        assert!(squares.len() > 4);
+        for (at, part) in squares {
+            assert!(part.terrain.is_none() && !part.trees.is_empty());
+            let used: BTreeSet<u32> = part.trees.iter().map(|t| t.model).collect();
+            assert!(used.into_iter().eq(0..part.models.len() as u32));
             for tree in &part.trees {
                 seen[tree.number as usize] += 1;
                 let prototype = &scene.prototypes()[tree.instance.prototype as usize];
                 assert_eq!(part.models[tree.model as usize].name, prototype.name);
+                let within =
+                    tree.instance.position.truncate() / 16.0 - Vec2::from(at.map(|c| c as f32));
+                assert!((0.0..1.0).contains(&within.x) && (0.0..1.0).contains(&within.y));
             }
         }
-        assert_eq!(terrains, 1);
         assert!(seen.iter().all(|&n| n == 1));
+        let terrain = whole.terrain_alone().unwrap();
+        assert_eq!((terrain.trees.len(), terrain.parts().count()), (0, 1));
+        assert!(Selection::of(&scene, Forms::One(1)).terrain_alone().is_none());
     }
 }

@@ -9,7 +9,9 @@ use crate::scene::{Form, Selection};
 
 /// Side of the squares, metres: small enough to be passed over when out of sight and to change
 /// form as one, large enough for many trees.
-pub(super) const CELL_M: f32 = 64.0;
+const CELL_M: f32 = 64.0;
+/// The same where trees have but one form.
+const CELL_OF_ONE_FORM_M: f32 = 128.0;
 
 /// Never empty.
 pub(super) struct Cell {
@@ -26,11 +28,13 @@ pub(super) struct Cell {
 
 /// The cells of these trees, by column, row and model.
 pub(super) fn cells(selection: &Selection<'_>, trees: &[u32]) -> Vec<Cell> {
+    let has_one_form = selection.models.iter().all(|m| m.forms.len() == 1);
+    let side_m = if has_one_form { CELL_OF_ONE_FORM_M } else { CELL_M };
     let mut by_place: BTreeMap<([i32; 2], u32), Vec<u32>> = BTreeMap::new();
     for &t in trees {
         let tree = &selection.trees[t as usize];
         // Saturates for places that no forest reaches.
-        let at = (tree.instance.position.truncate() / CELL_M).floor().to_array().map(|c| c as i32);
+        let at = (tree.instance.position.truncate() / side_m).floor().to_array().map(|c| c as i32);
         by_place.entry((at, tree.model)).or_default().push(t);
     }
     let cells = by_place.into_iter().map(|((at, model), trees)| {
@@ -79,7 +83,7 @@ mod tests {
                     let tree = &selection.trees[t as usize];
                     assert_eq!(tree.model, cell.model);
                     let off = (tree.instance.position - cell.centre).truncate().abs();
-                    assert!(off.max_element() <= CELL_M + 5.0, "{off}");
+                    assert!(off.max_element() <= CELL_OF_ONE_FORM_M + 5.0, "{off}");
                 }
             }
         }

@@ -11,7 +11,7 @@ use super::buffer::{Body, Layout, Piece, PieceAccessors, Plan};
 use super::cells::{Cell, cells, screen_coverage};
 use super::json::*;
 use super::quantize::{Grid, UvRange};
-use super::{Profile, Recipe, WindAs, variants, y_up};
+use super::{Profile, Recipe, Square, WindAs, variants, y_up};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::mesh::Surface;
@@ -42,6 +42,7 @@ pub(super) fn build<'a>(
     selection: &Selection<'a>,
     pictures: &Pictures,
     recipe: &Recipe<'_>,
+    square: Option<Square>,
     beside: Beside<'_>,
 ) -> Result<Built<'a>> {
     let profile = recipe.profile;
@@ -92,7 +93,7 @@ pub(super) fn build<'a>(
         asset: Asset {
             version: "2.0",
             generator: GENERATOR,
-            extras: place(selection.scene().frame()),
+            extras: place(selection.scene().frame(), square),
         },
         extensions_used: used,
         extensions_required: required,
@@ -123,7 +124,7 @@ pub(super) fn build<'a>(
     Ok(Built { json, body, bytes })
 }
 
-fn place(frame: &Frame) -> Place<'_> {
+fn place(frame: &Frame, square: Option<Square>) -> Place<'_> {
     Place {
         epsg: frame.crs.as_ref().and_then(|crs| crs.epsg),
         wkt: frame.crs.as_ref().and_then(|crs| crs.wkt.as_deref()),
@@ -131,6 +132,12 @@ fn place(frame: &Frame) -> Place<'_> {
         unit_m: frame.unit_m().to_array(),
         note: "east = origin[0] + x / unit_m[0], north = origin[1] - z / unit_m[1], \
                up = origin[2] + y / unit_m[2]",
+        square: square.map(|s| SquareExtras {
+            column: s.at[0],
+            row: s.at[1],
+            side_m: s.side_m,
+            south_west_m: s.corner,
+        }),
     }
 }
 

@@ -61,6 +61,17 @@ pub(super) struct Place<'a> {
     pub origin: [f64; 3],
     pub unit_m: [f64; 3],
     pub note: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub square: Option<SquareExtras>,
+}
+
+/// The ground whose trees are here, where a scene is split; metres east and north of the origin.
+#[derive(Serialize)]
+pub(super) struct SquareExtras {
+    pub column: i32,
+    pub row: i32,
+    pub side_m: f32,
+    pub south_west_m: [f32; 2],
 }
 
 #[derive(Serialize)]

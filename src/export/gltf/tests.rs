@@ -175,7 +175,7 @@ fn offset(of: &Value) -> usize {
 }
 
 fn written(scene: &ValidScene, profile: Profile) -> Vec<(String, Read)> {
-    let job = Job { stem: "forest", formats: &[Format::Glb], profile, wind: WindAs::Attribute };
+    let job = Job { profile, ..Job::new("forest", &[Format::Glb]) };
     let pictures = Pictures::encode(scene, &job.picture_formats()).unwrap();
     let files = files(scene, &pictures, &job).unwrap();
     let read = |f: OutputFile<'_>| (f.path.display().to_string(), Read::new(&f.into_bytes()));
@@ -333,6 +333,137 @@ fn a_browser_finds_what_the_others_do_in_a_fraction_of_the_bytes() {
     assert!(encoded * 2 < decoded as u64, "{encoded} of {decoded}");
 }
 
+/// By name; and what was said.
+type Set = (BTreeMap<String, Vec<u8>>, Vec<String>);
+
+fn at_most(scene: &ValidScene, profile: Profile, most_glb_bytes: u64) -> Result<Set> {
+    let job = Job { profile, most_glb_bytes, ..Job::new("forest", &[Format::Glb]) };
+    let pictures = Pictures::encode(scene, &job.picture_formats()).unwrap();
+    let Warned { value, warnings } = files(scene, &pictures, &job)?;
+    let read = |f: OutputFile<'_>| (f.path.display().to_string(), f.into_bytes());
+    Ok((value.into_iter().map(read).collect(), warnings))
+}
+
+/// The nodes of trees or cells: those with extras, by name; without the numbers of this file.
+fn trees_of(read: &Read) -> BTreeMap<&str, Value> {
+    let nodes = read.json["nodes"].as_array().unwrap().iter().filter(|n| n["extras"].is_object());
+    let own = nodes.map(|n| {
+        let mut own = n.clone();
+        own["mesh"] = read.json["meshes"][number(&n["mesh"])]["name"].clone();
+        own.as_object_mut().unwrap().retain(|key, _| key != "children" && key != "extensions");
+        (n["name"].as_str().unwrap(), own)
+    });
+    own.collect()
+}
+
+#[test]
+fn a_scene_too_large_for_one_file_is_split_by_place() {
+    let scene = sample();
+    let bound = MOST_GLB_BYTES;
+    let (whole, warnings) = at_most(&scene, Profile::Dcc, bound).unwrap();
+    assert!(whole.len() == 3 && warnings.is_empty());
+    let bytes = whole["forest.glb"].len() as u64;
+    assert_eq!(at_most(&scene, Profile::Dcc, bytes).unwrap().0, whole);
+
+    let most = bytes * 3 / 4;
+    let (parts, warnings) = at_most(&scene, Profile::Dcc, most).unwrap();
+    // 200 m by squares of 128 m from the origin.
+    let squares: Vec<String> =
+        [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| format!("forest_x{x}_y{y}")).into();
+    let forms = ["", "_LOD1", "_LOD2"];
+    let mut names: Vec<String> =
+        squares.iter().flat_map(|s| forms.map(|f| format!("{s}{f}.glb"))).collect();
+    names.push("forest_terrain.glb".into());
+    names.sort_unstable();
+    assert!(parts.keys().eq(&names), "{:?}", parts.keys());
+    let [told] = &warnings[..] else { panic!("{warnings:?}") };
+    let said = "by squares of 128 m (forest_x0_y0.glb and so on) and one of the terrain; all have one origin";
+    assert!(told.contains("split by place into 13 files") && told.ends_with(said), "{told}");
+
+    let mut terrains = 0;
+    for form in forms {
+        let all = Read::new(&whole[&format!("forest{form}.glb")]);
+        let expected = trees_of(&all);
+        let mut seen = 0;
+        for square in &squares {
+            let bytes = &parts[&format!("{square}{form}.glb")];
+            assert!(bytes.len() as u64 <= most);
+            // Another reader's word for it, pictures too.
+            ::gltf::import_slice(bytes).unwrap();
+            let read = Read::new(bytes);
+            let place = &read.json["asset"]["extras"];
+            assert_eq!(place["origin"], all.json["asset"]["extras"]["origin"]);
+            assert_eq!(read.json["nodes"][0]["name"], square.replace("forest", scene.name()));
+            let corner = |k: usize| place["square"]["south_west_m"][k].as_f64().unwrap();
+            let trees = trees_of(&read);
+            for (name, node) in &trees {
+                assert_eq!(*node, expected[name]);
+                let at = |k: usize| node["translation"][k].as_f64().unwrap();
+                for from in [at(0) - corner(0), -at(2) - corner(1)] {
+                    assert!((0.0..=128.0).contains(&from), "{name} of {square}");
+                }
+            }
+            seen += trees.len();
+        }
+        assert_eq!((seen, expected.len()), (120, 120), "each tree once");
+    }
+    for bytes in parts.values() {
+        let read = Read::new(bytes);
+        let nodes = read.json["nodes"].as_array().unwrap();
+        terrains += nodes.iter().filter(|n| n["name"] == "terrain").count();
+    }
+    assert_eq!(terrains, 1);
+}
+
+#[test]
+fn profiles_are_split_with_all_that_they_hold() {
+    let scene = sample();
+    for profile in [Profile::Engine, Profile::Web] {
+        let (whole, _) = at_most(&scene, profile, MOST_GLB_BYTES).unwrap();
+        let most = whole["forest.glb"].len() as u64 * 4 / 5;
+        let (parts, warnings) = at_most(&scene, profile, most).unwrap();
+        assert_eq!(warnings.len(), 1);
+        let mut seen: BTreeMap<String, usize> = BTreeMap::new();
+        let finest = parts.iter().filter(|(name, _)| !name.contains("_LOD"));
+        for (name, bytes) in finest {
+            assert!(bytes.len() as u64 <= most);
+            let read = Read::new(bytes);
+            let cells = read.json["nodes"].as_array().unwrap();
+            for cell in cells.iter().filter(|n| n["extras"]["trees"].is_object()) {
+                let ids = ids(cell);
+                let parts = |i: usize| {
+                    scene.prototypes()[scene.instances()[i].prototype as usize].parts.clone()
+                };
+                check_node(&read, cell, &scene, &ids, &parts);
+                ids.iter().for_each(|id| *seen.entry((*id).into()).or_default() += 1);
+                let levels = cell["extensions"]["MSFT_lod"]["ids"].as_array();
+                assert_eq!(levels.map(Vec::len), profile.holds_all_forms().then_some(2), "{name}");
+            }
+        }
+        assert!(seen.len() == 120 && seen.values().all(|&n| n == 1));
+    }
+}
+
+#[test]
+fn what_can_not_be_split_is_refused() {
+    let scene = sample();
+    let told =
+        |scene: &ValidScene, most| at_most(scene, Profile::Dcc, most).err().unwrap().to_string();
+    let text = told(&scene, 1000);
+    assert!(text.starts_with("forest.glb: the terrain needs"), "{text}");
+    let mut bare = scene.into_scene();
+    bare.terrain = None;
+    let mut together = bare.clone();
+    let scene = bare.validate().unwrap();
+    let text = told(&scene, 1000);
+    assert!(text.starts_with("forest.glb: a single tree needs"), "{text}");
+    let least = at_most(&scene, Profile::Dcc, MOST_GLB_BYTES).unwrap().0["forest.glb"].len() as u64;
+    let at = together.instances[0].position;
+    together.instances.iter_mut().for_each(|t| t.position = at);
+    let text = told(&together.validate().unwrap(), least * 3 / 4);
+    assert!(text.starts_with("forest.glb: trees in one place need"), "{text}");
+}
+
 /// Texture coordinates, normals and wind of a surface, whichever way they are written.
 #[test]
 fn numbers_of_fewer_bits_say_nearly_the_same() {
@@ -374,8 +505,8 @@ fn numbers_of_fewer_bits_say_nearly_the_same() {
 fn profiles_give_the_same_bytes_on_any_number_of_threads() {
     let scene = sample();
     for profile in [Profile::Dcc, Profile::Engine, Profile::Web] {
-        let job =
-            Job { stem: "x", formats: &[Format::Glb, Format::Gltf], profile, wind: WindAs::Color };
+        let formats = [Format::Glb, Format::Gltf];
+        let job = Job { profile, wind: WindAs::Color, ..Job::new("x", &formats) };
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {

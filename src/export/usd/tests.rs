@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3};
 
 use super::layer::{Arc, Content, Layer, Prim, Property, Specifier, Value, VariantSet};
 use super::*;
-use crate::export::{Format, Job, Profile, WindAs, files, write_all};
+use crate::export::{Format, Job, WindAs, files, write_all};
 use crate::scene::sample::{forest, tetrahedron};
 use crate::scene::{Apart, Collider, ColliderShape, Level, Scene, Variant};
 use crate::seed::{Draws, Seed};
@@ -235,8 +235,7 @@ fn scenes_on_disk() {
         [("levels", levelled()), ("cells", forest(&["Larix sibirica"], 10_500, 500.0))]
     {
         let scene = scene.validate().unwrap();
-        let job =
-            Job { stem: "forest", formats: &formats, profile: Profile::Dcc, wind: WindAs::Color };
+        let job = Job { wind: WindAs::Color, ..Job::new("forest", &formats) };
         let pictures = Pictures::encode(&scene, &job.picture_formats()).unwrap();
         let files = files(&scene, &pictures, &job).unwrap().value;
         write_all(&Path::new(&dir).join(name), files).unwrap();

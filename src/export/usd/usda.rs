@@ -206,29 +206,23 @@ impl<'l> Text<'l> {
             Value::Double(d) => write!(self.out, "{}", d + 0.0),
             Value::String(text) | Value::Token(text) => write!(self.out, "{}", quoted(text)),
             Value::Asset(path) => write!(self.out, "@{path}@"),
-            Value::Float3(v) => self.tuple(v),
-            Value::Float4(v) => self.tuple(v),
+            Value::Float3(v) => self.bytes_of(|out| tuple(out, b"(", *v)),
+            Value::Float4(v) => self.bytes_of(|out| tuple(out, b"(", *v)),
             Value::Double3([x, y, z]) => write!(self.out, "({x}, {y}, {z})"),
             Value::Ints(items) => self.array(items, |out, v| integer(out, i64::from(*v))),
             Value::Repeated(item, count) => self.repeated(*item, *count),
             Value::Int64s(items) => self.array(items, |out, v| integer(out, *v)),
             Value::Floats(items) => self.array(items, |out, v| shortest(out, *v)),
-            Value::Float2s(items) => self.array(items, |out, v| tuple(out, &v.to_array())),
-            Value::Float3s(items) => self.array(items, |out, v| tuple(out, &v.to_array())),
-            Value::Unorm4s(items) => self.array(items, |out, v| tuple(out, &unorm4(v))),
-            Value::Quatfs(items) | Value::Quaths(items) => {
-                self.array(items, |out, v| tuple(out, v))
-            }
+            Value::Float2s(items) => self.tuples(items, |v| v.to_array()),
+            Value::Float3s(items) => self.tuples(items, |v| v.to_array()),
+            Value::Unorm4s(items) => self.tuples(items, unorm4),
+            Value::Quatfs(items) | Value::Quaths(items) => self.tuples(items, |v| *v),
             Value::Strings(items) => self.array(items, |out, v| out.text(quoted(v).as_bytes())),
             // Metadata alone, which `field` writes.
             Value::Dictionary(_) | Value::Prepended(_) | Value::Selections(_) | Value::Arc(_) => {
                 Ok(())
             }
         }
-    }
-
-    fn tuple(&mut self, values: &[f32]) -> io::Result<()> {
-        self.bytes_of(|out| tuple(out, values))
     }
 
     fn bytes_of(&mut self, write: impl FnOnce(&mut Pen)) -> io::Result<()> {
@@ -270,6 +264,19 @@ impl<'l> Text<'l> {
         }
         self.out.write_all(b"]")
     }
+
+    fn tuples<T: Sync, const N: usize>(
+        &mut self,
+        items: &'l [T],
+        of: impl Fn(&T) -> [f32; N] + Copy + Send + Sync + 'l,
+    ) -> io::Result<()> {
+        self.out.write_all(b"[")?;
+        if let Some((first, rest)) = items.split_first() {
+            self.bytes_of(|out| tuple(out, b"(", of(first)))?;
+            self.out.rows(rest, move |out, item| tuple(out, b", (", of(item)))?;
+        }
+        self.out.write_all(b"]")
+    }
 }
 
 /// What an entry of a dictionary is declared as.
@@ -302,18 +309,20 @@ pub(super) fn unorm4(bytes: &[u8; 4]) -> [f32; 4] {
     bytes.map(|v| f32::from(v) / 255.0)
 }
 
-/// `(a, b, …)`.
+/// `a, b, …)` of at most four behind `open`.
 #[inline]
-fn tuple(out: &mut Pen, values: &[f32]) {
-    for (at, &value) in values.iter().enumerate() {
-        if at == 0 {
-            out.push(b'(');
-        } else {
-            out.text(b", ");
+fn tuple<const L: usize, const N: usize>(out: &mut Pen, open: &[u8; L], values: [f32; N]) {
+    const { assert!(N <= 4) };
+    out.row(|row| {
+        row.text(open);
+        for (k, value) in values.into_iter().enumerate() {
+            if k > 0 {
+                row.text(b", ");
+            }
+            row.shortest(value);
         }
-        shortest(out, value);
-    }
-    out.push(b')');
+        row.text(b")");
+    });
 }
 
 /// A string literal.

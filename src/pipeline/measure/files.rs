@@ -3,7 +3,7 @@
 use super::super::forest;
 use super::Bench;
 use crate::diagnostic::Result;
-use crate::export::{self, Format, Job, Pictures, Profile, Staged, WindAs};
+use crate::export::{self, Format, Job, Pictures, Profile, Staged};
 use crate::report::document::{Front, Point, Quantity, Truth};
 use crate::report::{Recorder, Silent};
 
@@ -30,7 +30,7 @@ pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
     let (mut sizes, mut shifts) = (Vec::new(), Vec::new());
     for (name, format, profile) in FILES {
         let formats = [format];
-        let job = Job { stem: "forest", formats: &formats, profile, wind: WindAs::Attribute };
+        let job = Job { profile, ..Job::new("forest", &formats) };
         let write = |()| {
             let pictures = Pictures::encode(&scene, &job.picture_formats())?;
             let files = export::files(&scene, &pictures, &job)?;

@@ -7,7 +7,7 @@ use super::super::{ForestJob, forest, levels};
 use super::Bench;
 use super::place::Place;
 use crate::diagnostic::Result;
-use crate::export::{self, Format, Job, Pictures, Profile, Staged, WindAs};
+use crate::export::{self, Format, Job, Pictures, Staged};
 use crate::lod;
 use crate::mesh::WindProfile;
 use crate::report::document::{Counted, Omission, Omissions, Timing};
@@ -229,8 +229,7 @@ fn run(bench: &Bench<'_>, job: &ForestJob) -> Result<Run> {
     let mut run = Recorder::new(&Silent);
     let forest = forest::forest(job, &mut run)?;
     let formats = [Format::Glb];
-    let (profile, wind) = (Profile::Dcc, WindAs::Attribute);
-    let to = Job { stem: "forest", formats: &formats, profile, wind };
+    let to = Job::new("forest", &formats);
     let bytes = run.stage("export", |_| -> Result<(u64, Outcome)> {
         let pictures = Pictures::encode(&forest.scene, &to.picture_formats())?;
         let files = export::files(&forest.scene, &pictures, &to)?.value;

@@ -10,7 +10,7 @@ use super::place::Place;
 use super::{Bench, ReportJob};
 use crate::cache::Cache;
 use crate::diagnostic::Result;
-use crate::export::{self, Format, Job, Profile, Staged, WindAs};
+use crate::export::{self, Format, Job, Staged};
 use crate::report::document::{Front, Point, Quantity, Timing, Truth};
 use crate::report::{Outcome, Recorder, Silent};
 
@@ -173,8 +173,7 @@ pub(super) fn write(
     cache: &Cache,
 ) -> Result<u64> {
     let formats = [Format::Glb, Format::Usda];
-    let (profile, wind) = (Profile::Dcc, WindAs::Attribute);
-    let job = Job { stem: "forest", formats: &formats, profile, wind };
+    let job = Job::new("forest", &formats);
     let pictures = paint::coded(scene, &job.picture_formats(), cache)?;
     Staged::new(scratch)?.add(export::files(scene, &pictures, &job)?.value)
 }

@@ -7,7 +7,7 @@ use super::super::super::landscape::DETAIL;
 use super::super::convergence::{empty_cloud, push};
 use super::unrefused;
 use crate::diagnostic::{Error, Result};
-use crate::export::{self, Format, Job, Pictures, Profile, WindAs};
+use crate::export::{self, Format, Job, Pictures, Profile};
 use crate::frame::Frame;
 use crate::ground::{Classified, Kind};
 use crate::landscape::{self, Columns, Landscape};
@@ -120,7 +120,7 @@ fn bytes(scene: Scene, format: Format, profile: Profile) -> Result<usize> {
     scene.prune();
     let scene = scene.validate()?;
     let formats = [format];
-    let job = Job { stem: "x", formats: &formats, profile, wind: WindAs::Attribute };
+    let job = Job { profile, ..Job::new("x", &formats) };
     let pictures = Pictures::encode(&scene, &job.picture_formats())?;
     let mut all = 0;
     for file in export::files(&scene, &pictures, &job)?.value {
