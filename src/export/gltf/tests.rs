@@ -10,7 +10,7 @@ use super::super::{Format, Job, OutputFile, Pictures, files};
 use super::*;
 use crate::mesh::Surface;
 use crate::scene::sample::{forest, tetrahedron};
-use crate::scene::{Apart, Collider, ColliderShape, Level, Part, ValidScene};
+use crate::scene::{Apart, Collider, ColliderShape, Level, Part, Scene, ValidScene};
 
 /// Three forms, a collider and wind on every model.
 fn sample() -> ValidScene {
@@ -356,63 +356,73 @@ fn trees_of(read: &Read) -> BTreeMap<&str, Value> {
     own.collect()
 }
 
+fn without_terrain(mut scene: Scene) -> Scene {
+    scene.terrain = None;
+    scene.prune();
+    scene
+}
+
 #[test]
 fn a_scene_too_large_for_one_file_is_split_by_place() {
-    let scene = sample();
-    let bound = MOST_GLB_BYTES;
-    let (whole, warnings) = at_most(&scene, Profile::Dcc, bound).unwrap();
+    let scene = without_terrain(sample().into_scene()).validate().unwrap();
+    let (whole, warnings) = at_most(&scene, Profile::Dcc, MOST_GLB_BYTES).unwrap();
     assert!(whole.len() == 3 && warnings.is_empty());
     let bytes = whole["forest.glb"].len() as u64;
     assert_eq!(at_most(&scene, Profile::Dcc, bytes).unwrap().0, whole);
 
     let most = bytes * 3 / 4;
     let (parts, warnings) = at_most(&scene, Profile::Dcc, most).unwrap();
-    // 200 m by squares of 128 m from the origin.
-    let squares: Vec<String> =
-        [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| format!("forest_x{x}_y{y}")).into();
-    let forms = ["", "_LOD1", "_LOD2"];
-    let mut names: Vec<String> =
-        squares.iter().flat_map(|s| forms.map(|f| format!("{s}{f}.glb"))).collect();
-    names.push("forest_terrain.glb".into());
-    names.sort_unstable();
-    assert!(parts.keys().eq(&names), "{:?}", parts.keys());
     let [told] = &warnings[..] else { panic!("{warnings:?}") };
-    let said = "by squares of 128 m (forest_x0_y0.glb and so on) and one of the terrain; all have one origin";
-    assert!(told.contains("split by place into 13 files") && told.ends_with(said), "{told}");
-
-    let mut terrains = 0;
+    let said = format!("split by place into {} files", parts.len());
+    assert!(told.starts_with("forest.glb would be") && told.contains(&said), "{told}");
+    let forms = ["", "_LOD1", "_LOD2"];
+    assert!(parts.len() >= 4 * forms.len() && parts.len() % forms.len() == 0);
     for form in forms {
         let all = Read::new(&whole[&format!("forest{form}.glb")]);
         let expected = trees_of(&all);
         let mut seen = 0;
-        for square in &squares {
-            let bytes = &parts[&format!("{square}{form}.glb")];
+        for (name, bytes) in &parts {
             assert!(bytes.len() as u64 <= most);
-            // Another reader's word for it, pictures too.
-            ::gltf::import_slice(bytes).unwrap();
             let read = Read::new(bytes);
             let place = &read.json["asset"]["extras"];
+            let square = &place["square"];
+            let stem = format!("forest_x{}_y{}", square["column"], square["row"]);
+            if *name != format!("{stem}{form}.glb") {
+                continue;
+            }
+            // Another reader's word for it, pictures too.
+            ::gltf::import_slice(bytes).unwrap();
             assert_eq!(place["origin"], all.json["asset"]["extras"]["origin"]);
-            assert_eq!(read.json["nodes"][0]["name"], square.replace("forest", scene.name()));
-            let corner = |k: usize| place["square"]["south_west_m"][k].as_f64().unwrap();
+            let side_m = square["side_m"].as_f64().unwrap();
+            let corner = |k: usize| square["south_west_m"][k].as_f64().unwrap();
             let trees = trees_of(&read);
             for (name, node) in &trees {
                 assert_eq!(*node, expected[name]);
                 let at = |k: usize| node["translation"][k].as_f64().unwrap();
                 for from in [at(0) - corner(0), -at(2) - corner(1)] {
-                    assert!((0.0..=128.0).contains(&from), "{name} of {square}");
+                    assert!((0.0..=side_m).contains(&from), "{name} of {stem}");
                 }
             }
             seen += trees.len();
         }
         assert_eq!((seen, expected.len()), (120, 120), "each tree once");
     }
-    for bytes in parts.values() {
+}
+
+#[test]
+fn the_terrain_of_a_split_scene_is_a_file_of_its_own() {
+    let scene = sample();
+    let (whole, _) = at_most(&scene, Profile::Dcc, MOST_GLB_BYTES).unwrap();
+    let most = whole["forest.glb"].len() as u64 - 1;
+    let (parts, warnings) = at_most(&scene, Profile::Dcc, most).unwrap();
+    assert!(warnings[0].contains(" and one of the terrain; all have one origin"), "{warnings:?}");
+    for (name, bytes) in &parts {
         let read = Read::new(bytes);
         let nodes = read.json["nodes"].as_array().unwrap();
-        terrains += nodes.iter().filter(|n| n["name"] == "terrain").count();
+        let terrains = nodes.iter().filter(|n| n["name"] == "terrain").count();
+        let is_own = name == "forest_terrain.glb";
+        assert_eq!((terrains == 1, nodes.len() == 2), (is_own, is_own), "{name}");
     }
-    assert_eq!(terrains, 1);
 }
 
 #[test]
@@ -451,13 +461,12 @@ fn what_can_not_be_split_is_refused() {
         |scene: &ValidScene, most| at_most(scene, Profile::Dcc, most).err().unwrap().to_string();
     let text = told(&scene, 1000);
     assert!(text.starts_with("forest.glb: the terrain needs"), "{text}");
-    let mut bare = scene.into_scene();
-    bare.terrain = None;
-    let mut together = bare.clone();
-    let scene = bare.validate().unwrap();
-    let text = told(&scene, 1000);
+    let one = without_terrain(forest(&["Larix"], 1, 60.0));
+    let text = told(&one.validate().unwrap(), 1000);
     assert!(text.starts_with("forest.glb: a single tree needs"), "{text}");
-    let least = at_most(&scene, Profile::Dcc, MOST_GLB_BYTES).unwrap().0["forest.glb"].len() as u64;
+    let mut together = without_terrain(scene.into_scene());
+    let apart = together.clone().validate().unwrap();
+    let least = at_most(&apart, Profile::Dcc, MOST_GLB_BYTES).unwrap().0["forest.glb"].len() as u64;
     let at = together.instances[0].position;
     together.instances.iter_mut().for_each(|t| t.position = at);
     let text = told(&together.validate().unwrap(), least * 3 / 4);
