@@ -6,8 +6,9 @@
 //! hemi-octahedral map (Cigolle et al. 2014), for shaders that blend the nearest three; the
 //! sheet that comes with it shows the view from the side.
 //!
-//! Samples are taken 2 × 2 a texel; colour is averaged in linear light over what is seen, alpha
-//! is the share seen, scaled so that as much passes the cutoff as was covered. Normals are those
+//! Samples are taken 3 × 3 a texel; colour is averaged in linear light over what is seen, alpha
+//! is the share seen, scaled so that as much passes the cutoff, between texels too as viewers see
+//! them, as was covered: single texels of a thin crown would vanish there. Normals are those
 //! of the mesh in the sheet's own tangent space. Known limit: a sheet has no depth, so that near
 //! by its parts slide against the tree's.
 
@@ -42,7 +43,10 @@ pub struct Impostor {
 /// Where alpha is cut.
 pub const CUTOFF: f32 = 0.5;
 /// Samples along a side of a texel.
-const PER_TEXEL: usize = 2;
+const PER_TEXEL: usize = 3;
+/// Greatest factor on alpha, and how often it is halved to find the right one.
+const MOST_GAIN: f32 = 64.0;
+const HALVINGS: u32 = 10;
 /// Texels between two views of a cross.
 const GUTTER: usize = 8;
 /// Views along a side of an octahedral picture.
@@ -238,14 +242,36 @@ impl Frame {
         Ok(Frame { size: [width, height], texel })
     }
 
-    /// Factor on alpha at which as many texels pass the cutoff as the model covers.
+    /// Factor on alpha at which as much passes the cutoff as the model covers.
     fn gain(&self) -> f32 {
         let covered: f32 = self.texel.iter().map(|t| t.alpha).sum();
-        let mut alphas: Vec<f32> =
-            self.texel.iter().map(|t| t.alpha).filter(|a| *a > 0.0).collect();
-        alphas.sort_unstable_by(|a, b| b.total_cmp(a));
-        let last = alphas.get((covered.round() as usize).saturating_sub(1)).copied();
-        last.map_or(1.0, |a| CUTOFF / a).max(1.0)
+        let (mut low, mut high) = (0.0, MOST_GAIN.ln());
+        for _ in 0..HALVINGS {
+            let middle: f32 = 0.5 * (low + high);
+            if self.passing(middle.exp()) < covered { low = middle } else { high = middle }
+        }
+        if low == 0.0 { 1.0 } else { low.exp() }
+    }
+
+    /// Texels' area that passes the cutoff, looked at in 2 × 2 places between texels' middles.
+    fn passing(&self, gain: f32) -> f32 {
+        let [w, h] = self.size;
+        let alpha = |x: usize, y: usize| (self.texel[y * w + x].alpha * gain).min(1.0);
+        let mut passing = 0;
+        for y in 0..h - 1 {
+            let mut left = [alpha(0, y), alpha(0, y + 1)];
+            for x in 1..w {
+                let right = [alpha(x, y), alpha(x, y + 1)];
+                for t in [0.25, 0.75] {
+                    let [top, bottom] = [0, 1].map(|k| left[k] + (right[k] - left[k]) * t);
+                    for u in [0.25, 0.75] {
+                        passing += u32::from(top + (bottom - top) * u >= CUTOFF);
+                    }
+                }
+                left = right;
+            }
+        }
+        passing as f32 * 0.25
     }
 }
 

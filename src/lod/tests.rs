@@ -130,6 +130,46 @@ fn an_impostor_covers_what_the_model_covers_in_its_colour() {
 }
 
 #[test]
+fn an_impostor_of_a_thin_crown_covers_as_much() {
+    // Leaves much smaller than a texel, strewn about.
+    let mut leaves = Surface::default();
+    let mut draws = crate::seed::Seed::new(1).draws();
+    for _ in 0..900 {
+        let at =
+            Vec3::new(draws.between(-2.0, 2.0), draws.between(-2.0, 2.0), draws.between(0.0, 8.0));
+        let first = leaves.position.len() as u32;
+        for (s, t) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+            leaves.position.push(at + Vec3::new(0.04 * s, 0.0, 0.04 * t));
+            leaves.normal.push(-Vec3::Y);
+            leaves.uv.push(Vec2::ZERO);
+        }
+        leaves.index.extend([0, 1, 2, 0, 2, 3].map(|k| first + k));
+    }
+    let (parts, materials) = (part(leaves), red());
+    let sitter = Sitter::new(&[&parts], &materials, &[]);
+    let bounds = (Vec3::new(-2.0, -2.0, 0.0), Vec3::new(2.0, 2.0, 8.0));
+    for (kind, size_px) in [(Kind::Cross, 128), (Kind::Octahedral, 512)] {
+        let got = impostor::bake(&sitter, 0, bounds, kind, size_px).unwrap();
+        // One sheet, looked at squarely.
+        let mut sheet = got.surface.clone();
+        sheet.index.truncate(6);
+        let model = part(sheet);
+        let image = got.colour.into();
+        let textures = [Texture { name: "colour".into(), image, colorspace: Colorspace::Srgb }];
+        let mut look = red();
+        look[0].base_color_texture = Some(0);
+        look[0].alpha = Alpha::Mask { cutoff: impostor::CUTOFF };
+        look[0].double_sided = true;
+        let shown = Sitter::new(&[&model], &look, &textures);
+        let window =
+            Window { centre: Vec3::Z * 4.0, forward: Vec3::Y, sample_m: 0.02, size: [240, 440] };
+        let of = |s: &Sitter<'_>| s.silhouette(0, &window).unwrap().iter().filter(|c| **c).count();
+        let (drawn, truth) = (of(&shown) as f32, of(&sitter) as f32);
+        assert!((drawn / truth - 1.0).abs() < 0.15, "{kind:?}: {drawn} {truth}");
+    }
+}
+
+#[test]
 fn octahedral_views_cover_the_upper_half_of_the_sky() {
     // Any direction of the upper half has a view within 18.5°.
     let views: Vec<Vec3> = (0..impostor::FRAMES)

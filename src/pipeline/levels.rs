@@ -208,10 +208,10 @@ fn bake(
     kind: lod::Kind,
     texture_px: u32,
 ) -> Result<Vec<(Baked, Option<Octahedral>)>> {
-    // A sheet is shown where the tree is some 200 lines high or less.
+    // A sheet is shown where the tree is some 200 lines high or less; near by twice as many hold up.
     let size_px = match kind {
-        lod::Kind::Cross => texture_px / 2,
-        lod::Kind::Octahedral => texture_px,
+        lod::Kind::Cross => texture_px,
+        lod::Kind::Octahedral => 2 * texture_px,
     }
     .max(LEAST_SHEET_PX);
     let models: Vec<&[Part]> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();

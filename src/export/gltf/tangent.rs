@@ -1,9 +1,11 @@
-//! Tangents for normal maps, from how the texture lies on the triangles.
+//! Tangents for normal maps, from how the texture lies on the triangles, as MikkTSpace has them
+//! (Mikkelsen 2008, Simulation of wrinkled surfaces revisited).
 //!
-//! Each vertex gets the sum of its triangles' u directions, weighted by their area, made
-//! perpendicular to its normal (Lengyel, Foundations of Game Engine Development 2, 2019, §7.5);
-//! w tells on which side v grows. Vertices are not split where neighbours disagree, as
-//! MikkTSpace would: surfaces here are already split at their texture seams.
+//! Each vertex gets the sum of its triangles' u directions, each first laid into the plane of the
+//! vertex' normal and brought to unit length, weighted by the triangle's angle there; w tells
+//! whether the texture is mirrored. Departure: vertices are not split where neighbours disagree, for
+//! surfaces here are already split at seams and folds of their texture; one whose triangles are partly
+//! mirrored goes by those that have more of its angle.
 
 use glam::{Vec3, Vec4};
 
@@ -14,39 +16,48 @@ use crate::work::{self, Work};
 /// growing v (upwards in the picture). Indices must be in range.
 pub(super) fn tangents(surface: &Surface) -> Vec<Vec4> {
     work::count(Work::Tangents, surface.position.len());
-    let mut along_u = vec![Vec3::ZERO; surface.position.len()];
-    let mut along_v = along_u.clone();
-    for corners in surface.index.chunks_exact(3) {
-        let [a, b, c] = [corners[0], corners[1], corners[2]].map(|i| i as usize);
-        let (p, q) =
-            (surface.position[b] - surface.position[a], surface.position[c] - surface.position[a]);
-        let (s, t) = (surface.uv[b] - surface.uv[a], surface.uv[c] - surface.uv[a]);
+    // Of the triangles whose texture reads right, and of the mirrored ones: direction, angle.
+    let mut sum = vec![[(Vec3::ZERO, 0.0f32); 2]; surface.position.len()];
+    for corners in surface.index.as_chunks::<3>().0 {
+        let corners = corners.map(|i| i as usize);
+        let [a, b, c] = corners.map(|i| surface.position[i]);
+        let [d, e, f] = corners.map(|i| surface.uv[i]);
+        let (s, t) = (e - d, f - d);
         let area_uv = s.perp_dot(t);
-        let weight = p.cross(q).length() * area_uv.signum();
-        let u = (p * t.y - q * s.y).normalize_or_zero() * weight;
-        let v = (q * s.x - p * t.x).normalize_or_zero() * weight;
-        for vertex in [a, b, c] {
-            along_u[vertex] += u;
-            along_v[vertex] += v;
+        let u = ((b - a) * t.y - (c - a) * s.y) * area_uv.signum();
+        if area_uv == 0.0 || u == Vec3::ZERO {
+            continue;
+        }
+        let ends = [[b, c], [c, a], [a, b]];
+        for ((vertex, at), ends) in corners.into_iter().zip([a, b, c]).zip(ends) {
+            let normal = surface.normal[vertex];
+            let flat = |v: Vec3| (v - normal * normal.dot(v)).normalize_or_zero();
+            let [to, from] = ends.map(|end| flat(end - at));
+            let angle = to.dot(from).clamp(-1.0, 1.0).acos();
+            let (along, whole) = &mut sum[vertex][usize::from(area_uv < 0.0)];
+            *along += flat(u) * angle;
+            *whole += angle;
         }
     }
-    let sums = along_u.iter().zip(&along_v).zip(&surface.normal);
-    sums.map(|((&u, &v), &normal)| {
-        // Where the texture has no direction, any will do.
-        let tangent = (u - normal * normal.dot(u))
-            .try_normalize()
-            .unwrap_or_else(|| normal.any_orthonormal_vector());
-        let side = normal.cross(tangent).dot(v);
-        tangent.extend(if side < 0.0 { -1.0 } else { 1.0 })
-    })
-    .collect()
+    sum.iter()
+        .zip(&surface.normal)
+        .map(|([right, mirrored], &normal)| {
+            let (along, w) = if mirrored.1 > right.1 { (mirrored.0, -1.0) } else { (right.0, 1.0) };
+            // Where the texture has no direction, any will do.
+            along.try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector()).extend(w)
+        })
+        .collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use bevy_mikktspace::{Geometry, TangentSpace, generate_tangents};
     use glam::Vec2;
 
     use super::*;
+    use crate::mesh::{self, FoliageLevel, MeshOptions};
+    use crate::seed::Seed;
+    use crate::skeleton::{Detail, Target, grow};
 
     /// A square in the plane z = 0, with its texture turned by `angle`, and mirrored or not.
     fn square(angle: f32, mirrored: bool) -> Surface {
@@ -73,6 +84,68 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// Tangents of every corner by the reference algorithm.
+    struct Reference<'a>(&'a Surface, Vec<Vec4>);
+
+    impl Reference<'_> {
+        fn vertex(&self, face: usize, corner: usize) -> usize {
+            self.0.index[3 * face + corner] as usize
+        }
+    }
+
+    impl Geometry for Reference<'_> {
+        fn num_faces(&self) -> usize {
+            self.0.triangles()
+        }
+        fn num_vertices_of_face(&self, _: usize) -> usize {
+            3
+        }
+        fn position(&self, face: usize, corner: usize) -> [f32; 3] {
+            self.0.position[self.vertex(face, corner)].to_array()
+        }
+        fn normal(&self, face: usize, corner: usize) -> [f32; 3] {
+            self.0.normal[self.vertex(face, corner)].to_array()
+        }
+        fn tex_coord(&self, face: usize, corner: usize) -> [f32; 2] {
+            self.0.uv[self.vertex(face, corner)].to_array()
+        }
+        fn set_tangent(&mut self, space: Option<TangentSpace>, face: usize, corner: usize) {
+            if let Some(space) = space {
+                self.1[3 * face + corner] = Vec4::from_array(space.tangent_encoded());
+            }
+        }
+    }
+
+    #[test]
+    fn tangents_of_wood_are_those_of_mikktspace() {
+        let mut worst = [0.0f32; 3];
+        for name in crate::species::builtin_names() {
+            let species = crate::species::load(name).unwrap();
+            let target = Target::FromSpecies { height_m: None };
+            let skeleton = grow(&species, target, Detail::HERO, Seed::new(1)).unwrap();
+            let options = MeshOptions { foliage: FoliageLevel::None, ..MeshOptions::HERO };
+            let atlas = crate::texture::Atlas::whole(0.4);
+            let tree = mesh::build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
+            let (mut angles_deg, mut turned) = (Vec::new(), 0);
+            for wood in tree.woods().into_iter().filter(|w| !w.is_empty()) {
+                let ours = tangents(wood);
+                let mut reference = Reference(wood, vec![Vec4::ZERO; wood.index.len()]);
+                generate_tangents(&mut reference).unwrap();
+                for (&i, theirs) in wood.index.iter().zip(&reference.1) {
+                    let ours = ours[i as usize];
+                    turned += usize::from(ours.w != theirs.w);
+                    let cosine = ours.truncate().dot(theirs.truncate()).clamp(-1.0, 1.0);
+                    angles_deg.push(cosine.acos().to_degrees());
+                }
+            }
+            angles_deg.sort_unstable_by(f32::total_cmp);
+            let at = |share: f32| angles_deg[(share * (angles_deg.len() - 1) as f32) as usize];
+            let turned = turned as f32 / angles_deg.len() as f32;
+            worst = [worst[0].max(at(0.9)), worst[1].max(at(0.97)), worst[2].max(turned)];
+        }
+        assert!(worst[0] < 0.1 && worst[1] < 1.0 && worst[2] < 1e-3, "{worst:?}");
     }
 
     #[test]
