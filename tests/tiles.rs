@@ -142,6 +142,28 @@ fn real_scans_cut_in_four_are_the_same_forest() {
     }
 }
 
+/// Grids span the gaps: their cells must not follow from that.
+#[test]
+fn plots_apart_keep_the_trees_they_have_alone() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/idtrees/las");
+    let files = ["MLBS_2.las", "MLBS_4.las", "MLBS_6.las"].map(|name| folder.join(name));
+    if !files.iter().all(|f| f.exists()) {
+        println!("skipped: {} is not here", folder.display());
+        return;
+    }
+    let together = survey(&files, None);
+    assert_eq!(differences(&together, &survey(&files, Some(256.0))), (0, 0));
+    let ids = |s: &Survey| -> Vec<u64> { s.trees.iter().map(|t| t.crown.key).collect() };
+    let alone: Vec<u64> =
+        files.iter().flat_map(|f| ids(&survey(std::slice::from_ref(f), None))).collect();
+    let together = ids(&together);
+    // The terrain of all has larger cells.
+    let same = together.iter().filter(|id| alone.contains(id)).count();
+    println!("{same} of {} and {} trees are the same", together.len(), alone.len());
+    assert!(2 * same > alone.len(), "{same} of {}", alone.len());
+    assert!(together.len().abs_diff(alone.len()) * 4 < alone.len());
+}
+
 #[test]
 fn neighbouring_files_make_one_forest_without_a_seam() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/lasR");

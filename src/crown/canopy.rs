@@ -69,10 +69,14 @@ pub(super) fn cell_for_density(density_per_sq_m: f64) -> f64 {
     CELLS_M.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(1.0)
 }
 
+/// So many cells are no burden, however few points there are: more than a block of tiles has, so that
+/// plots apart get the cells that each would get alone.
+const FREE_CELLS: f64 = (1 << 23) as f64;
+
 /// The smallest covering grid with no more cells than memory in proportion to `count` points
-/// allows: a few points far apart get larger cells.
+/// allows: a few points very far apart get larger cells.
 pub(super) fn geometry(min: [f64; 2], max: [f64; 2], cell_m: f64, count: usize) -> GridGeometry {
-    let limit = 16.0 * count as f64 + 65_536.0;
+    let limit = 16.0 * count as f64 + FREE_CELLS;
     let mut cell = cell_m;
     for _ in 0..64 {
         if ((max[0] - min[0]) / cell + 2.0) * ((max[1] - min[1]) / cell + 2.0) <= limit {
