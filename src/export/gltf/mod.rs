@@ -3,7 +3,7 @@
 //!
 //! Y up is made here and nowhere else: the vertices themselves are turned, (x, y, z) → (x, z, −y),
 //! a rotation by −90° about X, so no node needs a correcting turn. Parts with a normal map carry
-//! tangents. A larger scene than a GLB holds is split by place into several ([`split`]).
+//! tangents. A larger scene than a GLB holds is split by place into several (`split`).
 
 mod buffer;
 mod cells;
