@@ -86,6 +86,15 @@ impl Draws {
         (-2.0 * u.ln()).sqrt() * (std::f32::consts::TAU * v).cos()
     }
 
+    /// Uniform in the cube −1…1, from one draw: as far from its middle on each axis as
+    /// [`Draws::direction`].
+    pub fn jitter(&mut self) -> Vec3 {
+        let bits = self.bits();
+        let part =
+            |shift: u32| ((bits >> shift) & 0x1f_ffff) as f32 * (2.0 / 0x1f_ffff as f32) - 1.0;
+        Vec3::new(part(43), part(22), part(1))
+    }
+
     /// Uniform on the unit sphere.
     pub fn direction(&mut self) -> Vec3 {
         let z = self.between(-1.0, 1.0);

@@ -20,9 +20,10 @@ struct Evenness {
 fn evenness(surfaces: &[&Surface]) -> Evenness {
     let mut out = Evenness::default();
     let mut whole = 0.0;
-    // Of every edge, by its places: area and density beside it, coordinates at its ends, and which
+    // Of every edge, by its places: area and density beside it, coordinates and normals at its ends, which
     // vertices these are.
-    type Side = (f32, f32, [Vec2; 2], (usize, u32, u32));
+    // The sign of the density is that of the side from which the tile is seen.
+    type Side = (f32, f32, [(Vec2, Vec3); 2], (usize, u32, u32));
     let mut edges: HashMap<[[u32; 3]; 2], Vec<Side>> = Default::default();
     let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
     for (which, s) in surfaces.iter().enumerate() {
@@ -37,10 +38,13 @@ fn evenness(surfaces: &[&Surface]) -> Evenness {
                 continue;
             }
             whole += area;
-            let density = (flat.abs() / area).sqrt();
+            let density = (flat.abs() / area).sqrt().copysign(flat);
             for k in 0..3 {
                 let (i, j) = (t[k], t[(k + 1) % 3]);
-                let ends = [i, j].map(|v| (key(s.position[v as usize]), s.uv[v as usize]));
+                let ends = [i, j].map(|v| {
+                    let v = v as usize;
+                    (key(s.position[v]), (s.uv[v], s.normal[v]))
+                });
                 let (i, j, ends) =
                     if ends[0].0 < ends[1].0 { (i, j, ends) } else { (j, i, [ends[1], ends[0]]) };
                 let side = (area / 3.0, density, [ends[0].1, ends[1].1], (which, i, j));
@@ -50,22 +54,22 @@ fn evenness(surfaces: &[&Surface]) -> Evenness {
     }
     for sides in edges.values() {
         let [a, b] = sides[..] else { continue };
-        let gap = [0, 1].map(|k| b.2[k] - a.2[k]);
+        let gap = [0, 1].map(|k| b.2[k].0 - a.2[k].0);
+        let is_smooth = [0, 1].iter().all(|&k| a.2[k].1 == b.2[k].1);
         let meets = gap.iter().all(|g| g.y.abs() < 1e-3 && (g.x - g.x.round()).abs() < 1e-3);
+        // Not where bark turns back, nor where another way to lay it begins.
+        let is_seam = is_smooth && a.3.0 == b.3.0 && (a.1 / b.1 - 1.0).abs() < 0.05;
+        let nearly = gap.iter().all(|g| g.y.abs() < 0.2 && (g.x - g.x.round()).abs() < 0.3);
+        let same = gap[0].x.round() == gap[1].x.round() && gap[0].x.abs() > 0.5;
         let kind = if a.3 == b.3 || gap == [Vec2::ZERO; 2] {
             0
-        } else if meets
-            || a.3.0 == b.3.0
-                && gap[0].x.round() == gap[1].x.round()
-                && gap[0].x.abs() > 0.5
-                && gap[0].y.abs() < 0.2
-        {
+        } else if meets || is_seam && nearly && same {
             out.torn += usize::from(!meets);
             1
         } else {
             2
         };
-        let ratio = (a.1 / b.1).max(b.1 / a.1);
+        let ratio = (a.1 / b.1).abs().max((b.1 / a.1).abs());
         out.jumps[kind] += (a.0 + b.0) * f32::from(u8::from(ratio > 2.0));
     }
     out.jumps.iter_mut().for_each(|share| *share /= whole);
@@ -85,4 +89,56 @@ fn bark_lies_evenly_across_seams_and_rings() {
         let is_even = tube < 0.01 && seam < 0.001 && junction < 0.03 && e.torn == 0;
         assert!(is_even, "{name}: {e:?}");
     }
+}
+
+/// Least and greatest tiles of bark a metre, in any direction, with the area, of every triangle above
+/// ground.
+fn densities(surfaces: &[&Surface]) -> Vec<([f32; 2], f32)> {
+    let mut out = Vec::new();
+    for s in surfaces {
+        for t in s.index.chunks_exact(3) {
+            let [a, b, c] = [0, 1, 2].map(|k| s.position[t[k] as usize]);
+            if a.z.min(b.z).min(c.z) < 0.0 {
+                continue;
+            }
+            let [p, q, r] = [0, 1, 2].map(|k| s.uv[t[k] as usize]);
+            // The singular values of the map from the triangle's plane to the texture.
+            let (e, f) = (b - a, c - a);
+            let x = e.normalize_or_zero();
+            let (ex, fx) = (e.length(), f.dot(x));
+            let fy = (f - x * fx).length();
+            let du = (q - p) / ex;
+            let dv = (r - p - du * fx) / fy;
+            let (sum, det) = (du.length_squared() + dv.length_squared(), du.perp_dot(dv).abs());
+            let high = (0.5 * (sum + (sum * sum - 4.0 * det * det).max(0.0).sqrt())).sqrt();
+            out.push(([det / high.max(1e-12), high], 0.5 * ex * fy));
+        }
+    }
+    out
+}
+
+#[test]
+fn bark_has_one_scale_on_stems_and_twigs() {
+    let mut worst = [0.0f32; 3];
+    for name in species::builtin_names() {
+        let s = species::load(name).unwrap();
+        let target = Target::FromSpecies { height_m: None };
+        for (detail, options) in
+            [(Detail::HERO, MeshOptions::HERO), (Detail::FOREST, MeshOptions::FOREST)]
+        {
+            let skeleton = grow(&s, target, detail, Seed::new(1)).unwrap();
+            let options = MeshOptions { foliage: FoliageLevel::None, ..options };
+            let tree = build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
+            let share = |surfaces: &[&Surface], within: f32| {
+                let all = densities(surfaces);
+                let whole: f32 = all.iter().map(|d| d.1).sum();
+                let is_off = |d: &[f32; 2]| d[0] < 1.0 / within || d[1] > within;
+                all.iter().filter(|d| is_off(&d.0)).map(|d| d.1).sum::<f32>() / whole.max(1e-9)
+            };
+            let [wide, far] = [1.5, 2.5].map(|f| share(&tree.woods(), f));
+            let twigs = share(&[&tree.twig_wood], 2.0);
+            worst = [worst[0].max(wide), worst[1].max(far), worst[2].max(twigs)];
+        }
+    }
+    assert!(worst[0] < 0.17 && worst[1] < 0.07 && worst[2] < 0.16, "{worst:?}");
 }

@@ -132,16 +132,32 @@ fn root(part: &mut [u32], mut i: u32) -> u32 {
 /// are welded; 0 where all is closed and wound one way. Tubes that pass through each other may have
 /// edges in one place: then corners are welded within each connected part alone.
 pub fn open_edges(surfaces: &[&Surface]) -> usize {
-    match open_edges_of(weld(surfaces, false)) {
-        0 => 0,
-        n => n.min(open_edges_of(weld(surfaces, true))),
+    let ways = [Weld::All, Weld::Parts { joined: false }, Weld::Parts { joined: true }];
+    let mut least = usize::MAX;
+    for way in ways {
+        least = least.min(open_edges_of(weld(surfaces, way)));
+        if least == 0 {
+            break;
+        }
     }
+    least
+}
+
+/// Which corners in one place are one.
+#[derive(Clone, Copy, PartialEq)]
+enum Weld {
+    All,
+    /// Those of a connected part. Parts of two surfaces are connected where corners agree in place and
+    /// normal; `joined`: those of one too where bark is as far along, as at folds.
+    Parts {
+        joined: bool,
+    },
 }
 
 /// As [`open_edges`], all corners in one place welded.
 #[cfg(test)]
 pub fn open_edges_welded(surfaces: &[&Surface]) -> usize {
-    open_edges_of(weld(surfaces, false))
+    open_edges_of(weld(surfaces, Weld::All))
 }
 
 fn open_edges_of((index, welded): (Vec<u32>, Vec<u32>)) -> usize {
@@ -168,16 +184,17 @@ fn open_edges_of((index, welded): (Vec<u32>, Vec<u32>)) -> usize {
     open
 }
 
-/// The surfaces' indices as one list, and for every vertex one that stands for all in its place
-/// (and connected part: parts of two surfaces are connected where corners agree in place and
-/// normal).
-fn weld(surfaces: &[&Surface], by_part: bool) -> (Vec<u32>, Vec<u32>) {
-    let (mut index, mut position, mut normal, mut owner) = (vec![], vec![], vec![], vec![]);
+/// The surfaces' indices as one list, and for every vertex one that stands for all in its place.
+fn weld(surfaces: &[&Surface], way: Weld) -> (Vec<u32>, Vec<u32>) {
+    let (by_part, joined) = (way != Weld::All, way == Weld::Parts { joined: true });
+    let (mut index, mut position, mut normal) = (vec![], vec![], vec![]);
+    let (mut along, mut owner) = (vec![], vec![]);
     for (k, s) in surfaces.iter().enumerate() {
         let base = position.len() as u32;
         index.extend(s.index.iter().map(|i| i + base));
         position.extend_from_slice(&s.position);
         normal.extend_from_slice(&s.normal);
+        along.extend(s.uv.iter().map(|uv| uv.y));
         owner.resize(position.len(), k);
     }
     let n = position.len();
@@ -192,10 +209,12 @@ fn weld(surfaces: &[&Surface], by_part: bool) -> (Vec<u32>, Vec<u32>) {
     let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
     let mut order: Vec<u32> = (0..n as u32).collect();
     let place = |i: u32| (key(position[i as usize]), key(normal[i as usize]));
-    if by_part && surfaces.len() > 1 {
+    if by_part {
         order.sort_unstable_by_key(|&i| (place(i), i));
         for w in order.windows(2) {
-            if place(w[0]) == place(w[1]) && owner[w[0] as usize] != owner[w[1] as usize] {
+            let [a, b] = [w[0], w[1]].map(|i| i as usize);
+            let joins = owner[a] != owner[b] || joined && along[a] == along[b];
+            if joins && place(w[0]) == place(w[1]) {
                 let (a, b) = (root(&mut part, w[0]), root(&mut part, w[1]));
                 part[b as usize] = a;
             }

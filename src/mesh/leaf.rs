@@ -198,39 +198,41 @@ impl<'a> Twig<'a> {
         shoot.wood(PIECES[order], self.atlas.wood(), pose, out);
         let f = self.foliage;
         let places = self.places[order];
-        let start = draws.unit() * std::f32::consts::TAU;
+        // Turns as points of the unit circle.
+        let mut around = Vec2::from_angle(draws.unit() * std::f32::consts::TAU);
+        let golden = Vec2::from_angle(GOLDEN_RAD);
+        let beside_it = match self.cluster {
+            4.. => golden,
+            few => Vec2::from_angle(std::f32::consts::TAU / few.max(1) as f32 * 0.35),
+        };
         for k in 0..places {
             let along_share = (k as f32 + draws.unit()) / places as f32;
             let t = self.from + (1.0 - self.from) * along_share;
             let (foot, along) = shoot.at(t);
             let young = 1.0 - 0.3 * t * t * t;
-            let around = start + k as f32 * GOLDEN_RAD;
             let across = along.any_orthonormal_vector();
             let beside = along.cross(across);
-            for n in 0..self.cluster {
-                // Needles of one place fan out about it.
-                let turn = if self.cluster > 3 {
-                    n as f32 * GOLDEN_RAD + around
-                } else {
-                    around + n as f32 * std::f32::consts::TAU / self.cluster as f32 * 0.35
-                };
-                let (sin, cos) = turn.sin_cos();
-                let mut radial = across * cos + beside * sin;
+            // Needles of one place fan out about it.
+            let mut turn = around;
+            around = around.rotate(golden);
+            for _ in 0..self.cluster {
+                let mut radial = across * turn.x + beside * turn.y;
+                turn = turn.rotate(beside_it);
                 if self.organ != Organ::Needle {
                     // Broad leaves turn to the sides of their shoot.
                     radial =
                         (radial - pose.facing * 0.6 * radial.dot(pose.facing)).normalize_or(radial);
                 }
                 let spread = draws.between(self.opening[0], self.opening[1]);
-                let spread = spread * (1.0 - 0.25 * t);
-                let heading = along * spread.cos() + radial * spread.sin();
+                let (sin, cos) = sin_cos(spread * (1.0 - 0.25 * t));
+                let heading = along * cos + radial * sin;
                 let heading = match self.organ {
                     Organ::Needle => heading + pose.facing * 0.12,
                     // Leaves hang a little from their petioles.
                     _ => heading - Vec3::Z * draws.between(0.05, 0.45),
                 };
                 let heading = heading.normalize_or(along);
-                let light = pose.facing + radial * 0.25 + draws.direction() * 0.35;
+                let light = pose.facing + radial * 0.25 + draws.jitter() * 0.35;
                 let facing = light - heading * light.dot(heading);
                 let facing = facing.normalize_or(heading.any_orthonormal_vector());
                 let size = f.leaf_length_m * young * draws.between(0.75, 1.1) * self.widened.x;
@@ -306,6 +308,16 @@ impl<'a> Twig<'a> {
     }
 }
 
+/// Sine and cosine of an angle of 0…1.6 within 1e-6: Taylor's series.
+fn sin_cos(x: f32) -> (f32, f32) {
+    let y = x * x;
+    let sin =
+        1.0 - y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0 * (1.0 - y / 72.0 * (1.0 - y / 110.0))));
+    let cos =
+        1.0 - y / 2.0 * (1.0 - y / 12.0 * (1.0 - y / 30.0 * (1.0 - y / 56.0 * (1.0 - y / 90.0))));
+    (x * sin, cos)
+}
+
 /// Length of the petiole over that of the blade.
 fn petiole(shape: LeafShape) -> f32 {
     match shape {
@@ -326,15 +338,17 @@ fn needle(pose: &Pose, width_m: f32, cell: &Cell, out: &mut Piece) {
     let middle = pose.base + pose.heading * (0.4 * pose.size_m) - pose.facing * (0.6 * half);
     // A needle is short: all of it lies one way from the crown's middle.
     let bent = pose.bent(pose.facing, middle, BENT);
-    let mut put = |p: Vec3, lean: Vec3, s: f32, t: f32| {
-        out.vertex(p, bent + lean * (1.0 - BENT), cell.uv(s, t))
-    };
-    let foot = put(pose.base, Vec3::ZERO, 0.5, 0.05);
-    let right = put(middle + across * half, across * 0.5, 0.65, 0.4);
-    let tip = put(pose.base + pose.heading * pose.size_m, Vec3::ZERO, 0.5, 0.95);
-    let left = put(middle - across * half, across * -0.5, 0.35, 0.4);
-    out.triangle([foot, right, tip]);
-    out.triangle([foot, tip, left]);
+    let lean = across * (0.5 * (1.0 - BENT));
+    let [ridge, right, left] = [bent, bent + lean, bent - lean].map(|n| n.normalize_or(Vec3::Z));
+    out.blade(
+        [
+            (pose.base, ridge, cell.uv(0.5, 0.05)),
+            (middle + across * half, right, cell.uv(0.65, 0.4)),
+            (pose.base + pose.heading * pose.size_m, ridge, cell.uv(0.5, 0.95)),
+            (middle - across * half, left, cell.uv(0.35, 0.4)),
+        ],
+        [[0, 1, 2], [0, 2, 3]],
+    );
 }
 
 /// A shoot of a twig, sinking towards its tip.
@@ -376,6 +390,20 @@ impl Shoot {
                 }
             }
             before = Some(ring);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sines_are_those_of_the_library() {
+        for k in 0..=1600 {
+            let x = k as f32 * 1e-3;
+            let (sin, cos) = sin_cos(x);
+            assert!((sin - x.sin()).abs() < 1e-6 && (cos - x.cos()).abs() < 1e-6, "{x}");
         }
     }
 }

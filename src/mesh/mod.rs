@@ -5,6 +5,7 @@ mod blend;
 mod card;
 mod chain;
 mod check;
+mod facing;
 mod foliage;
 mod junction;
 mod leaf;

@@ -10,20 +10,37 @@ use super::path::Ring;
 use super::tube::{Circles, around};
 
 /// Fills a block of facets but for the foot of a branch, whose first corner is returned. Both edges
-/// are walked in step: all of it lies in the parent's facets.
+/// are walked in step: all of it lies in the parent's facets. Folded bark is not folded within the
+/// block.
 pub fn fill(
     hole: &Hole,
     [low, high]: [&Ring; 2],
+    is_folded: bool,
     [p, q]: [u32; 2],
     circles: &Circles,
     corner: &mut Vec<(u32, Vec2)>,
     out: &mut Surface,
 ) -> u32 {
     let (sides, facets) = (low.sides, hole.facets);
-    // Across the seam the block has corners of its own, whose texture goes on.
-    let wraps = hole.facet + facets > sides;
+    // Folded bark goes on as in the block's middle: there, back, or there again past the seam.
+    let middle = 2 * hole.facet + facets;
+    let (back, past) = match middle {
+        m if m <= 2 * low.fold() => (false, 0),
+        m if m <= 2 * sides => (true, 0),
+        _ => (false, sides),
+    };
+    // Across a seam or fold the block has corners of its own, whose texture goes on.
+    let folds = is_folded && (hole.facet..hole.facet + facets).contains(&low.fold());
+    let has_own = folds || hole.facet + facets > sides;
+    let around = |ring: &Ring, place: f32| {
+        if is_folded {
+            around(ring, place - past as f32, Some(back))
+        } else {
+            around(ring, place, None)
+        }
+    };
     let mut edge = |from: u32, ring: &Ring| -> u32 {
-        if !wraps {
+        if !has_own {
             return from + hole.facet;
         }
         let start = out.position.len() as u32;
@@ -138,7 +155,9 @@ mod tests {
             slope: 0.0,
             sides,
             lobe: 0.0,
+            girth: 6.0,
             repeats: 6.0,
+            u: 0.0,
             v: z,
         }
     }
@@ -160,8 +179,8 @@ mod tests {
             let circles = Circles::new();
             let (low, top) = (ring(0.0, sides), ring(0.7, sides));
             let mut out = Surface::default();
-            corners(&low, circles.of(sides), 0.0, &mut out);
-            corners(&top, circles.of(sides), 0.0, &mut out);
+            corners(&low, circles.of(sides), 0.0, false, &mut out);
+            corners(&top, circles.of(sides), 0.0, false, &mut out);
             let half_x = 0.42 * facets as f32 * wide;
             let room = facets as f32 - 2.0 * (half_x + 0.08);
             let start = Start {
@@ -177,7 +196,7 @@ mod tests {
             let x = half_x + 0.08 + room.max(0.0) * across;
             let t = high + 0.06 + (1.0 - 2.0 * (high + 0.06)) * along;
             let hole = Hole::new(facet, facets, [x, half_x], [t, high], start);
-            fill(&hole, [&low, &top], [0, sides + 1], &circles, &mut Vec::new(), &mut out);
+            fill(&hole, [&low, &top], false, [0, sides + 1], &circles, &mut Vec::new(), &mut out);
             prop_assert_eq!(out.triangles() as u32, 2 * facets + 2 + corners_of_foot);
             // The texture coordinates are the tube laid flat.
             let mut sum = 0.0;

@@ -39,13 +39,20 @@ pub struct Ring {
     pub sides: u32,
     /// Amplitude of buttress lobes, share of the radius.
     pub lobe: f32,
-    /// Whole tiles of bark around.
+    /// Tiles of bark around, to scale; and as a whole number.
+    pub girth: f32,
     pub repeats: f32,
-    /// Tiles of bark along, from the base.
+    /// Where its bark begins, and tiles of bark along.
+    pub u: f32,
     pub v: f32,
 }
 
 impl Ring {
+    /// The corner where bark that is laid there and back turns.
+    pub fn fold(&self) -> u32 {
+        self.sides.div_ceil(2)
+    }
+
     /// Unit; at right angles to `tangent` and `normal`.
     pub fn binormal(&self) -> Vec3 {
         self.tangent.cross(self.normal)
@@ -471,7 +478,9 @@ fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, around: Option<Vec3>, out
             slope: 0.0,
             sides: sides.of(knot.radius_m).max(least_sides),
             lobe,
+            girth: 1.0,
             repeats: 1.0,
+            u: 0.0,
             v: 0.0,
         });
     }

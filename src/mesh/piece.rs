@@ -43,6 +43,32 @@ impl Piece<'_> {
         k as u32
     }
 
+    /// Adds vertices, whose normals have unit length, and triangles of them.
+    #[inline]
+    pub fn blade<const V: usize, const T: usize>(
+        &mut self,
+        vertices: [(Vec3, Vec3, Vec2); V],
+        triangles: [[u32; 3]; T],
+    ) {
+        let (v, t) = (self.vertices, self.corners);
+        let columns = (
+            self.position.get_mut(v..v + V),
+            self.normal.get_mut(v..v + V),
+            self.uv.get_mut(v..v + V),
+            self.index.get_mut(t..t + 3 * T),
+        );
+        if let (Some(position), Some(normal), Some(uv), Some(index)) = columns {
+            for (k, vertex) in vertices.into_iter().enumerate() {
+                (position[k], normal[k], uv[k]) = vertex;
+            }
+            let first = self.first + v as u32;
+            for (slot, corner) in index.iter_mut().zip(triangles.as_flattened()) {
+                *slot = first + corner;
+            }
+            (self.vertices, self.corners) = (v + V, t + 3 * T);
+        }
+    }
+
     /// Adds a triangle of the piece's vertices, counter-clockwise seen from its front.
     pub fn triangle(&mut self, corners: [u32; 3]) {
         if let Some(slots) = self.index.get_mut(self.corners..self.corners + 3) {
@@ -62,6 +88,7 @@ pub fn straighten(
     rounds: usize,
 ) {
     for _ in 0..rounds {
+        let mut is_straight = true;
         for t in index.as_chunks::<3>().0 {
             let ids = t.map(|i| (i - first) as usize);
             let [a, b, c] = ids.map(|i| position[i]);
@@ -76,8 +103,12 @@ pub fn straighten(
                     let cosine = n.dot(front);
                     let turned = n + front * (2.0 * LEAST_COSINE - cosine);
                     normal[i] = turned.normalize_or(front);
+                    is_straight = false;
                 }
             }
+        }
+        if is_straight {
+            return;
         }
     }
 }

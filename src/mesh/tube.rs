@@ -1,7 +1,9 @@
 //! Rings to triangles: one closed tube an axis, P18's truncated cones with shared rings.
 //!
 //! The rings' circles come from tables, so a vertex costs no trigonometry. A ring of N sides has
-//! N + 1 vertices: the first and the last lie in one place and part the texture. The foot of a
+//! N + 1 vertices: the first and the last lie in one place and part the texture. Around thin wood,
+//! which a tile would be squeezed to fit, bark is laid there and back, to scale: it meets itself at
+//! the first corner and turns at another, whose twin is the last vertex. The foot of a
 //! branch is a hole in the facets of one band (see `junction`); its corners are the first ring of
 //! the branch.
 //! Where one bark gives way to a younger one, the line between them winds through the facets of
@@ -14,11 +16,12 @@ use glam::{Vec2, Vec3};
 
 use super::Surface;
 use super::blend;
+use super::facing::Facing;
 use super::junction::{Hole, mask};
 use super::patch::{fill, spot};
-use super::path::{MAX_SIDES, Ring};
+use super::path::{MAX_SIDES, MIN_SIDES, Ring};
 use super::wind::{Sway, Wind};
-use super::young::{BARKS, Blend, Luck, Young};
+use super::young::{BARKS, Blend, COATS, Coat, FOLDED_GIRTH, Luck, Young};
 use crate::seed::Seed;
 
 /// Cosines and sines of the corners of every ring.
@@ -47,30 +50,43 @@ impl Circles {
     }
 }
 
-/// Texel density, as tiles a tile's length: where thin wood cannot have fewer than one tile
-/// around, the tiles grow smaller both ways, down to an eighth.
-const DENSITY: [f32; 2] = [0.7, 8.0];
+/// Bounds of texel density, as tiles a tile's length.
+const DENSITY: [f32; 2] = [0.7, 1.4];
 /// Tiles around change where the density is off by more than this factor.
 const OFF: f32 = 1.45;
 
 /// Lays bark along a tube: whole tiles around, so that it closes on itself, and as many along as
 /// there are around a metre, so that a taper does not stretch it. Where the number around changes,
-/// a band shears the bark by half a tile at its seam.
-pub fn lay_bark(rings: &mut [Ring], repeat_m: f32) {
-    let Some(first) = rings.first() else { return };
-    let girth = |radius_m: f32| (radius_m * TAU).max(1e-6) / repeat_m;
+/// a band shears the bark by half a tile at its seam. Where bark is folded (see `young`) it lies to
+/// scale; thin tubes begin anywhere in the tile, by `key`.
+pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
+    // Of the polygon: N sin(π / N) / π of the circle's.
+    let around = |ring: &Ring| {
+        let x = std::f32::consts::PI / ring.sides.max(MIN_SIDES) as f32;
+        let chords = 1.0 - x * x / 6.0 * (1.0 - x * x / 20.0);
+        (ring.radius_m * TAU * chords).max(1e-6) / repeat_m
+    };
     let whole = |girth: f32| girth.round().clamp(1.0, 1024.0);
-    let mut below = *first;
-    below.repeats = whole(girth(below.radius_m));
+    let Some(&first) = rings.first() else { return };
+    let mut below = first;
+    below.girth = around(&first);
+    below.repeats = whole(below.girth);
+    if below.girth < FOLDED_GIRTH[1] {
+        // Multiples of the plastic number's inverses lie evenly on a square.
+        let share = |inverse: f64| (f64::from(key) * inverse).fract() as f32;
+        (below.u, below.v) = (share(0.754_877_666), share(0.569_840_291));
+    }
     for ring in rings {
-        let off = below.repeats / girth(ring.radius_m);
+        (ring.u, ring.girth) = (below.u, around(ring));
+        let off = below.repeats / ring.girth;
         // The apex is a point.
         let stays = ring.radius_m == 0.0 || off.max(1.0 / off) < OFF;
-        ring.repeats = if stays { below.repeats } else { whole(girth(ring.radius_m)) };
-        let mean_m = 0.5 * (below.radius_m + ring.radius_m);
+        ring.repeats = if stays { below.repeats } else { whole(ring.girth) };
+        let girth = 0.5 * (below.girth + ring.girth);
         let repeats = 0.5 * (below.repeats + ring.repeats);
-        let density = (repeats / girth(mean_m)).clamp(DENSITY[0], DENSITY[1]) / repeat_m;
-        ring.v = below.v + (ring.arc_m - below.arc_m) * density;
+        let is_folded = girth < FOLDED_GIRTH[1];
+        let density = if is_folded { 1.0 } else { (repeats / girth).clamp(DENSITY[0], DENSITY[1]) };
+        ring.v = below.v + (ring.arc_m - below.arc_m) * density / repeat_m;
         below = *ring;
     }
 }
@@ -121,6 +137,7 @@ pub struct Bark<'a> {
     base: Vec<Corner>,
     /// Index and place of the corners about a hole.
     about: Vec<(u32, Vec2)>,
+    facing: Facing,
 }
 
 impl<'a> Bark<'a> {
@@ -135,6 +152,7 @@ impl<'a> Bark<'a> {
             sway: Vec::new(),
             base: Vec::new(),
             about: Vec::new(),
+            facing: Facing::default(),
         }
     }
 
@@ -189,47 +207,53 @@ impl<'a> Bark<'a> {
             return;
         }
         self.begin(shape);
-        let Bark { surface, young, wind, seed, circles, rims, sway, base, about } = self;
+        let start =
+            [0, 1, 2].map(|b| (self.surface[b].position.len(), self.surface[b].index.len()));
+        let Bark { surface, young, wind, seed, circles, rims, sway, base, about, facing } = self;
         let has_collar = out_of.is_some_and(|o| o.has_collar);
         let mut luck = Luck::new(*seed, shape.key);
         let swing = wind.map(|w| (w, &sway[..]));
-        // Where the corners of the last ring start in each surface, once they are there.
-        let mut below = [None; BARKS];
+        // Where the corners of the last ring start in each coat, once they are there.
+        let mut below = [None; COATS];
         let mut mix_below = young.at(&rings[0]);
         let mut blend_below: Option<Blend> = None;
         for i in 0..n - 1 {
             let mix = young.at(&rings[i]);
-            let mut here = [None; BARKS];
-            let corners_in =
-                |i: usize, slot: &mut Option<u32>, out: &mut Surface, luck: &mut Luck| {
-                    *slot.get_or_insert_with(|| {
-                        let start = out.position.len() as u32;
-                        let ring = &rings[i];
-                        if i == 0 && !base.is_empty() {
-                            rim(ring, circles.of(ring.sides), base, has_collar, out);
-                            if swing.is_some() {
-                                let again =
-                                    (0..=ring.sides as usize).map(|k| base[k % base.len()].2);
-                                out.wind.extend(again);
-                            }
-                        } else {
-                            let phase = if ring.lobe == 0.0 { 0.0 } else { luck.phase() };
-                            corners(ring, circles.of(ring.sides), phase, out);
-                            if let Some((wind, sway)) = swing {
-                                wind.ring(sway[i], out);
-                            }
+            let mut here = [None; COATS];
+            let corners_in = |i: usize,
+                              coat: Coat,
+                              slot: &mut [Option<u32>; COATS],
+                              out: &mut Surface,
+                              luck: &mut Luck| {
+                *slot[coat.0].get_or_insert_with(|| {
+                    let start = out.position.len() as u32;
+                    let (ring, is_folded) = (&rings[i], coat.is_folded());
+                    if i == 0 && !base.is_empty() {
+                        rim(ring, circles.of(ring.sides), base, has_collar, is_folded, out);
+                        if swing.is_some() {
+                            let again = corner_of(ring, is_folded);
+                            let again = again.map(|k| base[k as usize % base.len()].2);
+                            out.wind.extend(again);
                         }
-                        start
-                    })
-                };
+                    } else {
+                        let phase = if ring.lobe == 0.0 { 0.0 } else { luck.phase() };
+                        corners(ring, circles.of(ring.sides), phase, is_folded, out);
+                        if let Some((wind, sway)) = swing {
+                            wind.ring(sway[i], out);
+                        }
+                    }
+                    start
+                })
+            };
             if i == 0 {
                 // The base is closed by a fan: it lies inside the parent or below ground.
-                let b = mix.most();
-                let out = &mut surface[b];
-                let first = corners_in(0, &mut here[b], out, &mut luck);
+                let coat = mix.most();
+                let out = &mut surface[coat.bark()];
+                let first = corners_in(0, coat, &mut here, out, &mut luck);
                 if base.is_empty() {
+                    // About the first corner's other vertex: both sides of a fold hang together.
                     for k in 1..rings[0].sides - 1 {
-                        out.index.extend([first, first + k + 1, first + k]);
+                        out.index.extend([first + rings[0].sides, first + k + 1, first + k]);
                     }
                 }
             } else {
@@ -254,7 +278,7 @@ impl<'a> Bark<'a> {
                     let [p, q] = [(i - 1, &mut below), (i, &mut here)].map(|(i, slots)| {
                         blended
                             .pair
-                            .map(|b| corners_in(i, &mut slots[b], &mut surface[b], &mut luck))
+                            .map(|c| corners_in(i, c, slots, &mut surface[c.bark()], &mut luck))
                     });
                     let field = |ring: &Ring, share: f32, k: u32, luck: &mut Luck| {
                         share - luck.limit((k % sides) as f32 / sides as f32, ring)
@@ -268,66 +292,89 @@ impl<'a> Bark<'a> {
                         let at = [left[0], right[0], right[1], left[1]];
                         blend::cut(at, may_cut, |is_second, spots| {
                             let b = usize::from(is_second);
-                            let corner = [p[b] + k, p[b] + k + 1, q[b] + k + 1, q[b] + k];
-                            let out = &mut surface[blended.pair[b]];
+                            let coat = blended.pair[b];
+                            let left = k + twin(&rings[i], coat.is_folded(), k);
+                            let corner = [p[b] + left, p[b] + k + 1, q[b] + k + 1, q[b] + left];
+                            let out = &mut surface[coat.bark()];
+                            let start = out.position.len();
                             let corners = spots.map(|s| spot(s, corner, out));
                             out.index.extend(corners);
+                            if let Some((wind, _)) = swing {
+                                wind.rise(start, out);
+                            }
                         });
                         left = right;
                     }
                 } else if count == 0 && !(mixes && sides == next) {
-                    let out = &mut surface[side];
-                    let p = corners_in(i - 1, &mut below[side], out, &mut luck);
-                    let q = corners_in(i, &mut here[side], out, &mut luck);
+                    let out = &mut surface[side.bark()];
+                    let p = corners_in(i - 1, side, &mut below, out, &mut luck);
+                    let q = corners_in(i, side, &mut here, out, &mut luck);
+                    let last = out.index.len();
                     band(p, sides, q, next, &mut out.index);
+                    if side.is_folded() {
+                        let folds = [&rings[i - 1], &rings[i]].map(Ring::fold);
+                        part([p, q], [sides, next], folds, &mut out.index[last..]);
+                    }
                 } else {
                     let taken = opened.iter().fold(0, |m, h| m | mask(h.facet, h.facets, sides));
                     for k in (0..sides).filter(|k| taken >> k & 1 == 0) {
-                        let b = if mixes {
+                        let coat = if mixes {
                             let turn = (k as f32 + 0.5) / sides as f32;
-                            mix.bark[usize::from(luck.limit(turn, &rings[i]) < mix.share)]
+                            mix.coat[usize::from(luck.limit(turn, &rings[i]) < mix.share)]
                         } else {
                             side
                         };
-                        let out = &mut surface[b];
-                        let p = corners_in(i - 1, &mut below[b], out, &mut luck) + k;
-                        let q = corners_in(i, &mut here[b], out, &mut luck) + k;
-                        out.index.extend([p, p + 1, q + 1, p, q + 1, q]);
+                        let out = &mut surface[coat.bark()];
+                        let p = corners_in(i - 1, coat, &mut below, out, &mut luck) + k;
+                        let q = corners_in(i, coat, &mut here, out, &mut luck) + k;
+                        let twin = twin(&rings[i], coat.is_folded(), k);
+                        out.index.extend([p + twin, p + 1, q + 1, p + twin, q + 1, q + twin]);
                     }
                     for hole in opened {
-                        let out = &mut surface[side];
-                        let p = corners_in(i - 1, &mut below[side], out, &mut luck);
-                        let q = corners_in(i, &mut here[side], out, &mut luck);
-                        let first =
-                            fill(hole, [&rings[i - 1], &rings[i]], [p, q], circles, about, out);
+                        let out = &mut surface[side.bark()];
+                        let p = corners_in(i - 1, side, &mut below, out, &mut luck);
+                        let q = corners_in(i, side, &mut here, out, &mut luck);
+                        let pair = [&rings[i - 1], &rings[i]];
+                        let is_folded = side.is_folded();
+                        let first = fill(hole, pair, is_folded, [p, q], circles, about, out);
                         if let Some((wind, sway)) = swing {
                             let place = |c: &Vec2| hole.t + hole.half_t * c.x;
                             let foot = circles.of(hole.start.sides).iter().map(place);
                             wind.each(foot.map(|t| sway[i - 1].between(sway[i], t)), out);
                         }
-                        rims.push(Rim { side, first });
+                        rims.push(Rim { side: side.bark(), first });
                     }
                 }
                 blend_below = blend;
             }
             mix_below = mix;
             if i == n - 2 {
-                let b = mix.most();
-                let out = &mut surface[b];
-                let last = corners_in(i, &mut here[b], out, &mut luck);
-                let apex = &rings[n - 1];
+                let coat = mix.most();
+                let out = &mut surface[coat.bark()];
+                let last = corners_in(i, coat, &mut here, out, &mut luck);
+                let (apex, is_folded) = (&rings[n - 1], coat.is_folded());
                 let tip = out.position.len() as u32;
-                out.position.push(apex.centre);
-                out.normal.push(apex.tangent);
-                out.uv.push(Vec2::new(0.0, apex.v));
+                // One for each side of a fold.
+                let tips = 1 + u32::from(is_folded);
+                let u = apex.u - if is_folded { 0.25 * rings[i].girth } else { 0.0 };
+                for _ in 0..tips {
+                    out.position.push(apex.centre);
+                    out.normal.push(apex.tangent);
+                    out.uv.push(Vec2::new(u, apex.v));
+                }
                 if let Some((wind, sway)) = swing {
                     wind.ring(sway[n - 1], out);
                 }
                 for k in 0..rings[i].sides {
-                    out.index.extend([last + k, last + k + 1, tip]);
+                    let left = last + k + twin(&rings[i], is_folded, k);
+                    let beyond = is_folded && k >= rings[i].fold();
+                    out.index.extend([left, last + k + 1, tip + u32::from(beyond)]);
                 }
             }
             below = here;
+        }
+        for (surface, start) in surface.iter_mut().zip(start) {
+            facing.mend(surface, start);
         }
     }
 
@@ -352,28 +399,89 @@ impl<'a> Bark<'a> {
     }
 }
 
-/// Texture coordinate around, of a corner (or a place between corners).
-pub fn around(ring: &Ring, corner: f32) -> f32 {
-    (corner / ring.sides as f32 - 0.5) * ring.repeats
+/// Texture coordinate around, of a corner (or a place between corners); of folded bark, on the way
+/// there or back.
+pub fn around(ring: &Ring, corner: f32, back: Option<bool>) -> f32 {
+    let Some(back) = back else {
+        return ring.u + (corner / ring.sides as f32 - 0.5) * ring.repeats;
+    };
+    let [sides, there] = [ring.sides, ring.fold()].map(|k| k as f32);
+    // There and back may have a facet more and less: both are off by as much.
+    let high = ring.girth * (there * (sides - there)).sqrt() / sides;
+    let share = if back { (sides - corner) / (sides - there) } else { corner / there };
+    ring.u + high * (share - 1.0)
+}
+
+/// The corner of every vertex of a ring.
+fn corner_of(ring: &Ring, is_folded: bool) -> impl Iterator<Item = u32> {
+    (0..=ring.sides).chain(is_folded.then_some(ring.fold()))
+}
+
+/// Texture coordinates of a ring.
+fn lay(ring: &Ring, is_folded: bool, uv: &mut Vec<Vec2>) {
+    if !is_folded {
+        uv.extend((0..=ring.sides).map(|k| Vec2::new(around(ring, k as f32, None), ring.v)));
+        return;
+    }
+    let fold = ring.fold();
+    let at = |k: u32| Vec2::new(around(ring, k as f32, Some(k > fold)), ring.v);
+    uv.extend(corner_of(ring, true).map(at));
+}
+
+/// From the first corner of a facet to the vertex that stands for it: its twin, at a fold.
+fn twin(ring: &Ring, is_folded: bool, facet: u32) -> u32 {
+    if is_folded && facet == ring.fold() { ring.sides + 1 - facet } else { 0 }
+}
+
+/// Gives the triangles of a band that lie beyond the fold the twins of its corners.
+fn part(first: [u32; 2], sides: [u32; 2], folds: [u32; 2], index: &mut [u32]) {
+    let place = |i: u32| {
+        let k = usize::from(i.wrapping_sub(first[0]) > sides[0]);
+        (k, i - first[k])
+    };
+    for triangle in index.as_chunks_mut::<3>().0 {
+        // By its edge on a ring: both ends there are at or past the fold.
+        let mut reach = [(0, 0); 2];
+        for (k, corner) in triangle.map(place) {
+            reach[k] = (reach[k].0 + 1, reach[k].1.max(corner));
+        }
+        let k = usize::from(reach[1].0 > reach[0].0);
+        if reach[k].1 > folds[k] {
+            for i in triangle {
+                let (k, corner) = place(*i);
+                if corner == folds[k] {
+                    *i = first[k] + sides[k] + 1;
+                }
+            }
+        }
+    }
 }
 
 /// The first ring of a branch: the corners of its hole. A collar goes over into the parent's
 /// bark; a twig keeps its own roundness.
-fn rim(ring: &Ring, circle: &[Vec2], base: &[Corner], is_collar: bool, out: &mut Surface) {
+fn rim(
+    ring: &Ring,
+    circle: &[Vec2],
+    base: &[Corner],
+    is_collar: bool,
+    is_folded: bool,
+    out: &mut Surface,
+) {
     let binormal = ring.binormal();
-    for (k, c) in circle.iter().enumerate() {
-        let (position, parent, _) = base[k % base.len()];
+    for k in corner_of(ring, is_folded) {
+        let (c, (position, parent, _)) = (circle[k as usize], base[k as usize % base.len()]);
         let own = ring.normal * c.x + binormal * c.y;
         // In a crotch the branch's side faces the parent: there both count alike.
         let weight = if is_collar { 0.6 - 0.6 * parent.dot(own) } else { 3.0 };
         let normal = (parent + own * weight).normalize_or(own);
         out.position.push(position);
         out.normal.push(normal);
-        out.uv.push(Vec2::new(around(ring, k as f32), ring.v));
     }
+    lay(ring, is_folded, &mut out.uv);
 }
 
-pub fn corners(ring: &Ring, circle: &[Vec2], lobe_phase: f32, out: &mut Surface) {
+pub fn corners(ring: &Ring, circle: &[Vec2], lobe_phase: f32, is_folded: bool, out: &mut Surface) {
+    let start = out.position.len();
     let binormal = ring.binormal();
     let lift = 1.0 / (1.0 + ring.slope * ring.slope).sqrt();
     let (flat, rise) = (lift, ring.tangent * (-ring.slope * lift));
@@ -397,7 +505,12 @@ pub fn corners(ring: &Ring, circle: &[Vec2], lobe_phase: f32, out: &mut Surface)
             out.normal.push(normal.normalize_or(out_dir));
         }
     }
-    out.uv.extend((0..circle.len()).map(|k| Vec2::new(around(ring, k as f32), ring.v)));
+    if is_folded {
+        let fold = start + ring.fold() as usize;
+        out.position.push(out.position[fold]);
+        out.normal.push(out.normal[fold]);
+    }
+    lay(ring, is_folded, &mut out.uv);
 }
 
 /// Joins two rings; where their sides differ, by walking both around in step.

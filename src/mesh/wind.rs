@@ -39,6 +39,15 @@ impl WindProfile {
             WindProfile::SpeedTreeLike => Some(0),
         }
     }
+
+    /// Where that of a leaf's own motion is.
+    fn flutter_channel(self) -> usize {
+        match self {
+            WindProfile::Unity => 1,
+            WindProfile::CryEngine => 0,
+            WindProfile::SpeedTreeLike => 2,
+        }
+    }
 }
 
 /// How a place on the wood swings with its branch.
@@ -137,6 +146,15 @@ impl Wind {
         }
     }
 
+    /// Moves the vertices from `start` on with the whole tree as far as their height asks.
+    pub fn rise(&self, start: usize, surface: &mut Surface) {
+        if let Some(k) = self.profile.tree_channel() {
+            for (p, colour) in surface.position[start..].iter().zip(&mut surface.wind[start..]) {
+                colour[k] = byte(self.tree(p.z));
+            }
+        }
+    }
+
     /// Colours the vertices of a surface that have none yet, each by a sway of its own.
     pub fn each(&self, sways: impl Iterator<Item = Sway>, surface: &mut Surface) {
         let new = &surface.position[surface.wind.len()..];
@@ -151,9 +169,16 @@ impl Wind {
         let here = self.out.get(node as usize).copied().unwrap_or_default();
         let farthest_sq = twig.iter().map(|p| p.distance_squared(foot)).fold(1e-12, f32::max);
         let per_sq_m = farthest_sq.recip();
-        for (&p, colour) in twig.iter().zip(out) {
+        // What all vertices share is found once.
+        let still = self.channels(&Motion { leaf_phase, flutter: 1.0, ..self.motion(0.0, here) });
+        let (tree_at, flutter_at) = (self.profile.tree_channel(), self.profile.flutter_channel());
+        for (p, colour) in twig.iter().zip(out) {
             let flutter = (p.distance_squared(foot) * per_sq_m).min(1.0);
-            *colour = self.channels(&Motion { flutter, leaf_phase, ..self.motion(p.z, here) });
+            *colour = still;
+            colour[flutter_at] = byte(flutter);
+            if let Some(k) = tree_at {
+                colour[k] = byte(self.tree(p.z));
+            }
         }
     }
 

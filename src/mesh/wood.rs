@@ -285,7 +285,7 @@ impl Planner<'_> {
             };
             tubes += 1;
             sagitta_m = sagitta_m.max(sides.sagitta_m(made));
-            lay_bark(made, BARK_REPEAT_M);
+            lay_bark(made, BARK_REPEAT_M, self.chains.chain[c as usize].axis);
             bark.tube(&Shape {
                 rings: made,
                 holes,

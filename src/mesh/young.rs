@@ -1,4 +1,5 @@
-//! Where on a tree which bark is: old at its foot, younger above and on branches, that of twigs.
+//! Where on a tree which bark is: old at its foot, younger above and on branches, that of twigs; and
+//! how it is laid, around thick wood or there and back around thin wood.
 
 use std::f32::consts::TAU;
 
@@ -7,6 +8,30 @@ use crate::seed::Seed;
 
 /// Barks of a tree: old, that of the upper stem and branches, that of twigs.
 pub const BARKS: usize = 3;
+/// Each laid in one way or the other.
+pub const COATS: usize = 2 * BARKS;
+
+/// A bark, and how it is laid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Coat(pub usize);
+
+impl Coat {
+    fn of(bark: usize, is_folded: bool) -> Coat {
+        Coat(bark + if is_folded { BARKS } else { 0 })
+    }
+
+    pub fn bark(self) -> usize {
+        self.0 % BARKS
+    }
+
+    /// Laid there and back, not around.
+    pub fn is_folded(self) -> bool {
+        self.0 >= BARKS
+    }
+}
+
+/// Bark is folded where a girth has fewer tiles: from all around to all folded.
+pub const FOLDED_GIRTH: [f32; 2] = [1.0, 0.75];
 
 /// Where bark is young, from all old to all young; `None` where the species has no such bark.
 #[derive(Debug, Clone, Copy, Default)]
@@ -23,10 +48,10 @@ pub struct Upper {
     pub height_m: [f32; 2],
 }
 
-/// Two barks, and the share of the second; between 0 and 1 the facets mix.
+/// Two coats, and the share of the second; between 0 and 1 the facets mix.
 #[derive(Clone, Copy)]
 pub struct Mix {
-    pub bark: [usize; 2],
+    pub coat: [Coat; 2],
     pub share: f32,
 }
 
@@ -35,13 +60,13 @@ impl Mix {
         self.share > 0.0 && self.share < 1.0
     }
 
-    pub fn most(self) -> usize {
-        self.bark[usize::from(self.share >= 0.5)]
+    pub fn most(self) -> Coat {
+        self.coat[usize::from(self.share >= 0.5)]
     }
 
-    /// Its share of the second of two barks; `None` where it has another.
-    pub fn share_of(self, pair: [usize; 2]) -> Option<f32> {
-        match self.bark {
+    /// Its share of the second of two coats; `None` where it has another.
+    pub fn share_of(self, pair: [Coat; 2]) -> Option<f32> {
+        match self.coat {
             same if same == pair => Some(self.share),
             _ if self.mixes() => None,
             _ => pair.iter().position(|&b| b == self.most()).map(|k| k as f32),
@@ -49,11 +74,11 @@ impl Mix {
     }
 }
 
-/// A band through which the line between two barks winds: these, and the shares of the second at
+/// A band through which the line between two coats winds: these, and the shares of the second at
 /// its rings.
 #[derive(Clone, Copy)]
 pub struct Blend {
-    pub pair: [usize; 2],
+    pub pair: [Coat; 2],
     pub share: [f32; 2],
 }
 
@@ -66,7 +91,7 @@ impl Blend {
         if sides[0] != sides[1] || sides[0] < LEAST_BLENDED {
             return None;
         }
-        let pair = if high.mixes() { high.bark } else { low.bark };
+        let pair = if high.mixes() { high.coat } else { low.coat };
         let share = [low.share_of(pair)?, high.share_of(pair)?];
         (share != [0.0; 2] && share != [1.0; 2]).then_some(Blend { pair, share })
     }
@@ -87,10 +112,20 @@ impl Young {
             .upper
             .map_or(0.0, |u| part(ring.radius_m, u.radius_m).max(part(ring.centre.z, u.height_m)));
         let twig = self.twig_m.map_or(0.0, |r| part(ring.radius_m, r));
-        if twig > 0.0 {
-            return Mix { bark: [usize::from(upper >= 0.5), 2], share: twig };
+        let folded = part(ring.girth, FOLDED_GIRTH);
+        let mixes = |share: f32| share > 0.0 && share < 1.0;
+        let all = |barks: [usize; 2]| barks.map(|b| Coat::of(b, folded >= 0.5));
+        let most = usize::from(upper >= 0.5);
+        match twig {
+            _ if mixes(twig) => Mix { coat: all([most, 2]), share: twig },
+            ..=0.0 if mixes(upper) => Mix { coat: all([0, 1]), share: upper },
+            _ if mixes(folded) => {
+                let bark = if twig > 0.0 { 2 } else { most };
+                Mix { coat: [false, true].map(|f| Coat::of(bark, f)), share: folded }
+            }
+            ..=0.0 => Mix { coat: all([0, 1]), share: upper },
+            _ => Mix { coat: all([most, 2]), share: twig },
         }
-        Mix { bark: [0, 1], share: upper }
     }
 }
 
@@ -117,8 +152,9 @@ impl Luck {
     pub fn limit(&mut self, turn: f32, ring: &Ring) -> f32 {
         let phase = self.phase();
         let turn = turn * TAU;
-        // Girths along the tube.
-        let along = ring.v / ring.repeats.max(1.0) * TAU;
+        // Girths along the tube; few where it is thin.
+        let is_folded = ring.girth < FOLDED_GIRTH[1];
+        let along = ring.v / if is_folded { 0.25 } else { ring.repeats } * TAU;
         let waves = [
             (0.16, 2.0, 1.0, 0.25),
             (0.15, 5.0, 2.3, -0.9),
