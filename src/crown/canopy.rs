@@ -136,62 +136,95 @@ fn on_grid(
         let (c, r) = geometry.cell_of(f64::from(p.x), f64::from(p.y))?;
         Some((geometry.index(c, r), f32::max(height, 0.0)))
     });
-    let data = scatter::greatest(geometry.len(), f32::NEG_INFINITY, heights);
+    let data = scatter::greatest(geometry.len(), UNKNOWN, heights);
     let mut top = Grid { geometry, data };
     fill_voids(&mut top);
     fill_pits(&mut top);
     let smooth = smoothed(&top);
+    top.data.par_iter_mut().for_each(|h| *h = h.max(0.0));
     Canopy { top, smooth }
 }
 
+/// The height of a cell in which, and about which, nothing was seen.
+const UNKNOWN: f32 = f32::NEG_INFINITY;
+
 /// Calls `f` with the values of the up to 8 neighbours.
-fn for_neighbours(grid: &Grid<f32>, col: usize, row: usize, mut f: impl FnMut(f32)) {
-    let g = &grid.geometry;
-    for r in row.saturating_sub(1)..=(row + 1).min(g.rows - 1) {
-        for c in col.saturating_sub(1)..=(col + 1).min(g.cols - 1) {
-            if (c, r) != (col, row) {
-                f(grid.at(c, r));
-            }
+fn for_neighbours(grid: &Grid<f32>, i: usize, mut f: impl FnMut(f32)) {
+    around(&grid.geometry, i).for_each(|n| f(grid.data[n as usize]));
+}
+
+/// Fills gaps among known cells. What is grown beyond the edge of all that is known is taken back
+/// (a closing), so that the edge of a scan is where its points end, however large the grid is.
+fn fill_voids(grid: &mut Grid<f32>) {
+    let mut filled = grow(grid, FILL_RINGS);
+    let mut is_filled = vec![false; grid.data.len()];
+    filled.iter().for_each(|&i| is_filled[i as usize] = true);
+    for _ in 0..FILL_RINGS {
+        let outer: Vec<u32> = (filled.par_iter().copied())
+            .filter(|&i| {
+                let mut known = 0;
+                for_neighbours(grid, i as usize, |h| known += usize::from(h > UNKNOWN));
+                known < 8
+            })
+            .collect();
+        if outer.is_empty() {
+            break;
         }
+        for &i in &outer {
+            grid.data[i as usize] = UNKNOWN;
+            is_filled[i as usize] = false;
+        }
+        filled.retain(|&i| is_filled[i as usize]);
     }
 }
 
-fn fill_voids(grid: &mut Grid<f32>) {
+/// Gives unknown cells the mean of their known neighbours, where these are at least three, a ring at
+/// a time; gives the numbers of these cells.
+fn grow(grid: &mut Grid<f32>, rings: usize) -> Vec<u32> {
     let g = grid.geometry;
-    let mut empty: Vec<(usize, usize)> = (0..g.len())
-        .into_par_iter()
-        .filter(|&i| grid.data[i] == f32::NEG_INFINITY)
-        .map(|i| (i % g.cols, i / g.cols))
-        .collect();
-    for _ in 0..FILL_RINGS {
-        let filled: Vec<Option<f32>> = empty
+    let is_unknown = |i: &u32| grid.data[*i as usize] == UNKNOWN;
+    let mut open: Vec<u32> =
+        (0..g.len() as u32).into_par_iter().filter(is_unknown).collect();
+    let mut all = Vec::new();
+    for _ in 0..rings {
+        let filled: Vec<(u32, f32)> = open
             .par_iter()
-            .map(|&(c, r)| {
+            .filter_map(|&i| {
                 let (mut sum, mut n) = (0.0, 0);
-                for_neighbours(grid, c, r, |h| {
-                    if h > f32::NEG_INFINITY {
+                for_neighbours(grid, i as usize, |h| {
+                    if h > UNKNOWN {
                         sum += h;
                         n += 1;
                     }
                 });
-                (n >= 3).then(|| sum / n as f32)
+                (n >= 3).then(|| (i, sum / n as f32))
             })
             .collect();
-        let mut rest = Vec::new();
-        for (&(c, r), height) in empty.iter().zip(filled) {
-            match height {
-                Some(h) => grid.set(c, r, h),
-                None => rest.push((c, r)),
-            }
-        }
-        if rest.len() == empty.len() {
+        if filled.is_empty() {
             break;
         }
-        empty = rest;
+        for &(i, h) in &filled {
+            grid.data[i as usize] = h;
+        }
+        // Only beside what is new can another have become surrounded.
+        open = filled.iter().flat_map(|(i, _)| around(&g, *i as usize)).collect();
+        open.retain(|&i| grid.data[i as usize] == UNKNOWN);
+        open.par_sort_unstable();
+        open.dedup();
+        all.extend(filled.into_iter().map(|(i, _)| i));
     }
-    for (c, r) in empty {
-        grid.set(c, r, 0.0);
-    }
+    all
+}
+
+/// Numbers of the up to 8 neighbours of a cell.
+fn around(g: &GridGeometry, i: usize) -> impl Iterator<Item = u32> + use<> {
+    let g = *g;
+    let (col, row) = (i % g.cols, i / g.cols);
+    let rows = row.saturating_sub(1)..(row + 2).min(g.rows);
+    rows.flat_map(move |r| {
+        let cols = col.saturating_sub(1)..(col + 2).min(g.cols);
+        cols.map(move |c| g.index(c, r)).filter(move |&n| n != i).map(|n| n as u32)
+    })
 }
 
 fn fill_pits(grid: &mut Grid<f32>) {
@@ -219,11 +252,16 @@ fn fill_pits(grid: &mut Grid<f32>) {
                 continue;
             }
             let h = *out;
+            if h == UNKNOWN {
+                continue;
+            }
             let mut around = [0.0f32; 8];
             let mut n = 0;
-            for_neighbours(grid, col, row, |v| {
-                around[n] = v;
-                n += 1;
+            for_neighbours(grid, row * g.cols + col, |v| {
+                if v > UNKNOWN {
+                    around[n] = v;
+                    n += 1;
+                }
             });
             if n < 5 {
                 continue;
@@ -238,12 +276,16 @@ fn fill_pits(grid: &mut Grid<f32>) {
     grid.data = raised;
 }
 
-/// Each cell from the Gaussian whose width fits its height, linear between precomputed levels.
-fn smoothed(grid: &Grid<f32>) -> Grid<f32> {
-    let g = grid.geometry;
-    let cell = g.cell_x as f32;
-    let highest = grid.data.par_iter().copied().reduce(|| 0.0f32, f32::max);
+/// Each cell from the Gaussian whose width fits its height, linear between precomputed levels. Beyond
+/// the edge of what is known, heights go on as they are at the edge.
+fn smoothed(top: &Grid<f32>) -> Grid<f32> {
+    let cell = top.geometry.cell_x as f32;
+    let highest = top.data.par_iter().copied().reduce(|| 0.0f32, f32::max);
     let width = |h: f32| KERNEL_BASE_M + KERNEL_PER_M * h;
+    let mut grid = top.clone();
+    grow(&mut grid, (3.0 * width(highest) / cell).ceil() as usize);
+    grid.data.par_iter_mut().for_each(|h| *h = h.max(0.0));
+    let grid = &grid;
     let mut level_m = KERNEL_BASE_M;
     let mut lower = gaussian(grid, level_m / cell);
     // The width is chosen by the mildly smoothed height: a single high return widens nothing.
