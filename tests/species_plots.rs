@@ -420,7 +420,8 @@ fn kinds_and_sizes_beside_the_field_stand_on_their_page() {
     let sizes = table(&head.map(str::to_owned), &rows);
 
     let steps = STEPS.windows(2).map(|s| format!("{} to {}", s[0], s[1].min(1.0)));
-    let head: Vec<String> = ["returns a m²", "F1"].map(str::to_owned).into_iter().chain(steps).collect();
+    let head: Vec<String> =
+        ["returns a m²", "F1"].map(str::to_owned).into_iter().chain(steps).collect();
     let sure = table(&head, &confidences(&plots));
 
     let page = std::fs::read_to_string(DOCS).unwrap();

@@ -148,9 +148,16 @@ fn on_grid(
 /// The height of a cell in which, and about which, nothing was seen.
 const UNKNOWN: f32 = f32::NEG_INFINITY;
 
-/// Calls `f` with the values of the up to 8 neighbours.
-fn for_neighbours(grid: &Grid<f32>, i: usize, mut f: impl FnMut(f32)) {
-    around(&grid.geometry, i).for_each(|n| f(grid.data[n as usize]));
+/// Calls `f` with the numbers of the up to 8 neighbours of a cell.
+fn for_neighbours(g: &GridGeometry, i: usize, mut f: impl FnMut(usize)) {
+    let (col, row) = (i % g.cols, i / g.cols);
+    for r in row.saturating_sub(1)..=(row + 1).min(g.rows - 1) {
+        for c in col.saturating_sub(1)..=(col + 1).min(g.cols - 1) {
+            if (c, r) != (col, row) {
+                f(g.index(c, r));
+            }
+        }
+    }
 }
 
 /// Fills gaps among known cells. What is grown beyond the edge of all that is known is taken back
@@ -163,7 +170,9 @@ fn fill_voids(grid: &mut Grid<f32>) {
         let outer: Vec<u32> = (filled.par_iter().copied())
             .filter(|&i| {
                 let mut known = 0;
-                for_neighbours(grid, i as usize, |h| known += usize::from(h > UNKNOWN));
+                for_neighbours(&grid.geometry, i as usize, |n| {
+                    known += usize::from(grid.data[n] > UNKNOWN);
+                });
                 known < 8
             })
             .collect();
@@ -183,15 +192,17 @@ fn fill_voids(grid: &mut Grid<f32>) {
 fn grow(grid: &mut Grid<f32>, rings: usize) -> Vec<u32> {
     let g = grid.geometry;
     let is_unknown = |i: &u32| grid.data[*i as usize] == UNKNOWN;
-    let mut open: Vec<u32> =
-        (0..g.len() as u32).into_par_iter().filter(is_unknown).collect();
+    let mut open: Vec<u32> = (0..g.len() as u32).into_par_iter().filter(is_unknown).collect();
+    // Those that are looked at next.
+    let mut is_open = vec![false; if open.is_empty() { 0 } else { g.len() }];
     let mut all = Vec::new();
     for _ in 0..rings {
         let filled: Vec<(u32, f32)> = open
             .par_iter()
             .filter_map(|&i| {
                 let (mut sum, mut n) = (0.0, 0);
-                for_neighbours(grid, i as usize, |h| {
+                for_neighbours(&g, i as usize, |near| {
+                    let h = grid.data[near];
                     if h > UNKNOWN {
                         sum += h;
                         n += 1;
@@ -207,24 +218,19 @@ fn grow(grid: &mut Grid<f32>, rings: usize) -> Vec<u32> {
             grid.data[i as usize] = h;
         }
         // Only beside what is new can another have become surrounded.
-        open = filled.iter().flat_map(|(i, _)| around(&g, *i as usize)).collect();
-        open.retain(|&i| grid.data[i as usize] == UNKNOWN);
-        open.par_sort_unstable();
-        open.dedup();
+        open.clear();
+        for &(i, _) in &filled {
+            for_neighbours(&g, i as usize, |n| {
+                if grid.data[n] == UNKNOWN && !is_open[n] {
+                    is_open[n] = true;
+                    open.push(n as u32);
+                }
+            });
+        }
+        open.iter().for_each(|&i| is_open[i as usize] = false);
         all.extend(filled.into_iter().map(|(i, _)| i));
     }
     all
-}
-
-/// Numbers of the up to 8 neighbours of a cell.
-fn around(g: &GridGeometry, i: usize) -> impl Iterator<Item = u32> + use<> {
-    let g = *g;
-    let (col, row) = (i % g.cols, i / g.cols);
-    let rows = row.saturating_sub(1)..(row + 2).min(g.rows);
-    rows.flat_map(move |r| {
-        let cols = col.saturating_sub(1)..(col + 2).min(g.cols);
-        cols.map(move |c| g.index(c, r)).filter(move |&n| n != i).map(|n| n as u32)
-    })
 }
 
 fn fill_pits(grid: &mut Grid<f32>) {
@@ -257,9 +263,9 @@ fn fill_pits(grid: &mut Grid<f32>) {
             }
             let mut around = [0.0f32; 8];
             let mut n = 0;
-            for_neighbours(grid, row * g.cols + col, |v| {
-                if v > UNKNOWN {
-                    around[n] = v;
+            for_neighbours(&g, row * g.cols + col, |i| {
+                if grid.data[i] > UNKNOWN {
+                    around[n] = grid.data[i];
                     n += 1;
                 }
             });
