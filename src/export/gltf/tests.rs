@@ -462,7 +462,8 @@ fn triangles_of_terrain(read: &Read) -> Vec<[[u64; 6]; 3]> {
 
 #[test]
 fn a_terrain_too_large_for_one_file_is_cut_without_a_seam() {
-    let scene = sample();
+    // Small enough for the web to count places in 16 bits.
+    let scene = forest(&["Larix"], 20, 100.0).validate().unwrap();
     for profile in [Profile::Dcc, Profile::Engine, Profile::Web] {
         let (whole, _) = at_most(&scene, profile, MOST_GLB_BYTES).unwrap();
         let (one, _) = at_most(&scene, profile, whole["forest.glb"].len() as u64 - 1).unwrap();
