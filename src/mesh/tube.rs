@@ -219,6 +219,7 @@ impl<'a> Bark<'a> {
         let mut blend_below: Option<Blend> = None;
         facing.begin(rings);
         for i in 0..n - 1 {
+            let mut has_holes = false;
             let mix = young.at(&rings[i]);
             let mut here = [None; COATS];
             let corners_in = |i: usize,
@@ -230,8 +231,7 @@ impl<'a> Bark<'a> {
                     let start = out.position.len() as u32;
                     let (ring, is_folded) = (&rings[i], coat.is_folded());
                     if i == 0 && !base.is_empty() {
-                        let pair = [ring, &rings[1]];
-                        rim(pair, circles.of(ring.sides), base, has_collar, is_folded, out);
+                        rim(ring, circles.of(ring.sides), base, has_collar, is_folded, out);
                         if swing.is_some() {
                             let again = corner_of(ring, is_folded);
                             let again = again.map(|k| base[k as usize % base.len()].2);
@@ -263,6 +263,7 @@ impl<'a> Bark<'a> {
                 let (mixes, side) = (mix.mixes(), mix.most());
                 let count = holes.iter().take_while(|h| h.band as usize == i - 1).count();
                 let (opened, rest) = holes.split_at(count);
+                has_holes = count > 0;
                 holes = rest;
                 let blend =
                     if count == 0 { Blend::of([mix_below, mix], [sides, next]) } else { None };
@@ -377,6 +378,7 @@ impl<'a> Bark<'a> {
             let is_rim = i == 1 && !base.is_empty();
             let strays = i == 0
                 || is_rim
+                || has_holes
                 || may_stray(&rings[i - 1], &rings[i])
                 || i == n - 2 && may_stray(&rings[i], &rings[i + 1]);
             facing.band(surface, strays);
@@ -482,23 +484,17 @@ fn part(first: [u32; 2], sides: [u32; 2], folds: [u32; 2], index: &mut [u32]) {
 /// The first ring of a branch: the corners of its hole. A collar goes over into the parent's
 /// bark; a twig keeps its own roundness.
 fn rim(
-    [ring, above]: [&Ring; 2],
+    ring: &Ring,
     circle: &[Vec2],
     base: &[Corner],
     is_collar: bool,
     is_folded: bool,
     out: &mut Surface,
 ) {
-    let binormal = above.binormal();
-    let count = base.len();
+    let binormal = ring.binormal();
     for k in corner_of(ring, is_folded) {
-        let (c, at) = (circle[k as usize], k as usize % count);
-        let (position, parent, _) = base[at];
-        // Of the band to the next ring, which may lean far over on the parent.
-        let round = above.normal * c.x + binormal * c.y;
-        let along = base[(at + 1) % count].0 - base[(at + count - 1) % count].0;
-        let own = along.cross(above.centre + round * above.radius_m - position);
-        let own = own.normalize_or(round);
+        let (c, (position, parent, _)) = (circle[k as usize], base[k as usize % base.len()]);
+        let own = ring.normal * c.x + binormal * c.y;
         // In a crotch the branch's side faces the parent: there both count alike.
         let weight = if is_collar { 0.6 - 0.6 * parent.dot(own) } else { 3.0 };
         let normal = (parent + own * weight).normalize_or(own);
