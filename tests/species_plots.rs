@@ -497,7 +497,7 @@ fn features_of_the_annotated_crowns() {
         let (low, high) =
             corners.fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
         let raster = geotiff::read(job.photo.as_deref().unwrap()).unwrap();
-        let photo = Photo::new(plot, raster, frame, low, high).unwrap();
+        let photo = Photo::new(plot, raster, frame, low, high).unwrap().value;
         let crowns: Vec<Crown> = truth.iter().map(|t| boxed(t.bounds, frame.origin)).collect();
         let looks = look::measure(&crowns, &classified, &terrain);
         for ((t, crown), l) in truth.iter().zip(&crowns).zip(&looks.of_crown) {

@@ -190,7 +190,8 @@ pub(super) fn place_photo(
         ));
     }
     let (low, high) = (bounds.min.truncate(), bounds.max.truncate());
-    Photo::new(&path.display().to_string(), raster, frame, low, high).map(Some)
+    let photo = Photo::new(&path.display().to_string(), raster, frame, low, high)?;
+    Ok(Some(photo.into_value(&mut run.warnings)))
 }
 
 /// Larger scans go by tiles of about so many points, though none is asked for.
