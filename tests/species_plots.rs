@@ -93,7 +93,7 @@ fn annotated() -> Option<BTreeMap<String, Vec<Annotated>>> {
 fn job(plot: &str, names: &[&str], by: SpeciesBy, with_photo: bool) -> SurveyJob {
     let file = |kind: &str, end: &str| data(&format!("idtrees/{kind}/{plot}.{end}")).unwrap();
     SurveyJob {
-        scans: vec![file("las", "las")],
+        scans: [file("las", "las")].into(),
         ground: Method::Smrf,
         cell_m: None,
         tile_m: None,
@@ -327,7 +327,7 @@ fn confidences(plots: &BTreeMap<String, Vec<Annotated>>) -> Vec<Vec<String>> {
                 if let Some(density) = density {
                     let file = dir.path().join("thin.laz");
                     std::fs::write(&file, thinned(&job.scans[0], density)).unwrap();
-                    job.scans = vec![file];
+                    job.scans = [file].into();
                 }
                 // A plot so thin may show no ground.
                 let Ok(survey) = survey::inventory(&job, &mut Recorder::new(&Silent)) else {

@@ -21,6 +21,7 @@ use crate::pipeline::{
 };
 use crate::raster::{GridGeometry, cog};
 use crate::report::{self, Outcome, Recorder, Silent};
+use crate::scan;
 use crate::scene::{ColliderShape, ValidScene};
 use crate::seed::Seed;
 use crate::simulate::StandOptions;
@@ -112,7 +113,7 @@ pub(super) fn load_species(names: &[String]) -> Result<Vec<Species>> {
 
 fn survey_job(scan: &ScanArgs, tree: &TreeArgs) -> Result<SurveyJob> {
     Ok(SurveyJob {
-        scans: scan.scans.clone(),
+        scans: files(scan),
         ground: method(scan.ground),
         cell_m: scan.cell,
         tile_m: scan.tile,
@@ -128,6 +129,10 @@ fn survey_job(scan: &ScanArgs, tree: &TreeArgs) -> Result<SurveyJob> {
         },
         seed: seed(tree.seed),
     })
+}
+
+fn files(scan: &ScanArgs) -> scan::Files {
+    scan::Files { paths: scan.scans.clone(), crs: scan.crs.clone() }
 }
 
 pub(super) fn method(ground: args::Ground) -> Method {
@@ -436,7 +441,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
     let extension = extension(&a.output, &[&["tif", "tiff"], &SCENE_EXTENSIONS[..]].concat())?;
     let format = scene_format(extension);
     let job = SurveyJob {
-        scans: a.scan.scans.clone(),
+        scans: files(&a.scan),
         ground: method(a.scan.ground),
         cell_m: a.scan.cell,
         tile_m: a.scan.tile,
@@ -626,7 +631,7 @@ fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::write_all(held.path(), inputs())?;
     let job = forest_job(
         SurveyJob {
-            scans: vec![held.path().join("scan.laz")],
+            scans: [held.path().join("scan.laz")].into(),
             ground: Method::Smrf,
             cell_m: None,
             tile_m: None,
