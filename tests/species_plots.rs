@@ -301,7 +301,7 @@ fn run(
 }
 
 /// Returns a square metre that scans are thinned to.
-const THINNED: [f64; 3] = [4.0, 2.0, 1.0];
+const THINNED: [f64; 4] = [12.0, 4.0, 2.0, 1.0];
 /// Confidences from each to the next are counted together.
 const STEPS: [f32; 7] = [0.0, 0.3, 0.4, 0.5, 0.6, 0.7, 1.01];
 
@@ -314,7 +314,7 @@ fn thinned(path: &Path, per_sq_m: f64) -> Vec<u8> {
     larix::scan::encode_laz(&cloud).unwrap()
 }
 
-/// Of the canopy's trees, by confidence: how many are right, at every density.
+/// Of the canopy's trees at every density: F1, and how many are right by confidence.
 fn confidences(plots: &BTreeMap<String, Vec<Annotated>>) -> Vec<Vec<String>> {
     let dir = tempfile::tempdir().unwrap();
     let densities: Vec<Option<f64>> = [None].into_iter().chain(THINNED.map(Some)).collect();
@@ -347,7 +347,11 @@ fn confidences(plots: &BTreeMap<String, Vec<Annotated>>) -> Vec<Vec<String>> {
                 let share = right as f64 / all.max(1) as f64;
                 if all == 0 { "—".to_owned() } else { format!("{share:.2} of {all}") }
             });
-            [&[first], cells.as_slice()].concat()
+            let [found, right] =
+                counts.iter().fold([0, 0], |[a, b], [all, right]| [a + all, b + right]);
+            let annotated: usize = plots.values().map(Vec::len).sum();
+            let f1 = 2.0 * right as f64 / (found + annotated) as f64;
+            [&[first, format!("{f1:.2}")], cells.as_slice()].concat()
         })
         .collect()
 }
@@ -416,7 +420,8 @@ fn kinds_and_sizes_beside_the_field_stand_on_their_page() {
     let sizes = table(&head.map(str::to_owned), &rows);
 
     let steps = STEPS.windows(2).map(|s| format!("{} to {}", s[0], s[1].min(1.0)));
-    let head: Vec<String> = ["returns a m²".to_owned()].into_iter().chain(steps).collect();
+    let head: Vec<String> =
+        ["returns a m²", "F1"].map(str::to_owned).into_iter().chain(steps).collect();
     let sure = table(&head, &confidences(&plots));
 
     let page = std::fs::read_to_string(DOCS).unwrap();

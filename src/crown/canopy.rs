@@ -136,62 +136,101 @@ fn on_grid(
         let (c, r) = geometry.cell_of(f64::from(p.x), f64::from(p.y))?;
         Some((geometry.index(c, r), f32::max(height, 0.0)))
     });
-    let data = scatter::greatest(geometry.len(), f32::NEG_INFINITY, heights);
+    let data = scatter::greatest(geometry.len(), UNKNOWN, heights);
     let mut top = Grid { geometry, data };
     fill_voids(&mut top);
     fill_pits(&mut top);
     let smooth = smoothed(&top);
+    top.data.par_iter_mut().for_each(|h| *h = h.max(0.0));
     Canopy { top, smooth }
 }
 
-/// Calls `f` with the values of the up to 8 neighbours.
-fn for_neighbours(grid: &Grid<f32>, col: usize, row: usize, mut f: impl FnMut(f32)) {
-    let g = &grid.geometry;
+/// The height of a cell in which, and about which, nothing was seen.
+const UNKNOWN: f32 = f32::NEG_INFINITY;
+
+/// Calls `f` with the numbers of the up to 8 neighbours of a cell.
+fn for_neighbours(g: &GridGeometry, i: usize, mut f: impl FnMut(usize)) {
+    let (col, row) = (i % g.cols, i / g.cols);
     for r in row.saturating_sub(1)..=(row + 1).min(g.rows - 1) {
         for c in col.saturating_sub(1)..=(col + 1).min(g.cols - 1) {
             if (c, r) != (col, row) {
-                f(grid.at(c, r));
+                f(g.index(c, r));
             }
         }
     }
 }
 
+/// Fills gaps among known cells. What is grown beyond the edge of all that is known is taken back
+/// (a closing), so that the edge of a scan is where its points end, however large the grid is.
 fn fill_voids(grid: &mut Grid<f32>) {
-    let g = grid.geometry;
-    let mut empty: Vec<(usize, usize)> = (0..g.len())
-        .into_par_iter()
-        .filter(|&i| grid.data[i] == f32::NEG_INFINITY)
-        .map(|i| (i % g.cols, i / g.cols))
-        .collect();
+    let mut filled = grow(grid, FILL_RINGS);
+    let mut is_filled = vec![false; grid.data.len()];
+    filled.iter().for_each(|&i| is_filled[i as usize] = true);
     for _ in 0..FILL_RINGS {
-        let filled: Vec<Option<f32>> = empty
+        let outer: Vec<u32> = (filled.par_iter().copied())
+            .filter(|&i| {
+                let mut known = 0;
+                for_neighbours(&grid.geometry, i as usize, |n| {
+                    known += usize::from(grid.data[n] > UNKNOWN);
+                });
+                known < 8
+            })
+            .collect();
+        if outer.is_empty() {
+            break;
+        }
+        for &i in &outer {
+            grid.data[i as usize] = UNKNOWN;
+            is_filled[i as usize] = false;
+        }
+        filled.retain(|&i| is_filled[i as usize]);
+    }
+}
+
+/// Gives unknown cells the mean of their known neighbours, where these are at least three, a ring at
+/// a time; gives the numbers of these cells.
+fn grow(grid: &mut Grid<f32>, rings: usize) -> Vec<u32> {
+    let g = grid.geometry;
+    let is_unknown = |i: &u32| grid.data[*i as usize] == UNKNOWN;
+    let mut open: Vec<u32> = (0..g.len() as u32).into_par_iter().filter(is_unknown).collect();
+    // Those that are looked at next.
+    let mut is_open = vec![false; if open.is_empty() { 0 } else { g.len() }];
+    let mut all = Vec::new();
+    for _ in 0..rings {
+        let filled: Vec<(u32, f32)> = open
             .par_iter()
-            .map(|&(c, r)| {
+            .filter_map(|&i| {
                 let (mut sum, mut n) = (0.0, 0);
-                for_neighbours(grid, c, r, |h| {
-                    if h > f32::NEG_INFINITY {
+                for_neighbours(&g, i as usize, |near| {
+                    let h = grid.data[near];
+                    if h > UNKNOWN {
                         sum += h;
                         n += 1;
                     }
                 });
-                (n >= 3).then(|| sum / n as f32)
+                (n >= 3).then(|| (i, sum / n as f32))
             })
             .collect();
-        let mut rest = Vec::new();
-        for (&(c, r), height) in empty.iter().zip(filled) {
-            match height {
-                Some(h) => grid.set(c, r, h),
-                None => rest.push((c, r)),
-            }
-        }
-        if rest.len() == empty.len() {
+        if filled.is_empty() {
             break;
         }
-        empty = rest;
+        for &(i, h) in &filled {
+            grid.data[i as usize] = h;
+        }
+        // Only beside what is new can another have become surrounded.
+        open.clear();
+        for &(i, _) in &filled {
+            for_neighbours(&g, i as usize, |n| {
+                if grid.data[n] == UNKNOWN && !is_open[n] {
+                    is_open[n] = true;
+                    open.push(n as u32);
+                }
+            });
+        }
+        open.iter().for_each(|&i| is_open[i as usize] = false);
+        all.extend(filled.into_iter().map(|(i, _)| i));
     }
-    for (c, r) in empty {
-        grid.set(c, r, 0.0);
-    }
+    all
 }
 
 fn fill_pits(grid: &mut Grid<f32>) {
@@ -219,11 +258,16 @@ fn fill_pits(grid: &mut Grid<f32>) {
                 continue;
             }
             let h = *out;
+            if h == UNKNOWN {
+                continue;
+            }
             let mut around = [0.0f32; 8];
             let mut n = 0;
-            for_neighbours(grid, col, row, |v| {
-                around[n] = v;
-                n += 1;
+            for_neighbours(&g, row * g.cols + col, |i| {
+                if grid.data[i] > UNKNOWN {
+                    around[n] = grid.data[i];
+                    n += 1;
+                }
             });
             if n < 5 {
                 continue;
@@ -238,12 +282,16 @@ fn fill_pits(grid: &mut Grid<f32>) {
     grid.data = raised;
 }
 
-/// Each cell from the Gaussian whose width fits its height, linear between precomputed levels.
-fn smoothed(grid: &Grid<f32>) -> Grid<f32> {
-    let g = grid.geometry;
-    let cell = g.cell_x as f32;
-    let highest = grid.data.par_iter().copied().reduce(|| 0.0f32, f32::max);
+/// Each cell from the Gaussian whose width fits its height, linear between precomputed levels. Beyond
+/// the edge of what is known, heights go on as they are at the edge.
+fn smoothed(top: &Grid<f32>) -> Grid<f32> {
+    let cell = top.geometry.cell_x as f32;
+    let highest = top.data.par_iter().copied().reduce(|| 0.0f32, f32::max);
     let width = |h: f32| KERNEL_BASE_M + KERNEL_PER_M * h;
+    let mut grid = top.clone();
+    grow(&mut grid, (3.0 * width(highest) / cell).ceil() as usize);
+    grid.data.par_iter_mut().for_each(|h| *h = h.max(0.0));
+    let grid = &grid;
     let mut level_m = KERNEL_BASE_M;
     let mut lower = gaussian(grid, level_m / cell);
     // The width is chosen by the mildly smoothed height: a single high return widens nothing.

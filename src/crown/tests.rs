@@ -319,6 +319,25 @@ fn a_tree_keeps_its_key_when_the_origin_moves() {
 }
 
 #[test]
+fn trees_at_the_edge_of_a_scan_are_found_alike_however_far_its_box_reaches() {
+    // Cut through crowns on all sides, and a tree far off.
+    let whole = scan(&stand(), 98.0, 12.0, plane);
+    let is_here = |p: &Vec3| p.x > 22.0 && p.x < 58.0 && p.y > 23.0 && p.y < 59.0;
+    let is_far = |p: &Vec3| p.x > 85.0 && p.y > 85.0;
+    let cut = |is_kept: &dyn Fn(&Vec3) -> bool| {
+        let points = whole.cloud.position.iter().copied().zip(whole.kind.iter().copied());
+        classified(points.filter(|(p, _)| is_kept(p)).collect())
+    };
+    let ground = terrain(plane);
+    let alone = crowns(&cut(&is_here), &ground).value;
+    let beside = crowns(&cut(&|p| is_here(p) || is_far(p)), &ground).value;
+    let key = |c: &Crown| (c.key, c.point_count);
+    let there: Vec<_> = beside.iter().filter(|c| is_here(&c.apex)).map(key).collect();
+    let same = alone.iter().filter(|c| there.contains(&key(c))).count();
+    assert_eq!((same, there.len()), (alone.len(), alone.len()));
+}
+
+#[test]
 fn equal_keys_go_to_the_taller_tree_and_the_next_free() {
     let found = crowns(&scan(&stand(), 98.0, 5.0, plane), &terrain(plane)).value;
     let mut three: Vec<Crown> = found[..3].to_vec();

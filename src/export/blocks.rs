@@ -1,41 +1,93 @@
-//! Long texts, formatted in blocks on all threads. A thread writes what it formatted, when its turn has
-//! come, while the block is still at hand in its cache. What waits is bounded, so a file of any length
-//! takes little memory; the bytes do not depend on the threads.
+//! Long texts, formatted in blocks on all threads. A block whose turn has come is written by the thread
+//! that has it; others leave theirs to whoever is writing and go on, so that threads hardly ever wait for
+//! each other. What waits is bounded, so a file of any length takes little memory; the bytes do not depend
+//! on the threads.
 
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
 use super::Sink;
 use super::number::Pen;
 
-/// Rows that are formatted as one.
-const BLOCK: usize = 1 << 13;
+/// Rows that are formatted as one: half a MB, much beside what handing it on takes.
+const BLOCK: usize = 1 << 14;
 /// Bytes of plain text that wait before they count as a block.
 const WAITING: usize = 1 << 16;
+/// Blocks a thread that may wait to be written.
+const READY: usize = 2;
 
-type Format<'a> = dyn Fn(&mut Pen) + Send + Sync + 'a;
+/// Formats the chunk of a number.
+type Format<'a> = dyn Fn(&mut Pen, usize) + Send + Sync + 'a;
 
-enum Block<'a> {
+enum Piece<'a> {
     Text(Vec<u8>),
-    Rows(Box<Format<'a>>),
+    Rows { chunks: usize, format: Arc<Format<'a>> },
 }
 
 pub(super) struct Blocks<'a> {
     text: Vec<u8>,
-    /// Blocks so far.
-    count: u64,
-    blocks: SyncSender<(u64, Block<'a>)>,
+    pieces: SyncSender<Piece<'a>>,
 }
 
-/// Whose turn it is to write, and where to.
-struct Turn<'s> {
+/// Blocks that are still to be formatted.
+struct Waiting<'a> {
+    pieces: Receiver<Piece<'a>>,
+    /// The first chunk that nobody has, how many there are, and what formats them.
+    rows: Option<(usize, usize, Arc<Format<'a>>)>,
+    /// Blocks so far.
+    count: u64,
+}
+
+enum Block<'a> {
+    Text(Vec<u8>),
+    Rows(usize, Arc<Format<'a>>),
+}
+
+impl<'a> Waiting<'a> {
+    /// The next block and its number; `None` when there are no more.
+    fn next(&mut self) -> Option<(u64, Block<'a>)> {
+        let block = loop {
+            if let Some((chunk, chunks, format)) = &mut self.rows
+                && chunk < chunks
+            {
+                *chunk += 1;
+                break Block::Rows(*chunk - 1, format.clone());
+            }
+            self.rows = None;
+            match self.pieces.recv().ok()? {
+                Piece::Text(text) => break Block::Text(text),
+                Piece::Rows { chunks, format } => self.rows = Some((0, chunks, format)),
+            }
+        };
+        self.count += 1;
+        Some((self.count - 1, block))
+    }
+}
+
+/// What is formatted and not written yet, by number; [`None`] where formatting failed.
+struct Ready {
+    blocks: BTreeMap<u64, Option<Pen>>,
+    /// Number of the block to be written next.
     next: u64,
-    sink: &'s mut dyn Sink,
+    /// Nobody else may write.
+    is_writing: bool,
+    /// To be filled again.
+    spare: Vec<Pen>,
     /// Nothing is written after a failure.
     failure: Option<io::Error>,
+}
+
+/// What all threads share.
+struct Line<'a, 's> {
+    waiting: Mutex<Waiting<'a>>,
+    ready: Mutex<Ready>,
+    sink: Mutex<&'s mut dyn Sink>,
+    written: Condvar,
+    most_ready: usize,
 }
 
 /// Writes to `sink` what `fill` gives the blocks; it must finish them.
@@ -47,51 +99,81 @@ pub(super) fn through<'a>(
     fill: impl FnOnce(Blocks<'a>) -> io::Result<()>,
 ) -> io::Result<()> {
     let threads = rayon::current_num_threads().max(1);
-    let (blocks, waiting) = sync_channel(threads);
-    let waiting = Mutex::new(waiting);
-    let turn = Mutex::new(Turn { next: 0, sink, failure: None });
-    let written = Condvar::new();
+    let (pieces, waiting) = sync_channel(threads);
+    let line = Line {
+        waiting: Mutex::new(Waiting { pieces: waiting, rows: None, count: 0 }),
+        ready: Mutex::new(Ready {
+            blocks: BTreeMap::new(),
+            next: 0,
+            is_writing: false,
+            spare: Vec::new(),
+            failure: None,
+        }),
+        sink: Mutex::new(sink),
+        written: Condvar::new(),
+        most_ready: READY * threads,
+    };
     let filled = thread::scope(|scope| {
         for _ in 0..threads {
-            thread::Builder::new().spawn_scoped(scope, || format(&waiting, &turn, &written))?;
+            thread::Builder::new().spawn_scoped(scope, || line.work())?;
         }
-        fill(Blocks { text: Vec::new(), count: 0, blocks })
+        fill(Blocks { text: Vec::new(), pieces })
     });
-    let turn = turn.into_inner().unwrap_or_else(PoisonError::into_inner);
-    turn.failure.map_or(filled, Err)
+    let ready = line.ready.into_inner().unwrap_or_else(PoisonError::into_inner);
+    ready.failure.map_or(filled, Err)
 }
 
-/// Formats and writes blocks until there are no more.
-fn format<'a>(
-    waiting: &Mutex<Receiver<(u64, Block<'a>)>>,
-    turn: &Mutex<Turn<'_>>,
-    written: &Condvar,
-) {
-    let mut pen = Pen::new();
-    loop {
-        let block = lock(waiting).recv();
-        let Ok((number, block)) = block else { return };
-        pen.clear();
-        // The others would wait for ever for a turn that was not taken.
-        let formatted = catch_unwind(AssertUnwindSafe(|| match block {
-            Block::Text(text) => pen.text(&text),
-            Block::Rows(format) => format(&mut pen),
-        }));
-        let mut turn = written
-            .wait_while(lock(turn), |turn| turn.next != number)
-            .unwrap_or_else(PoisonError::into_inner);
-        turn.next += 1;
-        if turn.failure.is_none() {
-            let failed = |_| io::Error::other("the formatting of a block failed");
-            let told = formatted.map_err(failed).and_then(|()| turn.sink.write_all(pen.as_bytes()));
-            turn.failure = told.err();
+impl Line<'_, '_> {
+    /// Formats and writes blocks until there are no more.
+    fn work(&self) {
+        let mut pen = Pen::new();
+        loop {
+            // The lock is not held while a block is formatted.
+            let block = lock(&self.waiting).next();
+            let Some((number, block)) = block else { return };
+            pen.clear();
+            // The others would wait for ever for a block that does not come.
+            let formatted = catch_unwind(AssertUnwindSafe(|| match block {
+                Block::Text(text) => pen.text(&text),
+                Block::Rows(chunk, format) => format(&mut pen, chunk),
+            }));
+            pen = self.hand_on(number, formatted.is_ok().then_some(pen));
         }
-        drop(turn);
-        written.notify_all();
+    }
+
+    /// Writes what can be written, or leaves it to who is writing; gives a pen to go on with.
+    fn hand_on(&self, number: u64, block: Option<Pen>) -> Pen {
+        let mut ready = lock(&self.ready);
+        ready.blocks.insert(number, block);
+        // Whoever has the next one to be written does not wait, and wakes the others.
+        let is_too_much = |r: &mut Ready| {
+            let can_write = !r.is_writing && r.blocks.contains_key(&r.next);
+            r.blocks.len() > self.most_ready && !can_write
+        };
+        ready = self.written.wait_while(ready, is_too_much).unwrap_or_else(PoisonError::into_inner);
+        while !ready.is_writing {
+            let next = ready.next;
+            let Some(block) = ready.blocks.remove(&next) else { break };
+            ready.next += 1;
+            if ready.failure.is_none() {
+                ready.is_writing = true;
+                drop(ready);
+                let told = match &block {
+                    Some(pen) => lock(&self.sink).write_all(pen.as_bytes()),
+                    None => Err(io::Error::other("the formatting of a block failed")),
+                };
+                ready = lock(&self.ready);
+                ready.is_writing = false;
+                ready.failure = told.err();
+            }
+            ready.spare.extend(block);
+            self.written.notify_all();
+        }
+        ready.spare.pop().unwrap_or_else(Pen::new)
     }
 }
 
-fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+fn lock<T: ?Sized>(of: &Mutex<T>) -> MutexGuard<'_, T> {
     of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -106,12 +188,15 @@ impl<'a> Blocks<'a> {
         items: &'a [T],
         write: impl Fn(&mut Pen, &T) + Copy + Send + Sync + 'a,
     ) -> io::Result<()> {
-        for chunk in items.chunks(BLOCK) {
-            self.pass_on_text()?;
-            let format = move |out: &mut Pen| chunk.iter().for_each(|item| write(out, item));
-            self.pass_on(Block::Rows(Box::new(format)))?;
+        if items.is_empty() {
+            return Ok(());
         }
-        Ok(())
+        self.pass_on_text()?;
+        let format = move |out: &mut Pen, chunk: usize| {
+            let rest = items.get(chunk * BLOCK..).unwrap_or_default();
+            rest.iter().take(BLOCK).for_each(|item| write(out, item));
+        };
+        self.pass_on(Piece::Rows { chunks: items.len().div_ceil(BLOCK), format: Arc::new(format) })
     }
 
     /// Passes on what waits.
@@ -124,13 +209,11 @@ impl<'a> Blocks<'a> {
             return Ok(());
         }
         let text = std::mem::take(&mut self.text);
-        self.pass_on(Block::Text(text))
+        self.pass_on(Piece::Text(text))
     }
 
-    fn pass_on(&mut self, block: Block<'a>) -> io::Result<()> {
-        let numbered = (self.count, block);
-        self.count += 1;
-        self.blocks.send(numbered).map_err(|_| io::Error::other("the formatting threads stopped"))
+    fn pass_on(&mut self, piece: Piece<'a>) -> io::Result<()> {
+        self.pieces.send(piece).map_err(|_| io::Error::other("the formatting threads stopped"))
     }
 }
 

@@ -37,6 +37,14 @@ impl Row<'_> {
             self.end += shortest_in(room, value);
         }
     }
+
+    #[inline(always)]
+    pub fn integer(&mut self, value: i64) {
+        let room = self.bytes.get_mut(self.end..).and_then(|b| b.first_chunk_mut());
+        if let Some(room) = room {
+            self.end += integer_in(room, value);
+        }
+    }
 }
 
 impl Pen {
@@ -277,15 +285,29 @@ fn round_large(out: &mut Pen, value: f32, places: usize) {
 
 #[inline]
 pub(super) fn integer(out: &mut Pen, value: i64) {
+    out.piece(|to| integer_in(to, value));
+}
+
+/// Gives how much of what it stored is text.
+#[inline(always)]
+fn integer_in(to: &mut [u8; ROOM], value: i64) -> usize {
     let Some(k) = u64::try_from(value).ok().filter(|k| *k < 100_000_000) else {
-        return out.text(itoa::Buffer::new().format(value).as_bytes());
+        return any_integer(to, value);
     };
     let digits = eight_digits(k);
     let unwritten = (digits | 1 << 56).trailing_zeros() / 8;
-    out.piece(|to| {
-        to[..8].copy_from_slice(&((digits | ZEROS) >> (8 * unwritten)).to_le_bytes());
-        8 - unwritten as usize
-    });
+    to[..8].copy_from_slice(&((digits | ZEROS) >> (8 * unwritten)).to_le_bytes());
+    8 - unwritten as usize
+}
+
+#[cold]
+fn any_integer(to: &mut [u8; ROOM], value: i64) -> usize {
+    let mut buffer = itoa::Buffer::new();
+    let text = buffer.format(value).as_bytes();
+    // None is longer.
+    let length = text.len().min(ROOM);
+    to[..length].copy_from_slice(&text[..length]);
+    length
 }
 
 /// The items with a space between them.

@@ -90,25 +90,33 @@ pub fn straighten(
     for _ in 0..rounds {
         let mut is_straight = true;
         for t in index.as_chunks::<3>().0 {
-            let ids = t.map(|i| (i - first) as usize);
-            let [a, b, c] = ids.map(|i| position[i]);
-            let front = (b - a).cross(c - a);
-            let length_sq = front.length_squared();
-            for i in ids {
-                let n = normal[i];
-                let towards = n.dot(front);
-                // Few need a root.
-                if towards < 0.0 || towards * towards < LEAST_COSINE * LEAST_COSINE * length_sq {
-                    let front = front.normalize_or_zero();
-                    let cosine = n.dot(front);
-                    let turned = n + front * (2.0 * LEAST_COSINE - cosine);
-                    normal[i] = turned.normalize_or(front);
-                    is_straight = false;
-                }
-            }
+            turn(position, normal, t.map(|i| (i - first) as usize), |_| is_straight = false);
         }
         if is_straight {
             return;
+        }
+    }
+}
+
+/// Turns the normals at the corners of one triangle; `turned` is told which.
+pub fn turn(
+    position: &[Vec3],
+    normal: &mut [Vec3],
+    corners: [usize; 3],
+    mut turned: impl FnMut(usize),
+) {
+    let [a, b, c] = corners.map(|i| position[i]);
+    let front = (b - a).cross(c - a);
+    let length_sq = front.length_squared();
+    for i in corners {
+        let n = normal[i];
+        let towards = n.dot(front);
+        // Few need a root.
+        if towards < 0.0 || towards * towards < LEAST_COSINE * LEAST_COSINE * length_sq {
+            let front = front.normalize_or_zero();
+            let cosine = n.dot(front);
+            normal[i] = (n + front * (2.0 * LEAST_COSINE - cosine)).normalize_or(front);
+            turned(i);
         }
     }
 }

@@ -16,7 +16,7 @@ use glam::{Vec2, Vec3};
 
 use super::Surface;
 use super::blend;
-use super::facing::Facing;
+use super::facing::{Facing, may_stray};
 use super::junction::{Hole, mask};
 use super::patch::{fill, spot};
 use super::path::{MAX_SIDES, MIN_SIDES, Ring};
@@ -217,6 +217,7 @@ impl<'a> Bark<'a> {
         let mut below = [None; COATS];
         let mut mix_below = young.at(&rings[0]);
         let mut blend_below: Option<Blend> = None;
+        facing.begin(rings);
         for i in 0..n - 1 {
             let mix = young.at(&rings[i]);
             let mut here = [None; COATS];
@@ -229,7 +230,8 @@ impl<'a> Bark<'a> {
                     let start = out.position.len() as u32;
                     let (ring, is_folded) = (&rings[i], coat.is_folded());
                     if i == 0 && !base.is_empty() {
-                        rim(ring, circles.of(ring.sides), base, has_collar, is_folded, out);
+                        let pair = [ring, &rings[1]];
+                        rim(pair, circles.of(ring.sides), base, has_collar, is_folded, out);
                         if swing.is_some() {
                             let again = corner_of(ring, is_folded);
                             let again = again.map(|k| base[k as usize % base.len()].2);
@@ -372,10 +374,14 @@ impl<'a> Bark<'a> {
                 }
             }
             below = here;
+            let is_rim = i == 1 && !base.is_empty();
+            let strays = i == 0
+                || is_rim
+                || may_stray(&rings[i - 1], &rings[i])
+                || i == n - 2 && may_stray(&rings[i], &rings[i + 1]);
+            facing.band(surface, strays);
         }
-        for (surface, start) in surface.iter_mut().zip(start) {
-            facing.mend(surface, start);
-        }
+        facing.mend(surface, start);
     }
 
     /// Finds the corners that a tube begins with, and how its rings swing.
@@ -417,15 +423,23 @@ fn corner_of(ring: &Ring, is_folded: bool) -> impl Iterator<Item = u32> {
     (0..=ring.sides).chain(is_folded.then_some(ring.fold()))
 }
 
-/// Texture coordinates of a ring.
+/// Texture coordinates of a ring; see [`around`].
 fn lay(ring: &Ring, is_folded: bool, uv: &mut Vec<Vec2>) {
+    let sides = ring.sides as f32;
     if !is_folded {
-        uv.extend((0..=ring.sides).map(|k| Vec2::new(around(ring, k as f32, None), ring.v)));
+        let (first, step) = (ring.u - 0.5 * ring.repeats, ring.repeats / sides);
+        uv.extend((0..=ring.sides).map(|k| Vec2::new(first + step * k as f32, ring.v)));
         return;
     }
-    let fold = ring.fold();
-    let at = |k: u32| Vec2::new(around(ring, k as f32, Some(k > fold)), ring.v);
-    uv.extend(corner_of(ring, true).map(at));
+    let there = ring.fold() as f32;
+    let high = ring.girth * (there * (sides - there)).sqrt() / sides;
+    let (up, down) = (high / there, high / (sides - there));
+    uv.extend((0..=ring.sides).map(|k| {
+        let below = ((there - k as f32) * up).max((k as f32 - there) * down);
+        Vec2::new(ring.u - below, ring.v)
+    }));
+    // The fold's twin.
+    uv.push(Vec2::new(ring.u, ring.v));
 }
 
 /// From the first corner of a facet to the vertex that stands for it: its twin, at a fold.
@@ -435,6 +449,14 @@ fn twin(ring: &Ring, is_folded: bool, facet: u32) -> u32 {
 
 /// Gives the triangles of a band that lie beyond the fold the twins of its corners.
 fn part(first: [u32; 2], sides: [u32; 2], folds: [u32; 2], index: &mut [u32]) {
+    if sides[0] == sides[1] {
+        // As `band` lays them: the facet that begins at the fold.
+        let [p, q] = [0, 1].map(|k| first[k] + sides[k] + 1);
+        if let Some(facet) = index.as_chunks_mut::<6>().0.get_mut(folds[0] as usize) {
+            (facet[0], facet[3], facet[5]) = (p, p, q);
+        }
+        return;
+    }
     let place = |i: u32| {
         let k = usize::from(i.wrapping_sub(first[0]) > sides[0]);
         (k, i - first[k])
@@ -460,17 +482,23 @@ fn part(first: [u32; 2], sides: [u32; 2], folds: [u32; 2], index: &mut [u32]) {
 /// The first ring of a branch: the corners of its hole. A collar goes over into the parent's
 /// bark; a twig keeps its own roundness.
 fn rim(
-    ring: &Ring,
+    [ring, above]: [&Ring; 2],
     circle: &[Vec2],
     base: &[Corner],
     is_collar: bool,
     is_folded: bool,
     out: &mut Surface,
 ) {
-    let binormal = ring.binormal();
+    let binormal = above.binormal();
+    let count = base.len();
     for k in corner_of(ring, is_folded) {
-        let (c, (position, parent, _)) = (circle[k as usize], base[k as usize % base.len()]);
-        let own = ring.normal * c.x + binormal * c.y;
+        let (c, at) = (circle[k as usize], k as usize % count);
+        let (position, parent, _) = base[at];
+        // Of the band to the next ring, which may lean far over on the parent.
+        let round = above.normal * c.x + binormal * c.y;
+        let along = base[(at + 1) % count].0 - base[(at + count - 1) % count].0;
+        let own = along.cross(above.centre + round * above.radius_m - position);
+        let own = own.normalize_or(round);
         // In a crotch the branch's side faces the parent: there both count alike.
         let weight = if is_collar { 0.6 - 0.6 * parent.dot(own) } else { 3.0 };
         let normal = (parent + own * weight).normalize_or(own);

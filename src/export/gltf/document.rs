@@ -47,7 +47,7 @@ pub(super) fn build<'a>(
 ) -> Result<Built<'a>> {
     let profile = recipe.profile;
     let mut builder = Builder::new(selection, recipe);
-    builder.terrain();
+    builder.terrain(square.and_then(|s| s.terrain_grid));
     builder.models();
     builder.groups();
     let Builder { plan, nodes, meshes, uv_ranges, .. } = builder;
@@ -204,9 +204,10 @@ impl<'a, 's> Builder<'a, 's> {
         self.meshes.len() as u32 - 1
     }
 
-    fn terrain(&mut self) {
+    /// `grid`: of the whole terrain, where this is a part of it.
+    fn terrain(&mut self, grid: Option<Grid>) {
         let Some(terrain) = self.selection.terrain else { return };
-        let grid = Grid::around([&terrain.surface].into_iter());
+        let grid = grid.unwrap_or_else(|| Grid::around([&terrain.surface].into_iter()));
         let is_counted =
             self.profile.has_counted_positions() && grid.error_m() <= MOST_TERRAIN_ERROR_M;
         let grid = is_counted.then_some(grid);

@@ -120,7 +120,7 @@ pub(super) struct Recipe<'a> {
 /// What a GLB's 32-bit lengths can tell.
 pub const MOST_GLB_BYTES: u64 = u32::MAX as u64;
 
-/// The ground whose trees a file holds, where a scene is split.
+/// The ground whose trees, or terrain, a file holds, where a scene is split.
 #[derive(Debug, Clone, Copy)]
 struct Square {
     /// Column and row from the south-western one.
@@ -128,6 +128,8 @@ struct Square {
     side_m: f32,
     /// Its south-western corner, scene metres.
     corner: [f32; 2],
+    /// About the whole of a terrain that is cut, so that what is counted alike meets alike.
+    terrain_grid: Option<Grid>,
 }
 
 /// `STEM.glb` of each form, or `STEM_x0_y0.glb` and so on where one would be too large; `STEM.gltf`

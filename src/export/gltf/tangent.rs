@@ -8,45 +8,64 @@
 //! mirrored goes by those that have more of its angle.
 
 use glam::{Vec3, Vec4};
+use rayon::prelude::*;
 
 use crate::mesh::Surface;
 use crate::work::{self, Work};
 
+/// What a triangle adds to a corner: a direction by the angle, and the angle.
+type Share = (Vec3, f32);
+
 /// Unit xyz, w = ±1, one a vertex; the direction of growing u, and cross(normal, xyz) · w of
 /// growing v (upwards in the picture). Indices must be in range.
 pub(super) fn tangents(surface: &Surface) -> Vec<Vec4> {
+    /// Triangles that are looked at before they are added up, in their order.
+    const LOT: usize = 1 << 14;
     work::count(Work::Tangents, surface.position.len());
-    // Of the triangles whose texture reads right, and of the mirrored ones: direction, angle.
-    let mut sum = vec![[(Vec3::ZERO, 0.0f32); 2]; surface.position.len()];
-    for corners in surface.index.as_chunks::<3>().0 {
-        let corners = corners.map(|i| i as usize);
-        let [a, b, c] = corners.map(|i| surface.position[i]);
-        let [d, e, f] = corners.map(|i| surface.uv[i]);
-        let (s, t) = (e - d, f - d);
-        let area_uv = s.perp_dot(t);
-        let u = ((b - a) * t.y - (c - a) * s.y) * area_uv.signum();
-        if area_uv == 0.0 || u == Vec3::ZERO {
-            continue;
-        }
-        let ends = [[b, c], [c, a], [a, b]];
-        for ((vertex, at), ends) in corners.into_iter().zip([a, b, c]).zip(ends) {
-            let normal = surface.normal[vertex];
-            let flat = |v: Vec3| (v - normal * normal.dot(v)).normalize_or_zero();
-            let [to, from] = ends.map(|end| flat(end - at));
-            let angle = to.dot(from).clamp(-1.0, 1.0).acos();
-            let (along, whole) = &mut sum[vertex][usize::from(area_uv < 0.0)];
-            *along += flat(u) * angle;
-            *whole += angle;
+    // Of the triangles whose texture reads right, and of the mirrored ones.
+    let mut sum: Vec<[Share; 2]> = vec![[(Vec3::ZERO, 0.0); 2]; surface.position.len()];
+    let mut shares = Vec::with_capacity(LOT);
+    for triangles in surface.index.as_chunks::<3>().0.chunks(LOT) {
+        shares.clear();
+        shares
+            .par_extend(triangles.par_iter().with_min_len(LOT / 16).map(|t| shares_of(surface, t)));
+        for (corners, (shares, is_mirrored)) in triangles.iter().zip(&shares) {
+            for (&vertex, (along, angle)) in corners.iter().zip(shares) {
+                let (whole, angles) = &mut sum[vertex as usize][usize::from(*is_mirrored)];
+                *whole += *along;
+                *angles += *angle;
+            }
         }
     }
-    sum.iter()
-        .zip(&surface.normal)
-        .map(|([right, mirrored], &normal)| {
-            let (along, w) = if mirrored.1 > right.1 { (mirrored.0, -1.0) } else { (right.0, 1.0) };
-            // Where the texture has no direction, any will do.
-            along.try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector()).extend(w)
-        })
-        .collect()
+    let whole = |([right, mirrored], &normal): (&[Share; 2], &Vec3)| {
+        let (along, w) = if mirrored.1 > right.1 { (mirrored.0, -1.0) } else { (right.0, 1.0) };
+        // Where the texture has no direction, any will do.
+        along.try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector()).extend(w)
+    };
+    sum.par_iter().zip(&surface.normal).with_min_len(LOT / 16).map(whole).collect()
+}
+
+/// Of each corner, and whether the texture is mirrored there; nothing where it has no extent.
+fn shares_of(surface: &Surface, corners: &[u32; 3]) -> ([Share; 3], bool) {
+    let corners = corners.map(|i| i as usize);
+    let [a, b, c] = corners.map(|i| surface.position[i]);
+    let [d, e, f] = corners.map(|i| surface.uv[i]);
+    let (s, t) = (e - d, f - d);
+    let area_uv = s.perp_dot(t);
+    let u = ((b - a) * t.y - (c - a) * s.y) * area_uv.signum();
+    let mut shares = [(Vec3::ZERO, 0.0); 3];
+    if area_uv == 0.0 || u == Vec3::ZERO {
+        return (shares, false);
+    }
+    let ends = [[b, c], [c, a], [a, b]];
+    for (((share, vertex), at), ends) in shares.iter_mut().zip(corners).zip([a, b, c]).zip(ends) {
+        let normal = surface.normal[vertex];
+        let flat = |v: Vec3| (v - normal * normal.dot(v)).normalize_or_zero();
+        let [to, from] = ends.map(|end| flat(end - at));
+        let angle = to.dot(from).clamp(-1.0, 1.0).acos();
+        *share = (flat(u) * angle, angle);
+    }
+    (shares, area_uv < 0.0)
 }
 
 #[cfg(test)]

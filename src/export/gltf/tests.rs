@@ -425,6 +425,71 @@ fn the_terrain_of_a_split_scene_is_a_file_of_its_own() {
     }
 }
 
+/// Every triangle of the whole once, by the numbers of its corners: places and normals.
+fn triangles_of_terrain(read: &Read) -> Vec<[[u64; 6]; 3]> {
+    let nodes = read.json["nodes"].as_array().unwrap();
+    let node = nodes.iter().find(|n| n["name"] == "terrain").unwrap();
+    let mesh = &read.json["meshes"][number(&node["mesh"])];
+    let primitive = &mesh["primitives"][0];
+    let of = &primitive["attributes"];
+    let (places, normals) = (read.accessor(&of["POSITION"]), read.accessor(&of["NORMAL"]));
+    // What places are counted in is a part of where they are.
+    let put: Vec<f64> = ["translation", "scale"]
+        .iter()
+        .flat_map(|key| node[key].as_array().into_iter().flatten())
+        .map(|v| v.as_f64().unwrap())
+        .collect();
+    let (by, from) = match put[..] {
+        [x, y, z, size, _, _] => (size, [x, y, z]),
+        _ => (1.0, [0.0; 3]),
+    };
+    let corner = |i: usize| {
+        let place: [f64; 3] = std::array::from_fn(|k| places[i][k] * by + from[k]);
+        std::array::from_fn(|k| if k < 3 { place[k] } else { normals[i][k - 3] }.to_bits())
+    };
+    let index: Vec<usize> =
+        read.accessor(&primitive["indices"]).iter().map(|i| i[0] as usize).collect();
+    let mut all: Vec<[[u64; 6]; 3]> =
+        index.as_chunks::<3>().0.iter().map(|t| t.map(corner)).collect();
+    // Writers may begin a triangle with another corner.
+    for triangle in &mut all {
+        let first = (0..3).min_by_key(|&k| triangle[k]).unwrap();
+        triangle.rotate_left(first);
+    }
+    all.sort_unstable();
+    all
+}
+
+#[test]
+fn a_terrain_too_large_for_one_file_is_cut_without_a_seam() {
+    // Small enough for the web to count places in 16 bits.
+    let scene = forest(&["Larix"], 20, 100.0).validate().unwrap();
+    for profile in [Profile::Dcc, Profile::Engine, Profile::Web] {
+        let (whole, _) = at_most(&scene, profile, MOST_GLB_BYTES).unwrap();
+        let (one, _) = at_most(&scene, profile, whole["forest.glb"].len() as u64 - 1).unwrap();
+        let most = one["forest_terrain.glb"].len() as u64 - 1;
+        let (parts, warnings) = at_most(&scene, profile, most).unwrap();
+        let mut terrains = parts.iter().filter(|(name, _)| name.starts_with("forest_terrain"));
+        let count = terrains.clone().count();
+        assert!(count > 1 && terrains.all(|(name, _)| name.starts_with("forest_terrain_x")));
+        assert!(
+            warnings[0].contains(&format!("{count} of the terrain by squares of")),
+            "{warnings:?}"
+        );
+        let mut joined = Vec::new();
+        for (name, bytes) in parts.iter().filter(|(name, _)| name.starts_with("forest_terrain")) {
+            assert!(bytes.len() as u64 <= most);
+            let read = Read::new(bytes);
+            let square = &read.json["asset"]["extras"]["square"];
+            let said = format!("forest_terrain_x{}_y{}.glb", square["column"], square["row"]);
+            assert_eq!(*name, said);
+            joined.extend(triangles_of_terrain(&read));
+        }
+        joined.sort_unstable();
+        assert!(joined == triangles_of_terrain(&Read::new(&whole["forest.glb"])));
+    }
+}
+
 #[test]
 fn profiles_are_split_with_all_that_they_hold() {
     let scene = sample();

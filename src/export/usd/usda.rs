@@ -209,9 +209,9 @@ impl<'l> Text<'l> {
             Value::Float3(v) => self.bytes_of(|out| tuple(out, b"(", *v)),
             Value::Float4(v) => self.bytes_of(|out| tuple(out, b"(", *v)),
             Value::Double3([x, y, z]) => write!(self.out, "({x}, {y}, {z})"),
-            Value::Ints(items) => self.array(items, |out, v| integer(out, i64::from(*v))),
+            Value::Ints(items) => self.integers(items, |v| i64::from(*v)),
             Value::Repeated(item, count) => self.repeated(*item, *count),
-            Value::Int64s(items) => self.array(items, |out, v| integer(out, *v)),
+            Value::Int64s(items) => self.integers(items, |v| *v),
             Value::Floats(items) => self.array(items, |out, v| shortest(out, *v)),
             Value::Float2s(items) => self.tuples(items, |v| v.to_array()),
             Value::Float3s(items) => self.tuples(items, |v| v.to_array()),
@@ -260,6 +260,24 @@ impl<'l> Text<'l> {
             self.out.rows(rest, move |out, item| {
                 out.text(b", ");
                 write(out, item);
+            })?;
+        }
+        self.out.write_all(b"]")
+    }
+
+    fn integers<T: Sync>(
+        &mut self,
+        items: &'l [T],
+        of: impl Fn(&T) -> i64 + Copy + Send + Sync + 'l,
+    ) -> io::Result<()> {
+        self.out.write_all(b"[")?;
+        if let Some((first, rest)) = items.split_first() {
+            self.bytes_of(|out| integer(out, of(first)))?;
+            self.out.rows(rest, move |out, item| {
+                out.row(|row| {
+                    row.text(b", ");
+                    row.integer(of(item));
+                });
             })?;
         }
         self.out.write_all(b"]")
