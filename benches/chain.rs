@@ -29,7 +29,7 @@ fn job() -> (tempfile::TempDir, ForestJob) {
     let scan = dir.path().join("scan.laz");
     std::fs::write(&scan, made.scan).expect("room for the scan");
     let survey = SurveyJob {
-        scans: vec![scan],
+        scans: [scan].into(),
         ground: Method::Smrf,
         cell_m: None,
         tile_m: None,

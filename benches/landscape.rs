@@ -38,7 +38,7 @@ fn tile(dir: &Path, detail: &Detail) -> Result<Voxelized> {
     std::fs::write(&scan, &made.scan).expect("room for the scan");
     std::fs::write(&photo, &made.photo).expect("room for the photo");
     let job = SurveyJob {
-        scans: vec![scan],
+        scans: [scan].into(),
         ground: Method::Smrf,
         cell_m: None,
         tile_m: None,

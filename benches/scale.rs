@@ -114,7 +114,7 @@ fn main() {
         let mut count = 0;
         let unpacking = least_seconds(|| count = unpack(&path));
         let job = SurveyJob {
-            scans: vec![path],
+            scans: [path].into(),
             ground: Method::Smrf,
             cell_m: None,
             tile_m: None,

@@ -21,6 +21,7 @@ struct Inner {
     source: Option<Source>,
     labels: Vec<LabeledSpan>,
     others: Vec<Error>,
+    warnings: Vec<String>,
 }
 
 impl Error {
@@ -38,6 +39,12 @@ impl Error {
     /// Says what the user can do.
     pub fn remedy(mut self, text: impl Into<String>) -> Self {
         self.0.remedy = Some(text.into());
+        self
+    }
+
+    /// Says what was noticed before, which may be why; shown above the message.
+    pub fn noticed(mut self, warnings: Vec<String>) -> Self {
+        self.0.warnings.extend(warnings);
         self
     }
 
@@ -194,6 +201,8 @@ impl miette::Diagnostic for Error {
 
 /// Renders an error as shown on a terminal, without colour, 100 columns wide.
 pub fn render(error: &Error) -> String {
+    let warnings = error.each().flat_map(|e| &e.0.warnings);
+    let before: String = warnings.map(|warning| format!("warning: {warning}\n")).collect();
     let mut out = String::new();
     let handler =
         miette::GraphicalReportHandler::new_themed(miette::GraphicalTheme::unicode_nocolor())
@@ -201,7 +210,7 @@ pub fn render(error: &Error) -> String {
     if handler.render_report(&mut out, error).is_err() {
         out = format!("{error:?}\n");
     }
-    out
+    before + &out
 }
 
 /// A value together with what the user should know about it.
@@ -244,6 +253,14 @@ mod tests {
         assert!(shown.contains("birch.toml:2:1"), "{shown}");
         assert_eq!(error.line_and_column(), Some((2, 1)));
         assert!(shown.contains("did you mean `angle`?"), "{shown}");
+    }
+
+    #[test]
+    fn what_was_noticed_stands_above_the_message() {
+        let error = Error::new("no trees").noticed(vec!["one point".into(), "no ground".into()]);
+        let shown = render(&error.in_file("a.laz"));
+        assert!(shown.starts_with("warning: one point\nwarning: no ground\n"), "{shown}");
+        assert!(shown.contains("a.laz: no trees"), "{shown}");
     }
 
     #[test]

@@ -247,6 +247,36 @@ fn unknown_species_and_unwritable_folders_are_refused_before_work() {
 }
 
 #[test]
+fn folders_that_are_missing_are_made_and_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("a").join("b");
+    let file = folder.join("rules.json");
+    let said = || {
+        let out = larix(&["species", "schema", "-o", file.to_str().unwrap()]);
+        assert!(out.status.success());
+        text(&out.stderr)
+    };
+    let told = format!("made the folder {}", folder.display());
+    assert!(said().contains(&told) && file.exists());
+    assert!(!said().contains(&told), "it is there by now");
+}
+
+#[test]
+fn what_a_refusal_may_come_of_is_told_before_it() {
+    let dir = tempfile::tempdir().unwrap();
+    // Ids, and coordinates of which most stand alone.
+    let place = |i: usize| if i < 150 { (i % 15, i / 15) } else { (i * 97, i * 400) };
+    let line = |i: usize| format!("{i} {} {} 7\n", place(i).0, place(i).1);
+    let lines: String = (1..500).map(line).collect();
+    let scan = write(dir.path(), "ids.xyz", lines);
+    let out = larix(&["terrain", &scan, "-o", dir.path().join("t.tif").to_str().unwrap()]);
+    let err = text(&out.stderr);
+    assert!(!out.status.success(), "{err}");
+    let at = |what: &str| err.find(what).unwrap_or_else(|| panic!("no {what} in {err}"));
+    assert!(at("warning: ") < at("stand alone"));
+}
+
+#[test]
 fn a_scan_without_trees_gives_a_terrain_scene_and_a_warning() {
     let dir = tempfile::tempdir().unwrap();
     let mut points = String::new();

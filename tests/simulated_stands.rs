@@ -25,7 +25,7 @@ fn survey(mix: &[&str], options: &StandOptions, seed: u64, dir: &Path) -> (Stand
     let scan = dir.join("scan.laz");
     std::fs::write(&scan, &made.scan).unwrap();
     let job = SurveyJob {
-        scans: vec![scan],
+        scans: [scan].into(),
         ground: Method::Smrf,
         cell_m: None,
         tile_m: None,

@@ -93,7 +93,7 @@ fn annotated() -> Option<BTreeMap<String, Vec<Annotated>>> {
 fn job(plot: &str, names: &[&str], by: SpeciesBy, with_photo: bool) -> SurveyJob {
     let file = |kind: &str, end: &str| data(&format!("idtrees/{kind}/{plot}.{end}")).unwrap();
     SurveyJob {
-        scans: vec![file("las", "las")],
+        scans: [file("las", "las")].into(),
         ground: Method::Smrf,
         cell_m: None,
         tile_m: None,
@@ -327,7 +327,7 @@ fn confidences(plots: &BTreeMap<String, Vec<Annotated>>) -> Vec<Vec<String>> {
                 if let Some(density) = density {
                     let file = dir.path().join("thin.laz");
                     std::fs::write(&file, thinned(&job.scans[0], density)).unwrap();
-                    job.scans = vec![file];
+                    job.scans = [file].into();
                 }
                 // A plot so thin may show no ground.
                 let Ok(survey) = survey::inventory(&job, &mut Recorder::new(&Silent)) else {
@@ -502,7 +502,7 @@ fn features_of_the_annotated_crowns() {
         let (low, high) =
             corners.fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
         let raster = geotiff::read(job.photo.as_deref().unwrap()).unwrap();
-        let photo = Photo::new(plot, raster, frame, low, high).unwrap();
+        let photo = Photo::new(plot, raster, frame, low, high).unwrap().value;
         let crowns: Vec<Crown> = truth.iter().map(|t| boxed(t.bounds, frame.origin)).collect();
         let looks = look::measure(&crowns, &classified, &terrain);
         for ((t, crown), l) in truth.iter().zip(&crowns).zip(&looks.of_crown) {

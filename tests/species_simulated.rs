@@ -19,7 +19,7 @@ fn stand(names: &[&str], seed: u64, with_photo: bool, by: SpeciesBy) -> Comparis
     std::fs::write(&scan, made.scan).unwrap();
     std::fs::write(&photo, made.photo).unwrap();
     let job = SurveyJob {
-        scans: vec![scan],
+        scans: [scan].into(),
         ground: Method::Smrf,
         cell_m: None,
         tile_m: None,

@@ -14,7 +14,7 @@ use larix::species::assign::SpeciesBy;
 
 fn survey(scans: &[PathBuf], tile_m: Option<f32>) -> Survey {
     let job = SurveyJob {
-        scans: scans.to_vec(),
+        scans: scans.into(),
         ground: Method::Smrf,
         cell_m: None,
         tile_m,

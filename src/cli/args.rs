@@ -7,7 +7,9 @@ use std::str::FromStr;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::{DVec3, Vec2};
 
+use crate::frame::Crs;
 use crate::pipeline::view::{Clip, Eye};
+use crate::scan;
 use crate::skeleton::STAGES;
 use crate::species::state::{Condition, Season};
 
@@ -242,6 +244,10 @@ pub struct ScanArgs {
     /// LAS, LAZ or XYZ files of one area.
     #[arg(required = true, value_name = "SCAN")]
     pub scans: Vec<PathBuf>,
+    /// The scans' coordinate system, where their files state none: EPSG code, with that of the heights
+    /// behind a plus where they are of another unit. It tells feet from metres.
+    #[arg(long, value_name = "EPSG:CODE[+CODE]", value_parser = scan::system)]
+    pub crs: Option<Crs>,
     /// How ground points are found.
     #[arg(long, value_enum, default_value = "smrf")]
     pub ground: Ground,
@@ -452,7 +458,7 @@ pub struct Forest {
     pub scene: SceneArgs,
     #[command(flatten)]
     pub goal: GoalArgs,
-    /// Folder for everything written; `output/` and the scan's name where absent.
+    /// Folder for everything written, made where it is missing; `output/` and the scan's name where absent.
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
 }
@@ -477,7 +483,7 @@ pub struct Inventory {
     pub scan: ScanArgs,
     #[command(flatten)]
     pub tree: TreeArgs,
-    /// .geojson, .fgb (FlatGeobuf) or .csv
+    /// .geojson, .fgb (FlatGeobuf) or .csv; a missing folder is made
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }
@@ -490,7 +496,8 @@ pub struct Terrain {
     /// the triangles that each error takes are told for a raster too.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = above_zero::<f32>("metres"))]
     pub terrain_error: Option<f32>,
-    /// .tif (Cloud Optimized GeoTIFF) for heights; .glb, .gltf, .usda, .usdc, .usdz, .x3d or .obj for a mesh
+    /// .tif (Cloud Optimized GeoTIFF) for heights; .glb, .gltf, .usda, .usdc, .usdz, .x3d or .obj for a
+    /// mesh; a missing folder is made
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }
@@ -537,7 +544,7 @@ pub struct Tree {
     pub wood: WoodArgs,
     #[command(flatten)]
     pub levels: LevelArgs,
-    /// .glb, .gltf, .usda, .usdc, .usdz, .x3d, .obj or .png (a picture)
+    /// .glb, .gltf, .usda, .usdc, .usdz, .x3d, .obj or .png (a picture); a missing folder is made
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }

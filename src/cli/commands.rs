@@ -21,6 +21,7 @@ use crate::pipeline::{
 };
 use crate::raster::{GridGeometry, cog};
 use crate::report::{self, Outcome, Recorder, Silent};
+use crate::scan;
 use crate::scene::{ColliderShape, ValidScene};
 use crate::seed::Seed;
 use crate::simulate::StandOptions;
@@ -47,28 +48,68 @@ pub fn run(cli: &Cli) -> Result<()> {
     let observer: &dyn report::Observer = if cli.quiet { &Silent } else { &terminal };
     let mut run = Recorder::new(observer);
     let cache = cache(cli);
-    let report = match &cli.command {
-        Command::Demo(a) => demo(a, cache, &mut run)?,
-        Command::Forest(a) => forest(a, cache, &mut run)?,
-        Command::Inventory(a) => inventory(a, &mut run)?,
-        Command::Terrain(a) => terrain(a, &mut run)?,
-        Command::Tree(a) => tree(a, cache, &mut run)?,
-        Command::Landscape(a) => super::landscape::run(a, &mut run)?,
-        Command::Report(a) => super::report::run(a, cli.quiet)?,
-        Command::Species(a) => return super::species::run(&a.command, cli, &mut run),
-    };
-    if !cli.quiet {
-        for warning in &run.warnings {
-            eprintln!("warning: {warning}");
+    let made: Vec<PathBuf> =
+        folders(&cli.command)?.into_iter().filter(|dir| !dir.exists()).collect();
+    let told = match &cli.command {
+        Command::Demo(a) => demo(a, cache, &mut run),
+        Command::Forest(a) => forest(a, cache, &mut run),
+        Command::Inventory(a) => inventory(a, &mut run),
+        Command::Terrain(a) => terrain(a, &mut run),
+        Command::Tree(a) => tree(a, cache, &mut run),
+        Command::Landscape(a) => super::landscape::run(a, &mut run),
+        Command::Report(a) => super::report::run(a, cli.quiet),
+        Command::Species(a) => {
+            let none = Told { lines: Vec::new(), json: Value::Null };
+            super::species::run(&a.command, cli, &mut run).map(|()| none)
         }
+    };
+    // What was found between stages; it may be why the run failed.
+    run.warnings.iter().for_each(|warning| observer.warn(warning));
+    let report = told?;
+    if !cli.quiet {
         for line in &report.lines {
             eprintln!("{line}");
         }
+        // One that was mistyped would not be missed.
+        for dir in made.iter().filter(|dir| dir.is_dir()) {
+            eprintln!("made the folder {}", dir.display());
+        }
     }
-    if cli.json {
+    if cli.json && !report.json.is_null() {
         print(&[report.json.to_string()])?;
     }
     Ok(())
+}
+
+/// Those that a command writes into; what is missing of them is made.
+fn folders(command: &Command) -> Result<Vec<PathBuf>> {
+    use args::SpeciesCommand::{New, Schema, Show};
+    let files: Vec<&PathBuf> = match command {
+        Command::Demo(a) => return Ok(vec![a.output.clone()]),
+        Command::Forest(a) => return Ok(vec![forest_folder(a)]),
+        Command::Report(a) => match &a.write_front {
+            Some(file) => vec![file],
+            None => return Ok(vec![a.output.clone()]),
+        },
+        Command::Inventory(a) => vec![&a.output],
+        Command::Terrain(a) => vec![&a.output],
+        Command::Tree(a) => vec![&a.output],
+        Command::Landscape(a) => a.output.iter().chain(&a.save).collect(),
+        Command::Species(a) => match &a.command {
+            New(a) => a.output.iter().collect(),
+            Schema(a) => a.output.iter().collect(),
+            Show(a) => vec![&a.output],
+            _ => Vec::new(),
+        },
+    };
+    let mut folders: Vec<PathBuf> =
+        files.into_iter().map(|file| Ok(place(file)?.0)).collect::<Result<_>>()?;
+    folders.dedup();
+    Ok(folders)
+}
+
+fn forest_folder(a: &args::Forest) -> PathBuf {
+    a.output.clone().unwrap_or_else(|| Path::new("output").join(stem(&a.scan.scans[0])))
 }
 
 /// What a command tells at its end.
@@ -112,7 +153,7 @@ pub(super) fn load_species(names: &[String]) -> Result<Vec<Species>> {
 
 fn survey_job(scan: &ScanArgs, tree: &TreeArgs) -> Result<SurveyJob> {
     Ok(SurveyJob {
-        scans: scan.scans.clone(),
+        scans: files(scan),
         ground: method(scan.ground),
         cell_m: scan.cell,
         tile_m: scan.tile,
@@ -128,6 +169,10 @@ fn survey_job(scan: &ScanArgs, tree: &TreeArgs) -> Result<SurveyJob> {
         },
         seed: seed(tree.seed),
     })
+}
+
+fn files(scan: &ScanArgs) -> scan::Files {
+    scan::Files { paths: scan.scans.clone(), crs: scan.crs.clone() }
 }
 
 pub(super) fn method(ground: args::Ground) -> Method {
@@ -286,7 +331,7 @@ fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
 }
 
 fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
-    let dir = a.output.clone().unwrap_or_else(|| Path::new("output").join(stem(&a.scan.scans[0])));
+    let dir = forest_folder(a);
     check_levels(&a.scene.levels)?;
     let job = forest_job(survey_job(&a.scan, &a.tree)?, &a.scene, cache);
     export::check_writable(&dir)?;
@@ -436,7 +481,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
     let extension = extension(&a.output, &[&["tif", "tiff"], &SCENE_EXTENSIONS[..]].concat())?;
     let format = scene_format(extension);
     let job = SurveyJob {
-        scans: a.scan.scans.clone(),
+        scans: files(&a.scan),
         ground: method(a.scan.ground),
         cell_m: a.scan.cell,
         tile_m: a.scan.tile,
@@ -626,7 +671,7 @@ fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::write_all(held.path(), inputs())?;
     let job = forest_job(
         SurveyJob {
-            scans: vec![held.path().join("scan.laz")],
+            scans: [held.path().join("scan.laz")].into(),
             ground: Method::Smrf,
             cell_m: None,
             tile_m: None,

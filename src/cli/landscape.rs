@@ -11,12 +11,14 @@ use super::args::{self, Ground};
 use super::commands::{Told, extension, method, place, stem, summary};
 use crate::diagnostic::{Error, Result};
 use crate::export::{self, Content, OutputFile, Staged};
+use crate::frame::Crs;
 use crate::landscape::{Detail, Layers, MOST_PIXELS, Mode, Shot, View, Weather};
 use crate::pipeline::landscape::{self, DETAIL};
 use crate::pipeline::view::Eye;
 use crate::pipeline::{Effort, SurveyJob};
 use crate::raster::deep_png;
 use crate::report::Recorder;
+use crate::scan;
 use crate::seed::Seed;
 use crate::species::assign::SpeciesBy;
 
@@ -61,6 +63,10 @@ pub struct Landscape {
     /// Georeferenced aerial photo that colours it: GeoTIFF, or PNG or JPEG with a world file.
     #[arg(long, value_name = "FILE")]
     pub photo: Option<PathBuf>,
+    /// The scans' coordinate system, where their files state none: EPSG code, with that of the heights
+    /// behind a plus where they are of another unit. It tells feet from metres.
+    #[arg(long, value_name = "EPSG:CODE[+CODE]", value_parser = scan::system)]
+    pub crs: Option<Crs>,
     /// How ground points are found; smrf where absent.
     #[arg(long, value_enum)]
     pub ground: Option<Ground>,
@@ -162,6 +168,7 @@ pub(super) fn run(a: &Landscape, run: &mut Recorder) -> Result<Told> {
     let is_saved = landscape::is_saved(&a.scans)?;
     let of_scans = [
         ("--photo", a.photo.is_some()),
+        ("--crs", a.crs.is_some()),
         ("--ground", a.ground.is_some()),
         ("--cell", a.cell.is_some()),
         ("--voxel", a.voxel.is_some()),
@@ -274,7 +281,7 @@ impl Layer {
 
 fn job(a: &Landscape) -> SurveyJob {
     SurveyJob {
-        scans: a.scans.clone(),
+        scans: scan::Files { paths: a.scans.clone(), crs: a.crs.clone() },
         ground: method(a.ground.unwrap_or(Ground::Smrf)),
         cell_m: a.cell,
         photo: a.photo.clone(),

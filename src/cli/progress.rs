@@ -1,5 +1,6 @@
 //! Stages on the terminal: a spinner while one runs, a line when it ends.
 
+use std::collections::HashSet;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
@@ -11,11 +12,12 @@ use crate::report::{Observer, StageRecord};
 /// Writes to stderr; draws the spinner only where that is a terminal.
 pub struct Terminal {
     bar: Mutex<Option<ProgressBar>>,
+    told: Mutex<HashSet<String>>,
 }
 
 impl Terminal {
     pub fn new() -> Self {
-        Terminal { bar: Mutex::new(None) }
+        Terminal { bar: Mutex::new(None), told: Mutex::default() }
     }
 
     fn replace(&self, bar: Option<ProgressBar>) -> Option<ProgressBar> {
@@ -43,6 +45,17 @@ impl Observer for Terminal {
             "{:<10}{:>8.2} s  {} {}",
             record.stage, record.seconds, record.items_out.count, record.items_out.of
         );
+    }
+
+    /// Once, though a stage be run again.
+    fn warn(&self, warning: &str) {
+        if self.told.lock().unwrap_or_else(|e| e.into_inner()).insert(warning.to_owned()) {
+            let line = || eprintln!("warning: {warning}");
+            match &*self.bar.lock().unwrap_or_else(|e| e.into_inner()) {
+                Some(bar) => bar.suspend(line),
+                None => line(),
+            }
+        }
     }
 }
 

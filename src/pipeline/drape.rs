@@ -138,7 +138,7 @@ mod tests {
             nodata: None,
         };
         let frame = Frame::local(DVec3::ZERO);
-        let photo = Photo::new("p", raster, &frame, Vec2::ZERO, Vec2::splat(20.0)).unwrap();
+        let photo = Photo::new("p", raster, &frame, Vec2::ZERO, Vec2::splat(20.0)).unwrap().value;
         let terrain =
             Terrain { heights: Grid::filled(geometry, 0.0), is_observed: vec![true; 1600] };
         (photo, terrain)

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::Effort;
@@ -28,7 +28,7 @@ use crate::voxel;
 /// What to read and how.
 #[derive(Debug, Clone)]
 pub struct SurveyJob {
-    pub scans: Vec<PathBuf>,
+    pub scans: scan::Files,
     pub ground: ground::Method,
     /// Terrain cell; from the density where `None`.
     pub cell_m: Option<f32>,
@@ -190,7 +190,8 @@ pub(super) fn place_photo(
         ));
     }
     let (low, high) = (bounds.min.truncate(), bounds.max.truncate());
-    Photo::new(&path.display().to_string(), raster, frame, low, high).map(Some)
+    let photo = Photo::new(&path.display().to_string(), raster, frame, low, high)?;
+    Ok(Some(photo.into_value(&mut run.warnings)))
 }
 
 /// Larger scans go by tiles of about so many points, though none is asked for.
@@ -388,6 +389,32 @@ pub fn inventory(job: &SurveyJob, run: &mut Recorder) -> Result<Survey> {
     name_trees(job, crowns, &looks, frame, terrain.moved(by), photo, run)
 }
 
+/// Hardly a forest on Earth grows higher, metres; where coordinates are those of a US state plane in
+/// feet, and not of a UTM zone, less is enough to tell.
+const HIGHEST_M: f32 = 60.0;
+const HIGHEST_IN_PLANE_M: f32 = 45.0;
+/// This part of the trees may be higher: towers, birds.
+const HIGHER: f32 = 0.02;
+
+/// Tells where trees are as high as only feet taken for metres make them.
+fn feet_for_metres(heights_m: impl Iterator<Item = f32>, frame: &Frame) -> Option<String> {
+    let mut heights: Vec<f32> = heights_m.collect();
+    heights.sort_by(f32::total_cmp);
+    let higher = (heights.len() as f32 * HIGHER) as usize;
+    let highest = *heights.get(heights.len().checked_sub(1 + higher)?)?;
+    let DVec3 { x, y, .. } = frame.origin;
+    let is_plane = (1e6..1e7).contains(&x) && (0.0..5e6).contains(&y);
+    let most = if is_plane { HIGHEST_IN_PLANE_M } else { HIGHEST_M };
+    (frame.crs.is_none() && highest > most).then(|| {
+        format!(
+            "trees come out {highest:.0} m high, more than forests grow{}: no coordinate system is \
+             stated, and feet may have been taken for metres; if so, give --crs with the EPSG code of \
+             the scan's system, as EPSG:2229 for California zone 5 in feet",
+            if is_plane { ", at coordinates as of a US state plane in feet" } else { "" }
+        )
+    })
+}
+
 /// The last stage: species, and what follows from them.
 fn name_trees(
     job: &SurveyJob,
@@ -399,6 +426,7 @@ fn name_trees(
     run: &mut Recorder,
 ) -> Result<Survey> {
     run.stage("species", |warnings| {
+        warnings.extend(feet_for_metres(crowns.iter().map(|c| c.height_m), &frame));
         let (by, seen) = (job.species_by, photo.as_ref());
         let assigned =
             assign(&crowns, looks, seen, &job.species, by, job.seed)?.into_value(warnings);
@@ -441,4 +469,33 @@ fn name_trees(
         }
         Ok((Survey { frame, terrain, photo, trees, species }, outcome))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::system;
+
+    #[test]
+    fn feet_taken_for_metres_are_told() {
+        let told = |origin, crs, highest: f32| {
+            let frame = Frame { origin, crs };
+            feet_for_metres((0..200).map(|i| highest * i as f32 / 199.0), &frame)
+        };
+        let (utm, plane) = (DVec3::new(5e5, 4e6, 0.0), DVec3::new(6.4e6, 1.9e6, 0.0));
+        assert_eq!(told(utm, None, 50.0), None);
+        assert_eq!(told(plane, None, 40.0), None);
+        assert_eq!(told(plane, Some(system("EPSG:2229").unwrap()), 94.0), None);
+        assert_eq!(feet_for_metres([].into_iter(), &Frame::local(plane)), None);
+        // One of a hundred that is higher may be no tree.
+        assert_eq!(
+            feet_for_metres(
+                (0..100).map(|i| if i == 7 { 300.0 } else { 30.0 }),
+                &Frame::local(utm)
+            ),
+            None
+        );
+        insta::assert_snapshot!(told(utm, None, 94.0).unwrap(), @"trees come out 92 m high, more than forests grow: no coordinate system is stated, and feet may have been taken for metres; if so, give --crs with the EPSG code of the scan's system, as EPSG:2229 for California zone 5 in feet");
+        insta::assert_snapshot!(told(plane, None, 60.0).unwrap(), @"trees come out 59 m high, more than forests grow, at coordinates as of a US state plane in feet: no coordinate system is stated, and feet may have been taken for metres; if so, give --crs with the EPSG code of the scan's system, as EPSG:2229 for California zone 5 in feet");
+    }
 }

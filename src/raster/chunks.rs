@@ -1,6 +1,7 @@
 //! Pixels of a TIFF that the `tiff` crate (0.11) does not read right: packed by LZW (TIFF 6.0, sections
-//! 13 and 14; floats after Adobe's Technical Note 3), or of colours with further bands of no stated
-//! kind, by LZW, deflate or plain.
+//! 13 and 14; floats after Adobe's Technical Note 3), or numbers of a palette's colours, or of colours
+//! with further bands of no stated kind, or of several bands of which 0 is white, by LZW, deflate,
+//! PackBits (section 9) or plain. Values are given as they are in the file.
 //!
 //! The crate fails on sound tiles whose last LZW code just fills its buffer, and on those without an end
 //! code; here a chunk is done when it has all its bytes, as libtiff has it. Of the further bands it
@@ -28,6 +29,10 @@ pub(super) struct Shape {
 const PLAIN: u64 = 1;
 const LZW: u64 = 5;
 const DEFLATE: [u64; 2] = [8, 32946];
+const PACK_BITS: u64 = 32773;
+/// Photometric interpretations (TIFF 6.0, section 8).
+pub(super) const WHITE_IS_ZERO: u64 = 0;
+pub(super) const PALETTE: u64 = 3;
 
 /// Reads a picture of 8 or 16 bits or of 32-bit floats; `None` where it is one that is left to the
 /// `tiff` crate.
@@ -43,7 +48,7 @@ pub(super) fn read<R: Read + Seek>(
     let bits = first(decoder, Tag::BitsPerSample, 1)?;
     let format = first(decoder, Tag::SampleFormat, 1)?;
     let predictor = first(decoder, Tag::Predictor, 1)?;
-    let is_inverted = first(decoder, Tag::PhotometricInterpretation, 1)? == 0;
+    let photometric = first(decoder, Tag::PhotometricInterpretation, 1)?;
     let bytes = match (bits, format) {
         (8, 1) => 1,
         (16, 1) => 2,
@@ -56,9 +61,10 @@ pub(super) fn read<R: Read + Seek>(
         _ => false,
     };
     let is_unnamed = shape.bands > 3 && matches!(decoder.colortype(), Ok(ColorType::RGB(_)));
-    let is_read = compression == LZW
-        || is_unnamed && (compression == PLAIN || DEFLATE.contains(&compression));
-    if !is_read || is_inverted || !is_predicted {
+    let is_known = [PLAIN, LZW, PACK_BITS].contains(&compression) || DEFLATE.contains(&compression);
+    let is_left =
+        compression != LZW && !is_unnamed && ![WHITE_IS_ZERO, PALETTE].contains(&photometric);
+    if !is_known || is_left || !is_predicted {
         return Ok(None);
     }
     let (offset_tag, length_tag) = match decoder.get_chunk_type() {
@@ -98,6 +104,7 @@ pub(super) fn read<R: Read + Seek>(
         match compression {
             PLAIN => packed.as_slice().read_exact(&mut unpacked)?,
             LZW => unpack(&packed, &mut unpacked)?,
+            PACK_BITS => unpack_bits(&packed, &mut unpacked)?,
             _ => ZlibDecoder::new(packed.as_slice()).read_exact(&mut unpacked)?,
         }
         for (y, row) in unpacked.chunks_exact_mut(row_bytes).enumerate() {
@@ -121,6 +128,24 @@ pub(super) fn read<R: Read + Seek>(
 
 fn early() -> std::io::Error {
     std::io::Error::new(std::io::ErrorKind::UnexpectedEof, "packed pixels end early")
+}
+
+/// Fills `out`: after a byte n come n + 1 bytes as they are, or, above 128, one for 257 - n times.
+fn unpack_bits(packed: &[u8], out: &mut [u8]) -> std::io::Result<()> {
+    let (mut packed, mut out) = (packed, out);
+    while !out.is_empty() {
+        let (&n, rest) = packed.split_first().ok_or_else(early)?;
+        let (times, taken) = match n {
+            0..=127 => (usize::from(n) + 1, usize::from(n) + 1),
+            128 => (0, 0),
+            _ => (257 - usize::from(n), 1),
+        };
+        let (bytes, rest) = rest.split_at_checked(taken).ok_or_else(early)?;
+        let (filled, others) = out.split_at_mut(times.min(out.len()));
+        filled.iter_mut().zip(bytes.iter().cycle()).for_each(|(to, from)| *to = *from);
+        (packed, out) = (rest, others);
+    }
+    Ok(())
 }
 
 /// Fills `out`.

@@ -2,8 +2,9 @@
 //!
 //! Read: 8, 16 and 32-bit integer and 32/64-bit float samples, any number of interleaved or planar
 //! bands, strips or tiles, uncompressed, LZW, deflate, PackBits or JPEG, the latter also of
-//! luminance and chrominance. A pixel that its alpha band hides is black. A rotated raster is
-//! refused. Written: as [`cog`] says.
+//! luminance and chrominance. Numbers of 8 or 16 bits into a palette become its colours, and where 0 is
+//! white, values are turned round. A pixel that its alpha band hides is black. A rotated raster is
+//! refused, and so are other packings and samples of less than 8 bits. Written: as [`cog`] says.
 
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read, Seek};
@@ -102,6 +103,9 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
     let bands = usize::from(
         decoder.find_tag_unsigned::<u16>(Tag::SamplesPerPixel).map_err(broken)?.unwrap_or(1),
     );
+    let photometric = number(&mut decoder, Tag::PhotometricInterpretation, 1).map_err(broken)?;
+    refuse_packing(number(&mut decoder, Tag::Compression, 1).map_err(broken)?)?;
+    refuse_bits(number(&mut decoder, Tag::BitsPerSample, 1).map_err(broken)?, photometric)?;
     let values = width.checked_mul(height).and_then(|n| n.checked_mul(bands)).unwrap_or(usize::MAX);
     // Deflate cannot pack more than about 1:1032; a header that claims more is not believed.
     if values == 0 || values as u64 > file_bytes.saturating_mul(1100).max(1 << 16) {
@@ -131,7 +135,7 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
     let is_geographic = geo_key(&mut decoder, KEY_MODEL_TYPE) == Some(MODEL_IS_GEOGRAPHIC);
     let system = if is_geographic { KEY_GEODETIC_CRS } else { KEY_PROJECTED_CRS };
     let epsg = geo_key(&mut decoder, system).map(u32::from).filter(|&c| c != 32767);
-    let nodata = decoder
+    let mut nodata = decoder
         .get_tag_ascii_string(Tag::GdalNodata)
         .ok()
         .and_then(|t| t.trim_matches(['\0', ' ']).parse::<f64>().ok());
@@ -142,7 +146,12 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
         && bands > 1;
     let shape = chunks::Shape { width, height, bands, is_planar };
     let samples = match chunks::read(&mut decoder, &shape).map_err(broken)? {
-        Some(samples) => Some(samples),
+        Some(mut samples) => {
+            if photometric == chunks::WHITE_IS_ZERO {
+                turn_round(&mut samples);
+            }
+            Some(samples)
+        }
         None if is_planar => read_planes(&mut decoder, width, height, bands).map_err(broken)?,
         None => to_samples(decoder.read_image().map_err(broken)?),
     };
@@ -167,6 +176,21 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
     {
         v.chunks_exact_mut(3).for_each(rgb_from_ycbcr);
     }
+    if photometric == chunks::WHITE_IS_ZERO {
+        nodata = nodata.map(|value| match &samples {
+            Samples::U8(_) => 255.0 - value,
+            Samples::U16(_) => 65535.0 - value,
+            Samples::F32(_) => 1.0 - value,
+        });
+    }
+    let mut bands = bands;
+    if photometric == chunks::PALETTE {
+        let map = decoder.get_tag_u16_vec(Tag::ColorMap).map_err(broken)?;
+        (samples, bands) = (painted(&samples, bands, &map, nodata)?, 3);
+        // Black, as the edges of mosaics are.
+        nodata = None;
+    }
+    let values = width * height * bands;
     // 1 and 2: the last band is alpha.
     let has_alpha = bands == 4
         && decoder
@@ -189,6 +213,80 @@ fn decode<R: Read + Seek>(reader: R, file_bytes: u64) -> Result<Raster> {
         }
     }
     Ok(Raster { width, height, bands, samples, geometry, epsg, nodata })
+}
+
+/// The first value of a tag.
+fn number<R: Read + Seek>(
+    decoder: &mut Decoder<R>,
+    tag: Tag,
+    absent: u64,
+) -> tiff::TiffResult<u64> {
+    let values = decoder.find_tag_unsigned_vec::<u64>(tag)?;
+    Ok(values.and_then(|values| values.first().copied()).unwrap_or(absent))
+}
+
+/// Refuses what can't be unpacked, by its name (TIFF 6.0 and libtiff's tiff.h).
+fn refuse_packing(compression: u64) -> Result<()> {
+    let name = match compression {
+        1 | 5 | 7 | 8 | 32773 | 32946 => return Ok(()),
+        2..=4 | 32771 => "CCITT fax".to_owned(),
+        6 => "JPEG of the old kind (TIFF 6.0)".to_owned(),
+        32809 => "ThunderScan".to_owned(),
+        33003..=33005 | 34712 => "JPEG 2000".to_owned(),
+        34887 => "LERC".to_owned(),
+        34925 => "LZMA".to_owned(),
+        34926 | 50000 => "ZSTD".to_owned(),
+        34927 | 50001 => "WebP".to_owned(),
+        50002 | 52546 => "JPEG XL".to_owned(),
+        other => format!("a method of number {other}"),
+    };
+    Err(Error::new(format!("the TIFF is packed by {name}, which is not read here"))
+        .remedy("repack it: gdal_translate -co COMPRESS=DEFLATE in.tif out.tif"))
+}
+
+/// Refuses what is less than a byte.
+fn refuse_bits(bits: u64, photometric: u64) -> Result<()> {
+    let remedy = match (bits, photometric) {
+        (8.., chunks::PALETTE) if bits <= 16 => return Ok(()),
+        (_, chunks::PALETTE) => "spread its palette: gdal_translate -expand rgb in.tif out.tif",
+        (8.., _) => return Ok(()),
+        _ => "spread it: gdal_translate -ot Byte -scale in.tif out.tif",
+    };
+    Err(Error::new(format!("the TIFF has {bits} bits a pixel and band, which is not read here"))
+        .remedy(remedy))
+}
+
+/// So that 0 is black.
+fn turn_round(samples: &mut Samples) {
+    match samples {
+        Samples::U8(v) => v.iter_mut().for_each(|v| *v = !*v),
+        Samples::U16(v) => v.iter_mut().for_each(|v| *v = !*v),
+        Samples::F32(v) => v.iter_mut().for_each(|v| *v = 1.0 - *v),
+    }
+}
+
+/// The colours of numbers into a palette: three bands of 8 bits. Its map holds all reds, then all
+/// greens, then all blues (TIFF 6.0, section 5), of 16 bits, though some writers use 8. What has no
+/// data, or is hidden by the band beside, is black.
+fn painted(samples: &Samples, bands: usize, map: &[u16], nodata: Option<f64>) -> Result<Samples> {
+    let number = |at: usize| match samples {
+        Samples::U8(v) => usize::from(v[at]),
+        Samples::U16(v) => usize::from(v[at]),
+        Samples::F32(_) => usize::MAX,
+    };
+    let colours = map.len() / 3;
+    if matches!(samples, Samples::F32(_)) || colours == 0 {
+        return Err(Error::new("the TIFF's palette can't be read")
+            .remedy("spread it: gdal_translate -expand rgb in.tif out.tif"));
+    }
+    let shift = if map.iter().any(|&v| v > 255) { 8 } else { 0 };
+    let colour = |pixel: usize| {
+        let at = number(pixel * bands);
+        let is_hidden = bands == 2 && number(pixel * bands + 1) == 0;
+        let is_shown = at < colours && !is_hidden && nodata != Some(at as f64);
+        [0, 1, 2].map(|band| if is_shown { (map[band * colours + at] >> shift) as u8 } else { 0 })
+    };
+    Ok(Samples::U8((0..samples.len() / bands.max(1)).flat_map(colour).collect()))
 }
 
 /// JFIF 1.02, full range.
@@ -410,6 +508,106 @@ mod tests {
         let back = from_bytes(&encode(&raster).unwrap()).unwrap();
         assert!(back.value(3, 0, 0).is_nan() && back.value(0, 1, 0).is_nan());
         assert_eq!(back.value(1, 1, 0), 5.0);
+    }
+
+    /// A TIFF of 4 × 2 pixels in one strip, of these short fields beside its size.
+    fn plain(fields: &[(u16, &[u16])], pixels: &[u8]) -> Vec<u8> {
+        let mut all: Vec<(u16, &[u16])> = vec![
+            (256, &[4]),
+            (257, &[2]),
+            (258, &[8]),
+            (259, &[1]),
+            (262, &[1]),
+            (273, &[8]),
+            (277, &[1]),
+            (278, &[2]),
+        ];
+        all.retain(|(tag, _)| fields.iter().all(|(own, _)| own != tag));
+        all.extend(fields);
+        let length = [pixels.len() as u16];
+        all.push((279, &length));
+        all.sort();
+        let mut out = [b"II*\0", &(8 + pixels.len() as u32).to_le_bytes()[..], pixels].concat();
+        let mut behind = out.len() + 2 + 12 * all.len() + 4;
+        let mut long = Vec::new();
+        out.extend((all.len() as u16).to_le_bytes());
+        for (tag, values) in &all {
+            out.extend([tag.to_le_bytes(), [3, 0]].concat());
+            out.extend((values.len() as u32).to_le_bytes());
+            let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+            if bytes.len() <= 4 {
+                out.extend([bytes, vec![0; 4]].concat().iter().take(4));
+            } else {
+                out.extend((behind as u32).to_le_bytes());
+                behind += bytes.len();
+                long.extend(bytes);
+            }
+        }
+        out.extend([0; 4]);
+        out.extend(long);
+        out
+    }
+
+    #[test]
+    fn numbers_into_a_palette_become_its_colours() {
+        let numbers = [0, 1, 2, 255, 2, 2, 2, 0];
+        let expected = [1, 11, 21, 0, 21, 21, 21, 1];
+        let map = |shift: u32| -> Vec<u16> {
+            let red = (0..256).map(|i| (10 * i + 1) % 256 * i32::from(i < 255));
+            let all = red.clone().chain(red.clone().map(|v| v / 2)).chain(red.map(|v| v / 3));
+            all.map(|v| (v as u16) << shift).collect()
+        };
+        for (what, packing, pixels) in [
+            ("plain", 1, numbers.to_vec()),
+            ("PackBits", 32773, vec![3, 0, 1, 2, 255, 0x80, 254, 2, 0, 0]),
+        ] {
+            for shift in [0, 8] {
+                let bytes = plain(&[(259, &[packing]), (262, &[3]), (320, &map(shift))], &pixels);
+                let raster = from_bytes(&bytes).unwrap();
+                assert_eq!(raster.bands, 3, "{what}");
+                for (i, red) in expected.into_iter().enumerate() {
+                    let rgb = [0, 1, 2].map(|band| raster.value(i % 4, i / 4, band) as i32);
+                    assert_eq!(rgb, [red, red / 2, red / 3], "{what}: pixel {i}");
+                }
+            }
+        }
+        let bare = from_bytes(&plain(&[(262, &[3])], &numbers)).unwrap_err();
+        assert!(bare.message().starts_with("not a readable TIFF"), "{bare:?}");
+        let few = plain(&[(258, &[4]), (262, &[3]), (320, &map(8)[..48])], &[0x01, 0x2f]);
+        insta::assert_snapshot!(format!("{:?}", from_bytes(&few).unwrap_err()), @"the TIFF has 4 bits a pixel and band, which is not read here (remedy: spread its palette: gdal_translate -expand rgb in.tif out.tif)");
+    }
+
+    #[test]
+    fn where_0_is_white_values_are_turned_round() {
+        for (bands, packing) in [(1, 1), (2, 1), (1, 32773)] {
+            let pixels: Vec<u8> = match packing {
+                1 => (0..8 * bands as u8).collect(),
+                _ => [7].into_iter().chain(0..8).collect(),
+            };
+            let bits = vec![8; bands];
+            let fields = [(258, &bits[..]), (259, &[packing]), (262, &[0]), (277, &[bands as u16])];
+            let raster = from_bytes(&plain(&fields, &pixels)).unwrap();
+            for (i, k) in (0..8).flat_map(|i| (0..bands).map(move |k| (i, k))) {
+                assert_eq!(raster.value(i % 4, i / 4, k), 255.0 - (i * bands + k) as f32);
+            }
+        }
+    }
+
+    #[test]
+    fn packings_that_are_not_read_are_named() {
+        let told = |number: u16| format!("{:?}", from_bytes(&plain(&[(259, &[number])], &[9; 8])));
+        insta::assert_snapshot!(told(50000), @"Err(the TIFF is packed by ZSTD, which is not read here (remedy: repack it: gdal_translate -co COMPRESS=DEFLATE in.tif out.tif))");
+        for (number, name) in
+            [(50001, "WebP"), (34925, "LZMA"), (34712, "JPEG 2000"), (34887, "LERC"), (4, "CCITT")]
+        {
+            assert!(told(number).contains(&format!("packed by {name}")), "{}", told(number));
+        }
+        assert!(told(9999).contains("packed by a method of number 9999"), "{}", told(9999));
+        let grey = from_bytes(&plain(&[(258, &[1])], &[9; 8])).unwrap_err();
+        assert_eq!(
+            grey.remedy_text(),
+            Some("spread it: gdal_translate -ot Byte -scale in.tif out.tif")
+        );
     }
 
     #[test]

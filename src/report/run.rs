@@ -81,6 +81,8 @@ impl Outcome {
 pub trait Observer: Sync {
     fn begin(&self, stage: &str);
     fn end(&self, record: &StageRecord);
+    /// At the end of the stage that found it, which may be followed by much work.
+    fn warn(&self, warning: &str);
 }
 
 /// Observes nothing.
@@ -89,6 +91,7 @@ pub struct Silent;
 impl Observer for Silent {
     fn begin(&self, _: &str) {}
     fn end(&self, _: &StageRecord) {}
+    fn warn(&self, _: &str) {}
 }
 
 /// Collects the records of a run.
@@ -116,7 +119,10 @@ impl<'a> Recorder<'a> {
         self.observer.begin(name);
         heap::forget_most();
         let start = Instant::now();
-        let (value, outcome) = work(&mut self.warnings)?;
+        let known = self.warnings.len();
+        let done = work(&mut self.warnings);
+        let tell = |of: &Self| of.warnings.iter().skip(known).for_each(|w| of.observer.warn(w));
+        let (value, outcome) = done.inspect_err(|_| tell(self))?;
         let none = || Items { count: 0, of: "none".into() };
         let record = StageRecord {
             stage: name.into(),
@@ -128,6 +134,7 @@ impl<'a> Recorder<'a> {
             notes: outcome.notes,
         };
         self.observer.end(&record);
+        tell(self);
         self.stages.push(record);
         Ok(value)
     }

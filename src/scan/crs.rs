@@ -40,6 +40,37 @@ struct Found {
     cited_unit_m: Option<f64>,
 }
 
+/// The system of a code such as `EPSG:2229` or `2229`, or with that of its heights, `EPSG:2229+5703`.
+/// Heights without a code of their own are in its unit.
+///
+/// # Errors
+/// In words: no code, one that is not known, or one that counts degrees.
+pub fn system(text: &str) -> std::result::Result<Crs, String> {
+    let codes = text.trim().trim_start_matches("EPSG:").trim_start_matches("epsg:");
+    let mut codes = codes.split('+').map(|code| code.trim().parse::<u32>());
+    let (Some(Ok(code)), heights, None) = (codes.next(), codes.next().transpose(), codes.next())
+    else {
+        return Err(
+            "give an EPSG code: EPSG:2229, or EPSG:2229+5703 with that of the heights".into()
+        );
+    };
+    let Ok(heights) = heights else {
+        return Err("give the code of the heights as a number: EPSG:2229+5703".into());
+    };
+    let known = epsg::system(code)
+        .ok_or_else(|| format!("EPSG:{code} is none of the coordinate systems known here"))?;
+    if known.is_geodetic {
+        return Err(format!("EPSG:{code} counts degrees: reproject the scan to a metric system"));
+    }
+    let horizontal_unit_m = known.horizontal_unit_m.unwrap_or(1.0);
+    let vertical_unit_m = match heights {
+        Some(code) => epsg::vertical_unit_m(code)
+            .ok_or_else(|| format!("EPSG:{code} is none of the systems of heights known here"))?,
+        None => known.vertical_unit_m.unwrap_or(horizontal_unit_m),
+    };
+    Ok(Crs { epsg: Some(code), wkt: None, horizontal_unit_m, vertical_unit_m })
+}
+
 /// What EPSG gives to coordinate systems; greater ones are for private use.
 const EPSG_CODES: std::ops::RangeInclusive<u32> = 1024..=32766;
 
@@ -298,6 +329,26 @@ mod tests {
         records.geo_ascii = Some(b"NAD83 / California zone 5 (ftUS)|".to_vec());
         let crs = parse(&records, false).unwrap().crs.unwrap();
         assert_eq!(crs.horizontal_unit_m, US_SURVEY_FOOT_M);
+    }
+
+    #[test]
+    fn a_system_is_named_by_its_codes() {
+        let units = |text| system(text).map(|crs| (crs.horizontal_unit_m, crs.vertical_unit_m));
+        let us = US_SURVEY_FOOT_M;
+        assert_eq!(units("EPSG:2229"), Ok((us, us)));
+        assert_eq!(units("2229+5703"), Ok((us, 1.0)));
+        assert_eq!(units("epsg:32617 + 6360"), Ok((1.0, us)));
+        assert_eq!(system("32617").unwrap().epsg, Some(32617));
+        for (text, says) in [
+            ("feet", "give an EPSG code"),
+            ("2229+5703+1", "give an EPSG code"),
+            ("2229+x", "give the code of the heights"),
+            ("EPSG:4326", "EPSG:4326 counts degrees"),
+            ("1", "EPSG:1 is none of"),
+        ] {
+            let told = system(text).unwrap_err();
+            assert!(told.starts_with(says), "{told}");
+        }
     }
 
     #[test]

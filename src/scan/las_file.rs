@@ -54,9 +54,15 @@ pub(super) struct Batch {
 /// Takes the points of a file in place of [`Part`], in the file's order.
 pub(super) type Sink<'a> = &'a mut (dyn FnMut(Option<&Crs>, Batch) -> Result<()> + Send);
 
-/// Reads one file; with a sink the part that is returned holds no points.
-pub(super) fn read(path: &Path, options: &ReadOptions, sink: Option<Sink<'_>>) -> Result<Part> {
-    read_inner(path, options, sink).map_err(|error| error.in_file(path))
+/// Reads one file, which is in this system where it states none; with a sink the part that is returned
+/// holds no points.
+pub(super) fn read(
+    path: &Path,
+    options: &ReadOptions,
+    crs: &Option<Crs>,
+    sink: Option<Sink<'_>>,
+) -> Result<Part> {
+    read_inner(path, options, crs, sink).map_err(|error| error.in_file(path))
 }
 
 /// Points that the headers of LAS files promise; files that are none, or say nothing sound, count
@@ -84,7 +90,12 @@ pub(super) fn damaged(what: impl Into<String>) -> Error {
     Error::new(what).remedy(DAMAGED)
 }
 
-fn read_inner(path: &Path, options: &ReadOptions, sink: Option<Sink<'_>>) -> Result<Part> {
+fn read_inner(
+    path: &Path,
+    options: &ReadOptions,
+    crs: &Option<Crs>,
+    sink: Option<Sink<'_>>,
+) -> Result<Part> {
     let file = File::open(path).map_err(io_error)?;
     let file_bytes = file.metadata().map_err(io_error)?.len();
     let mut source = BufReader::with_capacity(1 << 16, file);
@@ -94,8 +105,17 @@ fn read_inner(path: &Path, options: &ReadOptions, sink: Option<Sink<'_>>) -> Res
 
     let mut warnings = Vec::new();
     let (records, laz_record) = records(&header, &layout, &mut source, &mut warnings)?;
-    let stated = crs::parse(&records, header.global_encoding & 16 != 0)?;
+    let mut stated = crs::parse(&records, header.global_encoding & 16 != 0)?;
     warnings.extend(stated.warnings);
+    match (&stated.crs, crs) {
+        (None, _) => stated.crs.clone_from(crs),
+        (Some(own), Some(asked)) if own.epsg != asked.epsg => {
+            let own = own.epsg.map_or("another system".into(), |code| format!("EPSG:{code}"));
+            let asked = asked.epsg.map_or(String::new(), |code| format!("EPSG:{code} "));
+            warnings.push(format!("it states {own}, which goes before the {asked}of --crs"));
+        }
+        _ => {}
+    }
 
     let mut decoded = Gathered::new(&layout, stated.crs.clone(), sink);
     let told = match laz_record {
@@ -122,17 +142,7 @@ fn read_inner(path: &Path, options: &ReadOptions, sink: Option<Sink<'_>>) -> Res
         warnings.push(format!("its scale {scale:?} is negative: coordinates are mirrored"));
     }
     let bounds = decoded.bounds();
-    if let Some(bounds) = bounds
-        && bounds_are_wrong(&header, &layout, bounds)
-    {
-        warnings.push(match wrong_scale(&header, bounds) {
-            Some(times) => format!(
-                "its points are spread {times} times as far as the bounds in its header: if these are \
-                 right, its scale is wrong, and so are all sizes"
-            ),
-            None => "the bounds in its header are wrong; those of its points are used".into(),
-        });
-    }
+    warnings.extend(wrong_header(&header, &layout, &decoded));
     let colour = ColourScale::of(decoded.all.brightest);
     let Decoded { steps, mut columns, removed, .. } = decoded.all;
     colour.apply(&mut columns.rgb);
@@ -181,20 +191,109 @@ fn bounds_are_wrong(header: &las::raw::Header, layout: &Layout, bounds: (DVec3, 
     !ends.into_iter().all(is_inside)
 }
 
-/// How many times as far along an axis the points are spread as the header says, where that is a power
-/// of ten: one of scale and bounds is wrong.
-fn wrong_scale(header: &las::raw::Header, (low, high): (DVec3, DVec3)) -> Option<f64> {
-    let stated = DVec3::new(
-        header.max_x - header.min_x,
-        header.max_y - header.min_y,
-        header.max_z - header.min_z,
+/// What the bounds in the header and those of the points say against each other.
+fn wrong_header(
+    header: &las::raw::Header,
+    layout: &Layout,
+    decoded: &Gathered<'_>,
+) -> Option<String> {
+    let (kept, all) = (decoded.bounds()?, decoded.bounds_of_all()?);
+    let stated = (
+        DVec3::new(header.min_x, header.min_y, header.min_z),
+        DVec3::new(header.max_x, header.max_y, header.max_z),
     );
-    let times = ((high - low) / stated).to_array();
-    times.into_iter().find_map(|times| {
-        let power = 10f64.powf(times.log10().round());
-        let is_wrong = power != 1.0 && (1e-6..=1e6).contains(&power);
-        (is_wrong && (times / power - 1.0).abs() < 0.01).then_some(power)
+    let is_complete = decoded.kept + decoded.all.removed.total() >= layout.point_count;
+    let wrong = || wrong_scale(layout, stated, all).or_else(|| wrong_scale(layout, stated, kept));
+    if let Some((times, axes)) = is_complete.then(wrong).flatten() {
+        let named = |k: &usize| ["x", "y", "z"][*k];
+        let names: Vec<&str> = axes.iter().map(named).collect();
+        let scale = layout.scale.to_array();
+        let right: Vec<f64> = axes.iter().map(|&k| rounded(scale[k] / times)).collect();
+        let is: Vec<f64> = axes.iter().map(|&k| scale[k]).collect();
+        return Some(format!(
+            "its points are spread {} times as far in {} as the bounds in its header: if these are \
+             right, its scale is wrong, and so are all sizes; export it anew with a scale of {right:?} \
+             there in place of {is:?}",
+            rounded(times),
+            names.join(", ")
+        ));
+    }
+    if bounds_are_wrong(header, layout, kept) {
+        return Some("the bounds in its header are wrong; those of its points are used".into());
+    }
+    /// Of what is cut out of a larger file, with its header.
+    const MOST_TIMES: f64 = 10.0;
+    const MOST_BEYOND: f64 = 1000.0;
+    let room = MOST_TIMES * (all.1 - all.0) + DVec3::splat(MOST_BEYOND);
+    (stated.1 - stated.0).cmpgt(room).any().then(|| {
+        let size = |v: DVec3| v.to_array().map(|v| if v < 1e6 { v.round() } else { rounded(v) });
+        format!(
+            "the bounds in its header span {:?}, its points {:?}: those of its points are used",
+            size(stated.1 - stated.0),
+            size(all.1 - all.0)
+        )
     })
+}
+
+/// To four digits.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.3e}").parse().unwrap_or(value)
+}
+
+/// How many times as far from the offset as the header says the points lie along some axes, and which:
+/// the same factor along each, and the rest as the header says. Where the header's offset does not fit,
+/// powers of ten by the spread alone.
+fn wrong_scale(
+    layout: &Layout,
+    (stated_low, stated_high): (DVec3, DVec3),
+    (low, high): (DVec3, DVec3),
+) -> Option<(f64, Vec<usize>)> {
+    /// Of a factor that is none, and between axes.
+    const LIKE: f64 = 0.01;
+    /// Factors that come of units and digits: believed though the header's bounds begin at its offset,
+    /// where any other, of a single axis, may come of points that are not there.
+    const USUAL: [f64; 4] = [2.0, 3.280_84, 12.0, 39.370_1];
+    let power = |times: f64| 10f64.powf(times.log10().round());
+    let is_like = |a: f64, b: f64| (a / b - 1.0).abs() < LIKE;
+    let is_usual = |times: f64| {
+        let usual = USUAL.into_iter().flat_map(|u| [u, 1.0 / u]);
+        (1e-6..=1e6).contains(&times) && usual.chain([power(times)]).any(|u| is_like(times, u))
+    };
+    let mut scaled: Vec<(usize, f64)> = Vec::new();
+    let (mut by_spread, mut fits, mut is_told) = (Vec::new(), true, false);
+    for k in 0..3 {
+        // Writers round the bounds.
+        let slack = 2.0 * layout.scale[k].abs() + 0.01;
+        let (stated, found) = (stated_high[k] - stated_low[k], high[k] - low[k]);
+        let is_near = |a: f64, b: f64| (a - b).abs() <= slack;
+        if is_near(low[k], stated_low[k]) && is_near(high[k], stated_high[k]) {
+            continue;
+        }
+        let times = found / stated;
+        let lever = (stated_low[k] - layout.offset[k]).abs();
+        let room = slack * (1.0 + times) + 2.0 * slack * times * lever / stated;
+        let expected = layout.offset[k] + times * (stated_low[k] - layout.offset[k]);
+        let is_specific = lever * (times - 1.0).abs() > 10.0 * room;
+        if stated > 4.0 * slack && (expected - low[k]).abs() <= room && !is_like(times, 1.0) {
+            is_told |= is_specific || is_usual(times) || !scaled.is_empty();
+            scaled.push((k, times));
+        } else {
+            fits = false;
+        }
+        if is_like(times, power(times)) && !is_like(times, 1.0) && is_usual(times) {
+            by_spread.push((k, power(times)));
+        }
+    }
+    let is_one = |all: &[(usize, f64)]| all.iter().all(|(_, times)| is_like(*times, all[0].1));
+    let found = if fits && is_told && is_one(&scaled) { scaled } else { by_spread };
+    // The longest axis tells the factor most exactly.
+    let longest = found.iter().max_by(|a, b| {
+        let length = |k: usize| stated_high[k] - stated_low[k];
+        length(a.0).total_cmp(&length(b.0))
+    })?;
+    let times = if is_like(longest.1, power(longest.1)) { power(longest.1) } else { longest.1 };
+    let of_times = found.iter().filter(|(_, t)| is_like(*t, times));
+    Some((times, of_times.map(|(k, _)| *k).collect()))
 }
 
 /// Unpacks a batch of chunks at a time, each chunk on its own; gives what the user should know.
@@ -205,7 +304,25 @@ fn decode_laz(
     options: &ReadOptions,
     decoded: &mut Gathered<'_>,
 ) -> Result<Vec<String>> {
-    let chunks = LazChunks::read(source, laz_record, layout)?;
+    let mut chunks = LazChunks::read(source, laz_record, layout)?;
+    if let Some(told) = decode_chunks(source, &chunks, layout, options, decoded, true)? {
+        return Ok(told);
+    }
+    // It may be that all others fail for the same reason.
+    chunks.measure_size(source, layout)?;
+    Ok(decode_chunks(source, &chunks, layout, options, decoded, false)?.unwrap_or_default())
+}
+
+/// As [`decode_laz`]; `None`, and nothing decoded, where the first chunk of a sound table fails and
+/// `is_first_needed`.
+fn decode_chunks(
+    source: &mut (impl Read + Seek),
+    chunks: &LazChunks,
+    layout: &Layout,
+    options: &ReadOptions,
+    decoded: &mut Gathered<'_>,
+    is_first_needed: bool,
+) -> Result<Option<Vec<String>>> {
     let mut damaged_chunks = 0u64;
     let (mut walk_from, held) = chunks.end_of_table_chunks();
     let mut left = layout.point_count.saturating_sub(held);
@@ -236,6 +353,7 @@ fn decode_laz(
         for (i, (chunk, part)) in batch.iter().zip(parts).enumerate() {
             match part {
                 Some(part) => waiting.push(part),
+                None if is_first_needed && passed == 0 && chunks.is_table_whole => return Ok(None),
                 // A table that is right about the next chunk, or about where all of them end, is
                 // right about this one.
                 None if chunks.is_table_whole || is_sound.get(i + 1) == Some(&true) => {
@@ -255,7 +373,7 @@ fn decode_laz(
         }
     }
     waiting.into_iter().try_for_each(|part| decoded.append(part))?;
-    let mut told = Vec::new();
+    let mut told: Vec<String> = chunks.size_trouble().into_iter().collect();
     // A table that holds too few points and does not reach the end of the data.
     table_is_wrong |= !chunks.is_table_whole && held > 0 && left > 0;
     if table_is_wrong {
@@ -270,12 +388,12 @@ fn decode_laz(
         ));
     }
     if !chunks.is_table_whole && chunks.can_walk() {
-        damaged_chunks += walk(source, &chunks, walk_from, left, layout, options, decoded)?;
+        damaged_chunks += walk(source, chunks, walk_from, left, layout, options, decoded)?;
     }
     if damaged_chunks > 0 {
         told.push(format!("{damaged_chunks} of its LAZ chunks are damaged and were left out"));
     }
-    Ok(told)
+    Ok(Some(told))
 }
 
 /// Unpacks chunk after chunk from byte `at` on, each beginning where the one before ended, until
@@ -568,8 +686,9 @@ struct Decoded {
     columns: Columns,
     removed: Removed,
     repaired: u64,
-    /// Least and greatest steps; the wrong way round without points.
+    /// Least and greatest steps; the wrong way round without points. Of those kept, and of those not.
     ends: Ends,
+    removed_ends: Ends,
     /// Greatest value of a colour.
     brightest: u16,
 }
@@ -625,6 +744,8 @@ impl<'a> Gathered<'a> {
         self.kept += part.steps.len() as u64;
         let [low, high] = &part.ends.0;
         self.all.ends.add(low, high);
+        let [low, high] = &part.removed_ends.0;
+        self.all.removed_ends.add(low, high);
         self.all.brightest = self.all.brightest.max(part.brightest);
         self.all.removed.add(&part.removed);
         self.all.repaired += part.repaired;
@@ -638,9 +759,20 @@ impl<'a> Gathered<'a> {
         sink(self.crs.as_ref(), Batch { coordinates, columns: part.columns })
     }
 
-    /// World coordinates.
+    /// Of the points kept, world coordinates.
     fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        let ends = (self.kept > 0).then_some(self.all.ends.0)?;
+        self.world((self.kept > 0).then_some(self.all.ends)?)
+    }
+
+    /// Also of those left out.
+    fn bounds_of_all(&self) -> Option<(DVec3, DVec3)> {
+        let mut ends = (self.kept > 0).then_some(self.all.ends)?;
+        let [low, high] = &self.all.removed_ends.0;
+        ends.add(low, high);
+        self.world(ends)
+    }
+
+    fn world(&self, Ends(ends): Ends) -> Option<(DVec3, DVec3)> {
         let [low, high] = ends.map(|steps| world_from_steps(steps, self.scale, self.offset));
         // A scale may be negative.
         Some((low.min(high), low.max(high)))
@@ -675,24 +807,23 @@ impl Decoded {
                 let flags = record[15];
                 (record[14] & 7, (record[14] >> 3) & 7, flags & 31, flags & 128 != 0)
             };
-            if withheld {
-                self.removed.withheld += 1;
-                continue;
-            }
-            if options.drop_noise_classes && class == 7 {
-                self.removed.low_noise += 1;
-                continue;
-            }
-            // Reserved before format 6, but writers use it there too.
-            if options.drop_noise_classes && class == 18 {
-                self.removed.high_noise += 1;
-                continue;
-            }
             let step = |at: usize| {
                 i32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]])
             };
             let short = |at: usize| u16::from_le_bytes([record[at], record[at + 1]]);
             let steps = [step(0), step(4), step(8)];
+            let removed = match class {
+                _ if withheld => Some(&mut self.removed.withheld),
+                7 if options.drop_noise_classes => Some(&mut self.removed.low_noise),
+                // Reserved before format 6, but writers use it there too.
+                18 if options.drop_noise_classes => Some(&mut self.removed.high_noise),
+                _ => None,
+            };
+            if let Some(removed) = removed {
+                *removed += 1;
+                self.removed_ends.add(&steps, &steps);
+                continue;
+            }
             self.ends.add(&steps, &steps);
             self.steps.push(steps);
             columns.intensity.push(short(12));

@@ -9,6 +9,10 @@
 //! tells where the next chunk begins when the table is absent or wrong. Chunks in layers (point
 //! formats 6–10) state the sizes of their layers, and with them their own.
 //!
+//! A chunk size in the record of the packing that is not that of the chunks is found out by the chunks
+//! themselves, where their table is sound, and so is a table of the other kind, with or without sizes,
+//! than the record says.
+//!
 //! Limits: without a table, chunks of varying size that are not in layers can't be told apart.
 
 use std::cell::Cell;
@@ -72,6 +76,10 @@ enum Packing {
 pub(super) struct LazChunks {
     vlr: LazVlr,
     packing: Packing,
+    /// Points of every chunk but the last; `None` where they vary.
+    size: Option<u64>,
+    /// As the record has it.
+    stated_size: Option<u64>,
     /// Those that the table gives, one behind the other; empty where there is no sound table.
     chunks: Vec<Chunk>,
     /// The chunks of the table end where the table begins.
@@ -112,22 +120,114 @@ impl LazChunks {
             Packing::Chunked
         };
         let table_place = if packing == Packing::Whole { 0 } else { 8 };
+        let size = (!vlr.uses_variable_size_chunks()).then(|| u64::from(vlr.chunk_size()));
         let mut chunks = LazChunks {
             vlr,
             packing,
+            size,
+            stated_size: size,
             chunks: Vec::new(),
             is_table_whole: false,
             trouble: None,
             data_start: layout.data_offset + table_place,
             data_end: layout.file_bytes,
         };
-        if packing != Packing::Whole
-            && let Err(trouble) = chunks.read_table(source, layout)
-        {
-            chunks.chunks.clear();
-            chunks.trouble = Some(trouble);
+        if packing == Packing::Whole {
+            return Ok(chunks);
+        }
+        let read = chunks.read_table(source, layout);
+        if read.is_err() || !chunks.is_table_whole {
+            // A table of the other kind that ends where the chunks do.
+            let before = (chunks.size, std::mem::take(&mut chunks.chunks));
+            chunks.size = if size.is_some() { None } else { Some(u64::from(u32::MAX)) };
+            if chunks.read_table(source, layout).is_err() || !chunks.is_table_whole {
+                (chunks.size, chunks.chunks) = before;
+                chunks.is_table_whole = false;
+                chunks.data_end = layout.file_bytes;
+                if let Err(trouble) = read {
+                    chunks.chunks.clear();
+                    chunks.trouble = Some(trouble);
+                }
+            }
+        }
+        let count = layout.point_count;
+        let is_odd = |size: u64| {
+            let full = chunks.chunks.len().saturating_sub(1) as u64;
+            count > 0
+                && (full.saturating_mul(size) >= count || (full + 1).saturating_mul(size) < count)
+        };
+        if chunks.size.is_some_and(is_odd) {
+            chunks.measure_size(source, layout)?;
         }
         Ok(chunks)
+    }
+
+    /// Finds how many points the chunks hold from themselves, where their table is sound and the size
+    /// that is known does not fit them.
+    pub fn measure_size(&mut self, source: &mut (impl Read + Seek), layout: &Layout) -> Result<()> {
+        /// So many chunks are looked at.
+        const LOOKED_AT: usize = 8;
+        let (Some(size), true) = (self.size, self.is_table_whole) else { return Ok(()) };
+        let full = match &self.chunks[..] {
+            [] => return Ok(()),
+            [only] => std::slice::from_ref(only),
+            [before @ .., _] => before,
+        };
+        // No chunk has fewer points than this, or more.
+        let (mut least, mut most) = (1, u64::from(u32::MAX));
+        for chunk in full.iter().step_by(full.len().div_ceil(LOOKED_AT)) {
+            let bytes = self.load(source, std::slice::from_ref(chunk))?;
+            let of = |points| self.unpack(&bytes, points, |_| {});
+            let is_exact = |out: &Unpacked| out.bytes == bytes.len() as u64 && !out.is_cut;
+            // One chunk alone may hold fewer points than its size.
+            let is_alone = self.chunks.len() == 1;
+            let as_known = if is_alone { Points::Between(1, size) } else { Points::Exactly(size) };
+            let count = match self.packing {
+                Packing::Layered => layered_size(&self.vlr, &bytes).map(|(count, _)| count),
+                _ => None,
+            };
+            if count.is_none_or(|count| count <= size)
+                && of(as_known).is_some_and(|out| is_exact(&out))
+            {
+                return Ok(());
+            }
+            if let Some(count) = count {
+                (least, most) = (least.max(count), most.min(count));
+                continue;
+            }
+            let limit = (bytes.len() as u64 + 1).saturating_mul(MOST_POINTS_PER_BYTE);
+            let ends = [1, limit].map(|n| of(Points::Between(n, limit)));
+            if let [Some(first), Some(last)] = ends {
+                (least, most) = (least.max(first.points), most.min(last.points));
+            }
+        }
+        let is_known = least <= size && (size <= most || self.chunks.len() == 1);
+        if is_known || most == u64::from(u32::MAX) || least > most {
+            return Ok(());
+        }
+        // As round as sizes mostly are.
+        let round = [50_000, 10_000, 1_000, 100, 10, 1].map(|step| most / step * step);
+        let found = round.into_iter().find(|n| *n >= least).unwrap_or(least);
+        self.size = Some(found);
+        self.set_size(found, layout.point_count);
+        Ok(())
+    }
+
+    /// What is wrong with the size that the record states.
+    pub fn size_trouble(&self) -> Option<String> {
+        let words = |size: Option<u64>| match size {
+            Some(n) => format!("of {n} points"),
+            None => "of varying size".to_owned(),
+        };
+        // What one chunk has of its own does not tell how others would vary.
+        let is_alone = self.chunks.len() == 1 && self.stated_size.is_none();
+        (self.size != self.stated_size && !is_alone).then(|| {
+            format!(
+                "its LAZ chunks are stated to be {} but are {}; they were read as they are",
+                words(self.stated_size),
+                words(self.size)
+            )
+        })
     }
 
     /// Runs of chunks of at least one chunk and otherwise at most `unpacked_bytes`.
@@ -170,7 +270,7 @@ impl LazChunks {
 
     /// Whether chunks can be found without a table.
     pub fn can_walk(&self) -> bool {
-        self.packing != Packing::Chunked || !self.vlr.uses_variable_size_chunks()
+        self.packing != Packing::Chunked || self.size.is_some()
     }
 
     /// The packed bytes of the chunk that begins at byte `at`, of a file of which `left` points
@@ -192,7 +292,7 @@ impl LazChunks {
         if self.packing != Packing::Layered {
             let points = match self.packing {
                 Packing::Whole => left,
-                _ => left.min(u64::from(self.vlr.chunk_size())),
+                _ => left.min(self.size.unwrap_or(left)),
             };
             // Packing at its worst does not double a point.
             let most = points.saturating_mul(2 * size).saturating_add(1024).min(room);
@@ -203,10 +303,7 @@ impl LazChunks {
         let head_bytes = size + 4 * (1 + layers(&self.vlr) as u64);
         source.by_ref().take(head_bytes.min(room)).read_to_end(&mut bytes).map_err(io_error)?;
         let Some((count, chunk_bytes)) = layered_size(&self.vlr, &bytes) else { return Ok(None) };
-        let full = match self.vlr.uses_variable_size_chunks() {
-            true => left,
-            false => left.min(u64::from(self.vlr.chunk_size())),
-        };
+        let full = left.min(self.size.unwrap_or(left));
         // The count may or may not include the first point, which is stored unpacked.
         let points = if count + 1 == full { full } else { count };
         if points == 0 || points > full || chunk_bytes > room {
@@ -244,7 +341,7 @@ impl LazChunks {
                 return None;
             }
             points = match points {
-                Points::Exactly(n) if count + 1 < n => return None,
+                Points::Exactly(n) if count + 1 < n || count > n => return None,
                 Points::Between(_, n) => Points::Exactly(count.clamp(1, n.max(1))),
                 exact => exact,
             };
@@ -311,7 +408,7 @@ impl LazChunks {
         if chunk_count.saturating_mul(self.vlr.items_size()) > data_bytes {
             return Err("wrong: more chunks than the file can hold".into());
         }
-        let is_variable = self.vlr.uses_variable_size_chunks();
+        let is_variable = self.size.is_none();
         let entries = quietly(|| {
             catch_unwind(AssertUnwindSafe(|| {
                 ChunkTable::read(&mut Cursor::new(table.as_slice()), is_variable)
@@ -321,8 +418,7 @@ impl LazChunks {
 
         let mut offset = self.data_start;
         for entry in &entries {
-            let points =
-                if is_variable { entry.point_count } else { u64::from(self.vlr.chunk_size()) };
+            let points = self.size.unwrap_or(entry.point_count);
             let end = offset.checked_add(entry.byte_count).filter(|end| *end <= table_at);
             let Some(end) = end else { return Err("wrong: a chunk ends past the data".into()) };
             if points > u64::from(u32::MAX) {
@@ -338,13 +434,19 @@ impl LazChunks {
         if self.is_table_whole {
             self.data_end = table_at;
         }
-        if !is_variable && let Some((last, before)) = self.chunks.split_last_mut() {
-            let full = u64::from(self.vlr.chunk_size());
-            let in_last = layout.point_count.checked_sub(full.saturating_mul(before.len() as u64));
-            let least = in_last.filter(|n| (1..=full).contains(n)).unwrap_or(1);
-            last.points = Points::Between(least, full);
+        if let Some(size) = self.size {
+            self.set_size(size, layout.point_count);
         }
         Ok(())
+    }
+
+    /// Makes all chunks but the last hold so many points, and the last what is left of the count.
+    fn set_size(&mut self, size: u64, count: u64) {
+        let Some((last, before)) = self.chunks.split_last_mut() else { return };
+        before.iter_mut().for_each(|chunk| chunk.points = Points::Exactly(size));
+        let in_last = count.checked_sub(size.saturating_mul(before.len() as u64));
+        let least = in_last.filter(|n| (1..=size).contains(n)).unwrap_or(1);
+        last.points = Points::Between(least, size);
     }
 }
 

@@ -12,8 +12,8 @@ use super::las_file::io_error;
 use super::part::{ColourScale, Columns, Coordinates, Part};
 use super::shared::Sample;
 use super::{
-    ALIGNMENT_M, Bounds, Census, PointCloud, ReadOptions, Removed, Scan, crs, isolated, las_file,
-    text,
+    ALIGNMENT_M, Bounds, Census, Files, PointCloud, ReadOptions, Removed, Scan, crs, isolated,
+    las_file, text,
 };
 use crate::diagnostic::{Error, Result, Warned};
 use crate::frame::{Crs, Frame};
@@ -23,53 +23,60 @@ pub const MAX_EXTENT_M: f64 = 200_000.0;
 /// The origin is a multiple of this.
 const ORIGIN_STEP: f64 = 10.0;
 
-pub(super) fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Scan>> {
+pub(super) fn read(files: &Files, options: &ReadOptions) -> Result<Warned<Scan>> {
+    let mut warnings = Vec::new();
+    match read_inner(files, options, &mut warnings) {
+        Ok(scan) => Ok(Warned::with(scan, warnings)),
+        Err(error) => Err(error.noticed(warnings)),
+    }
+}
+
+fn read_inner(files: &Files, options: &ReadOptions, warnings: &mut Vec<String>) -> Result<Scan> {
+    let paths = &files.paths[..];
     let mut parts: Vec<Part> = Vec::with_capacity(paths.len());
     let mut sample = Sample::default();
     for (path, format) in paths.iter().zip(formats(paths)?) {
         let part = match format {
-            Format::Las => las_file::read(path, options, None)?,
-            Format::Text => text::read(path)?,
+            Format::Las => las_file::read(path, options, &files.crs, None)?,
+            Format::Text => text::read(path, &files.crs)?,
         };
         refuse(&parts, &part)?;
         sample.add(parts.len(), &part.coordinates, &part.columns);
         parts.push(part);
     }
-    let mut warnings = Vec::new();
-    sample.tell(paths, &mut warnings);
+    sample.tell(paths, warnings);
     refuse_no_points(&parts)?;
-    let mut census = census(&parts, &mut warnings);
+    let mut census = census(&parts, warnings);
     let unit_m = unit_m(&parts);
+    let mut strays = Strays::default();
     if options.drop_isolated
         && span_too_much(&parts)
         && let Some(is_in_body) = isolated::in_body(&parts, unit_m)
     {
-        census.removed.isolated += drop_points(&mut parts, &is_in_body);
-        parts.iter_mut().for_each(|part| part.bounds = part.coordinates.bounds());
+        census.removed.isolated += drop_points(&mut parts, &is_in_body, &mut strays);
     }
     let mut density_per_m2 = isolated::density_per_m2(&parts, unit_m);
     if options.drop_isolated {
         // A point very far away makes the voxels coarse: look again once it is gone.
         for _ in 0..3 {
             let Some(keep) = isolated::keep(&parts, unit_m, density_per_m2) else { break };
-            census.removed.isolated += drop_points(&mut parts, &keep.flags);
-            parts.iter_mut().for_each(|part| part.bounds = part.coordinates.bounds());
+            census.removed.isolated += drop_points(&mut parts, &keep.flags, &mut strays);
             density_per_m2 = isolated::density_per_m2(&parts, unit_m);
             if !keep.is_coarse {
                 break;
             }
         }
     }
-    tell_isolated(paths, &census, &mut warnings)?;
+    tell_isolated(paths, &census, warnings)?;
     let (frame, (min_m, max_m)) = frame(paths, &parts, &census, options)?;
-    let cloud = assemble(parts, frame, &mut warnings);
+    strays.tell(paths, (min_m, max_m), unit_m, warnings);
+    let cloud = assemble(parts, frame, warnings);
     census.kept = cloud.len() as u64;
     let bounds = Bounds {
         min: cloud.frame.local_from_world(min_m / unit_m),
         max: cloud.frame.local_from_world(max_m / unit_m),
     };
-    let scan = Scan { cloud, census, density_per_m2: density_per_m2 as f32, bounds };
-    Ok(Warned::with(scan, warnings))
+    Ok(Scan { cloud, census, density_per_m2: density_per_m2 as f32, bounds })
 }
 
 /// Which reader reads each file; told before any is read.
@@ -174,6 +181,59 @@ pub(super) fn tell_isolated(
         Some(first) => error.in_file(first),
         None => error,
     })
+}
+
+/// Points dropped for standing alone farther from all others than this are told, metres.
+const FAR_M: f64 = 100.0;
+
+/// World places of points that were dropped for standing alone; without those of a time when they were
+/// so many that [`tell_isolated`] tells them.
+#[derive(Debug, Default)]
+pub(super) struct Strays(Vec<DVec3>);
+
+impl Strays {
+    /// Points that were dropped together, of so many.
+    pub fn add(&mut self, places: impl ExactSizeIterator<Item = DVec3>, of: u64) {
+        if places.len() as f64 <= MANY_ISOLATED * of.max(LEAST_POINTS) as f64 {
+            self.0.extend(places);
+        }
+    }
+
+    /// Tells of those that lie far out of the bounds of the points kept, in world metres.
+    pub fn tell(
+        &self,
+        paths: &[PathBuf],
+        (low, high): (DVec3, DVec3),
+        unit_m: DVec3,
+        warnings: &mut Vec<String>,
+    ) {
+        let away_m = |p: &DVec3| {
+            let p = *p * unit_m;
+            (p - p.clamp(low, high)).length()
+        };
+        let far = self.0.iter().filter(|p| away_m(p) >= FAR_M);
+        let Some(farthest) = far.clone().max_by(|a, b| away_m(a).total_cmp(&away_m(b))) else {
+            return;
+        };
+        let of = match paths {
+            [path] => path.display().to_string(),
+            _ => format!("the {} files", paths.len()),
+        };
+        let (points, stand) = match far.count() {
+            1 => ("a point".to_owned(), "stands"),
+            n => (format!("{n} points"), "stand"),
+        };
+        let DVec3 { x, y, z } = farthest;
+        let away = match away_m(farthest) {
+            m if m < 10_000.0 => format!("{m:.0} m"),
+            m => format!("{} km", kilometres(m)),
+        };
+        warnings.push(format!(
+            "{of}: {points} that {stand} far from all others, up to {away} away (x {x:.2}, y {y:.2}, \
+             z {z:.2}), left out as noise: remove what is stray from the file; what is right, give with \
+             the points around it in a run of its own"
+        ));
+    }
 }
 
 fn unit_m(parts: &[Part]) -> DVec3 {
@@ -390,17 +450,24 @@ fn reasons(removed: &Removed) -> String {
     some.join(", ")
 }
 
-fn drop_points(parts: &mut [Part], keep: &[Vec<bool>]) -> u64 {
-    let mut dropped = 0;
-    for (part, keep) in parts.iter_mut().zip(keep) {
-        let out: Vec<usize> =
-            (keep.par_iter().enumerate()).filter_map(|(i, keep)| (!keep).then_some(i)).collect();
-        if !out.is_empty() {
-            rayon::join(|| part.coordinates.leave_out(&out), || part.columns.leave_out(&out));
-            dropped += out.len() as u64;
-        }
+/// Drops points, and finds the bounds of the others.
+fn drop_points(parts: &mut [Part], keep: &[Vec<bool>], strays: &mut Strays) -> u64 {
+    let all: u64 = parts.iter().map(|part| part.coordinates.len() as u64).sum();
+    let out: Vec<Vec<usize>> = (keep.iter())
+        .map(|keep| {
+            (keep.par_iter().enumerate()).filter_map(|(i, keep)| (!keep).then_some(i)).collect()
+        })
+        .collect();
+    let numbers: Vec<(usize, usize)> = (out.iter().enumerate())
+        .flat_map(|(part, out)| out.iter().map(move |i| (part, *i)))
+        .collect();
+    let place = |(part, i): &(usize, usize)| parts[*part].coordinates.get(*i).unwrap_or_default();
+    strays.add(numbers.iter().map(place), all);
+    for (part, out) in parts.iter_mut().zip(&out).filter(|(_, out)| !out.is_empty()) {
+        rayon::join(|| part.coordinates.leave_out(out), || part.columns.leave_out(out));
     }
-    dropped
+    parts.iter_mut().for_each(|part| part.bounds = part.coordinates.bounds());
+    numbers.len() as u64
 }
 
 fn assemble(parts: Vec<Part>, frame: Frame, warnings: &mut Vec<String>) -> PointCloud {

@@ -17,17 +17,47 @@ mod wkt;
 mod write;
 
 use std::io::Write;
+use std::ops::Deref;
 use std::path::PathBuf;
 
 use glam::Vec3;
 use serde::Serialize;
 
 use crate::diagnostic::{Error, Result, Warned};
-use crate::frame::Frame;
+use crate::frame::{Crs, Frame};
 
+pub use crs::system;
 pub use las_file::stated_points;
 pub use merge::MAX_EXTENT_M;
 pub use write::encode_laz;
+
+/// Files of one area.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Files {
+    pub paths: Vec<PathBuf>,
+    /// Of those that state none; they count metres where it is `None`.
+    pub crs: Option<Crs>,
+}
+
+impl Deref for Files {
+    type Target = [PathBuf];
+
+    fn deref(&self) -> &[PathBuf] {
+        &self.paths
+    }
+}
+
+impl<P: AsRef<[PathBuf]>> From<P> for Files {
+    fn from(paths: P) -> Self {
+        Files { paths: paths.as_ref().to_vec(), crs: None }
+    }
+}
+
+impl From<&Files> for Files {
+    fn from(files: &Files) -> Self {
+        files.clone()
+    }
+}
 
 /// Points as columns of equal length, in local metres, Z up.
 #[derive(Debug, Clone)]
@@ -189,7 +219,7 @@ pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<Warned<Scan>> {
     let failed = |e: std::io::Error| Error::new(format!("no temporary file can be written: {e}"));
     let mut file = tempfile::Builder::new().suffix(".laz").tempfile().map_err(failed)?;
     file.write_all(bytes).map_err(failed)?;
-    read(&[file.path().to_path_buf()], options)
+    read([file.path().to_path_buf()], options)
 }
 
 /// Reads all files into one cloud in one frame. Never empty.
@@ -202,6 +232,6 @@ pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<Warned<Scan>> {
 /// One that names the file: it is missing, is no scan, is damaged or cut short; it holds no
 /// points; its coordinates are degrees; the files are in different systems; the points span more
 /// than [`MAX_EXTENT_M`].
-pub fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<Scan>> {
-    merge::read(paths, options)
+pub fn read(files: impl Into<Files>, options: &ReadOptions) -> Result<Warned<Scan>> {
+    merge::read(&files.into(), options)
 }

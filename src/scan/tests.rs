@@ -200,6 +200,37 @@ fn reading_does_not_depend_on_threads() {
 }
 
 #[test]
+fn a_system_that_is_named_is_of_files_that_state_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let text: String = (0..900).map(|i| format!("{} {} 10\n", i % 30, i / 30)).collect();
+    let text = write_file(&folder, "a.xyz", text.as_bytes());
+    let las: Vec<_> = (0..900).map(|i| ([i % 30 * 1000, i / 30 * 1000, 10_000], 9, 1)).collect();
+    let las = write_file(&folder, "b.las", &las_bytes(&las));
+    let metric = encode_laz(&sample(900, Some(wkt_crs()), false)).unwrap();
+    let metric = write_file(&folder, "c.laz", &metric);
+    let of = |path: &Path| Files {
+        paths: vec![path.to_path_buf()],
+        crs: Some(system("EPSG:2229+5703").unwrap()),
+    };
+    for path in [&text, &las] {
+        let whole = read(&of(path), &ReadOptions::default()).unwrap();
+        let tiled = tiles::TiledScan::read(&of(path), &ReadOptions::default()).unwrap();
+        let bounds = whole.value.bounds;
+        assert!((bounds.max.x - bounds.min.x - 29.0 * 0.3048).abs() < 0.01, "{bounds:?}");
+        assert_eq!(whole.value.cloud.frame.crs.as_ref().and_then(|crs| crs.epsg), Some(2229));
+        assert_eq!(tiled.value.frame, whole.value.cloud.frame);
+        assert!(!whole.warnings.iter().any(|w| w.contains("coordinate system")));
+    }
+    let stated = read(&of(&metric), &ReadOptions::default()).unwrap();
+    assert_eq!(stated.value.cloud.frame.crs.unwrap().horizontal_unit_m, 1.0);
+    let told = stated.warnings.iter().find_map(|w| w.split_once("c.laz: "));
+    assert!(
+        told.is_some_and(|(_, w)| w.ends_with("goes before the EPSG:2229 of --crs")),
+        "{told:?}"
+    );
+}
+
+#[test]
 fn feet_become_metres() {
     let folder = tempfile::tempdir().unwrap();
     let mut crs = Crs::from_epsg(2229);
@@ -325,6 +356,28 @@ fn points_that_stand_alone_are_told_and_most_of_them_refused() {
 }
 
 #[test]
+fn points_far_from_all_others_are_told_with_their_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let told = |strays: &str| -> Vec<String> {
+        let field: String = (0..900).map(|i| format!("{} {} 0\n", i % 30, i / 30)).collect();
+        let path = [write_file(&folder, "a.xyz", format!("{field}{strays}").as_bytes())];
+        let whole = read(&path, &ReadOptions::default()).unwrap();
+        let tiled = TiledScan::read(&path, &ReadOptions::default()).unwrap();
+        assert_eq!(whole.value.census, tiled.value.census);
+        let far = |warnings: Vec<String>| -> Vec<String> {
+            let of_file = warnings.iter().filter_map(|w| w.split_once("a.xyz: "));
+            of_file.map(|(_, told)| told.to_owned()).collect()
+        };
+        let [whole, tiled] = [whole.warnings, tiled.warnings].map(far);
+        assert_eq!(whole, tiled);
+        whole
+    };
+    assert_eq!(told("10 10 60\n"), [""; 0]);
+    insta::assert_snapshot!(told("10 10 4000\n").join("\n"), @"a point that stands far from all others, up to 4000 m away (x 10.00, y 10.00, z 4000.00), left out as noise: remove what is stray from the file; what is right, give with the points around it in a run of its own");
+    insta::assert_snapshot!(told("10 10 -700\n-50000 10 0\n1e9 10 0\n").join("\n"), @"3 points that stand far from all others, up to 1000000 km away (x 1000000000.00, y 10.00, z 0.00), left out as noise: remove what is stray from the file; what is right, give with the points around it in a run of its own");
+}
+
+#[test]
 fn a_point_beyond_reason_does_not_hide_other_noise() {
     let folder = tempfile::tempdir().unwrap();
     let mut text: String = (0..900).map(|i| format!("{} {} 0\n", i % 30, i / 30)).collect();
@@ -405,6 +458,42 @@ fn text_is_read_in_its_dialects() {
     assert_eq!(read.value.census.removed.not_finite, 2);
     assert_eq!(read.value.cloud.len(), 2);
     assert!(read.warnings[0].ends_with("2 points that are not finite were dropped"));
+}
+
+#[test]
+fn a_column_that_counts_the_points_is_no_x() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |i: usize| (i % 30, i / 30, i % 7);
+    let points = |first: &dyn Fn(usize) -> String| -> String {
+        let line = |i: usize| {
+            let (x, y, z) = place(i);
+            format!("{}{x}.5 {y}.25 {z}.5 12\n", first(i))
+        };
+        (0..900).map(line).collect()
+    };
+    let counted = |from: usize| points(&|i| format!("{} ", from + i));
+    let read = |text: &str| read_one(&write_file(&folder, "a.xyz", text.as_bytes())).unwrap();
+    let told = |read: &Warned<Scan>| {
+        let told = read.warnings.iter().find_map(|w| w.split_once("a.xyz: "));
+        told.map(|(_, told)| told.to_owned())
+    };
+    let plain = read(&points(&|_| String::new()));
+    assert_eq!(told(&plain), None);
+    for text in [counted(0), counted(1), counted(500_001), format!("# points\n{}", counted(1))] {
+        let read = read(&text);
+        assert_eq!(read.value.cloud.position, plain.value.cloud.position);
+        insta::allow_duplicates!(
+            insta::assert_snapshot!(told(&read).unwrap(), @"its first column counts the points: x, y and z were taken from the second to the fourth; if it is x, put a first line of names: x y z")
+        );
+    }
+    // What is named, does not go on, or is one line of a raster, is x.
+    let raster: String = (0..900).map(|i| format!("{i} 7 {} 0\n", i % 3)).collect();
+    let broken = counted(1).replace("\n899 ", "\n898 ");
+    for text in [format!("x y z i j\n{}", counted(1)), broken, raster] {
+        let read = read(&text);
+        assert!(read.value.bounds.max.x - read.value.bounds.min.x > 800.0);
+        assert_eq!(told(&read), None);
+    }
 }
 
 #[test]
@@ -515,6 +604,9 @@ fn bad_files_give_one_clear_error() {
     let nan = f64::NAN.to_le_bytes();
     let mut no_points = patched(107, &[0; 4]);
     no_points.truncate(227);
+    let utf_16 = |bytes: fn(u16) -> [u8; 2], text: &str| -> Vec<u8> {
+        text.encode_utf16().flat_map(bytes).collect()
+    };
     for (name, bytes, message) in [
         ("empty.laz", vec![], "is empty"),
         (
@@ -579,6 +671,9 @@ fn bad_files_give_one_clear_error() {
             b"x y z\n470654,320 5523010,1 -12,0 7\n".to_vec(),
             "has decimal commas: \"470654,320 5523010,1 -12,0 7\"",
         ),
+        ("utf_16.xyz", utf_16(u16::to_le_bytes, "\u{feff}1 2 3\n"), "is UTF-16 text"),
+        ("utf_16_be.txt", utf_16(u16::to_be_bytes, "\u{feff}1 2 3\r\n"), "is UTF-16 text"),
+        ("utf_16_bare.csv", utf_16(u16::to_le_bytes, "1,2,3\n"), "is UTF-16 text"),
     ] {
         let error = error_of(&write_file(&folder, name, &bytes));
         assert_eq!(error.message(), message, "{name}");
@@ -588,7 +683,10 @@ fn bad_files_give_one_clear_error() {
     let missing = error_of(&folder.path().join("missing.laz"));
     assert!(render(&missing).contains("missing.laz: there is no such file"), "{missing:?}");
     assert_eq!(error_of(folder.path()).message(), "is a folder, not a scan");
-    assert_eq!(read(&[], &ReadOptions::default()).unwrap_err().message(), "no scan is given");
+    assert_eq!(
+        read(Files::default(), &ReadOptions::default()).unwrap_err().message(),
+        "no scan is given"
+    );
     let twice = vec![write_file(&folder, "good.las", &las); 2];
     assert_eq!(read(&twice, &ReadOptions::default()).unwrap_err().message(), "is given twice");
     let many: Vec<_> = (0..300).map(|i| ([i * 100, 0, 0], 0b001_001, 1)).collect();

@@ -3,7 +3,8 @@
 //!
 //! The first line may be a header of names or, as in PTS files, the number of points. The names of a
 //! header, or of a comment before the points, tell which columns x, y and z are; a header that does
-//! not is refused, and so are decimal commas.
+//! not is refused, and so are decimal commas and UTF-16. Without names a first column that counts the
+//! points is left out: integers that rise by one from line to line, three plausible coordinates behind.
 
 use std::fs::File;
 use std::io::Read;
@@ -16,6 +17,7 @@ use super::Removed;
 use super::las_file::io_error;
 use super::part::{ColourScale, Columns, Coordinates, Part};
 use crate::diagnostic::{Error, Result};
+use crate::frame::Crs;
 
 /// Text in memory at a time; no line may be longer.
 const BLOCK_BYTES: usize = 16 << 20;
@@ -34,18 +36,19 @@ struct Lines {
 /// This part of the lines may be no points.
 const MOST_BAD: f64 = 0.01;
 
-/// Reads one file.
-pub(super) fn read(path: &Path) -> Result<Part> {
-    read_inner(path).map_err(|error| error.in_file(path))
+/// Reads one file, which is in this system.
+pub(super) fn read(path: &Path, crs: &Option<Crs>) -> Result<Part> {
+    read_inner(path, crs).map_err(|error| error.in_file(path))
 }
 
-fn read_inner(path: &Path) -> Result<Part> {
+fn read_inner(path: &Path, crs: &Option<Crs>) -> Result<Part> {
     let mut file = File::open(path).map_err(io_error)?;
     let mut all = Lines::default();
     let mut block: Vec<u8> = Vec::new();
     let mut lines_before = 0;
     let mut is_first = true;
     let mut columns = [0, 1, 2];
+    let mut warnings = Vec::new();
     let mut first_bad: Option<String> = None;
     loop {
         let kept = block.len();
@@ -72,8 +75,19 @@ fn read_inner(path: &Path) -> Result<Part> {
         let text = &block[..whole];
         let mut start = 0;
         if is_first {
-            (start, columns) = heading(text)?;
-            refuse_decimal_commas(&text[start..])?;
+            refuse_utf_16(text)?;
+            let named;
+            (start, named) = heading(text)?;
+            let points = &text[start..];
+            refuse_decimal_commas(points)?;
+            columns = match named {
+                Some(named) => named,
+                None if counts_points(points) => {
+                    warnings.push(COUNTED.into());
+                    [1, 2, 3]
+                }
+                None => columns,
+            };
             is_first = false;
         }
         let pieces = pieces(&text[start..]);
@@ -100,7 +114,6 @@ fn read_inner(path: &Path) -> Result<Part> {
     }
     let n = all.world.len();
     let in_file = n as u64 + all.not_finite;
-    let mut warnings = Vec::new();
     if let Some(what) = first_bad {
         let lines = if all.bad == 1 { "line was" } else { "lines were" };
         warnings.push(format!("{what}; {} such {lines} left out", all.bad));
@@ -108,7 +121,7 @@ fn read_inner(path: &Path) -> Result<Part> {
     let bounds = all.world.iter().map(|p| (*p, *p)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
     Ok(Part {
         path: path.to_path_buf(),
-        crs: None,
+        crs: crs.clone(),
         in_degrees: false,
         coordinates: Coordinates::Real(all.world),
         columns: Columns {
@@ -173,17 +186,61 @@ fn number(field: &[u8]) -> Option<f64> {
     std::str::from_utf8(field).ok()?.parse().ok()
 }
 
+/// Two bytes a letter: a byte order mark, or digits with a zero beside each.
+fn refuse_utf_16(text: &[u8]) -> Result<()> {
+    let has_mark = text.starts_with(b"\xff\xfe") || text.starts_with(b"\xfe\xff");
+    let (pairs, _) = text[..text.len().min(1024)].as_chunks::<2>();
+    let half = |k: usize| {
+        let is_half = |pair: &&[u8; 2]| pair[k] == 0 && pair[1 - k].is_ascii() && pair[1 - k] != 0;
+        !pairs.is_empty() && pairs.iter().filter(is_half).count() == pairs.len()
+    };
+    if !has_mark && !half(0) && !half(1) {
+        return Ok(());
+    }
+    Err(Error::new("is UTF-16 text")
+        .remedy("save it as UTF-8, e.g. with: iconv -f UTF-16 -t UTF-8 IN > OUT"))
+}
+
+const COUNTED: &str = "its first column counts the points: x, y and z were taken from the second to the \
+                       fourth; if it is x, put a first line of names: x y z";
+/// Fewer lines may rise by chance.
+const LEAST_COUNTED: usize = 10;
+
+/// Whether the first column counts the lines, with numbers behind it that spread in x and in y: along a
+/// single line of a raster x may rise by one as well.
+fn counts_points(text: &[u8]) -> bool {
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let mut last: Option<i64> = None;
+    let mut count = 0;
+    let mut lines = text.split_inclusive(|b| *b == b'\n').filter(|line| !is_comment(line));
+    let counts = lines.all(|line| {
+        let mut fields = fields(line);
+        let number_of_line = fields.next().and_then(|f| std::str::from_utf8(f).ok()?.parse().ok());
+        let place: Vec<f64> = fields.take(3).filter_map(number).collect();
+        let (Some(now), &[x, y, z]) = (number_of_line, &place[..]) else { return false };
+        let is_next = last.is_none_or(|last: i64| last.checked_add(1) == Some(now));
+        let place = DVec3::new(x, y, z);
+        if place.is_finite() {
+            (low, high) = (low.min(place), high.max(place));
+        }
+        (last, count) = (Some(now), count + 1);
+        is_next
+    });
+    let spread = high - low;
+    counts && count >= LEAST_COUNTED && spread.x > 0.0 && spread.y > 0.0 && spread.is_finite()
+}
+
 /// Bytes of the heading (a byte order mark, comments, and one line of names or one count), and the
-/// columns of x, y and z.
-fn heading(text: &[u8]) -> Result<(usize, [usize; 3])> {
+/// columns of x, y and z where names tell them.
+fn heading(text: &[u8]) -> Result<(usize, Option<[usize; 3]>)> {
     let mut at = if text.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
-    let mut columns = [0, 1, 2];
+    let mut columns = None;
     while let Some(rest) = text.get(at..).filter(|rest| !rest.is_empty()) {
         let length = rest.iter().position(|b| *b == b'\n').map_or(rest.len(), |end| end + 1);
         let line = &rest[..length];
         if is_comment(line) {
             let after = rest[length..].split(|b| *b == b'\n').find(|line| !is_comment(line));
-            columns = commented_columns(line, after.unwrap_or_default()).unwrap_or(columns);
+            columns = commented_columns(line, after.unwrap_or_default()).or(columns);
             at += length;
             continue;
         }
@@ -199,12 +256,13 @@ fn heading(text: &[u8]) -> Result<(usize, [usize; 3])> {
         if is_names {
             let text = String::from_utf8_lossy(line);
             let names: Vec<&str> = split(text.trim()).collect();
-            columns = columns_of(&names).map_err(|what| {
+            let named = columns_of(&names).map_err(|what| {
                 let shown: String = names.join(" ").chars().take(60).collect();
                 Error::new(format!("{what} in its first line: {shown}")).remedy(
                     "name the columns x, y and z, or leave the line out where they come first",
                 )
             })?;
+            columns = Some(named);
         }
         return Ok((if is_count || is_names { at + length } else { at }, columns));
     }

@@ -11,15 +11,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::ops::Range;
-use std::path::PathBuf;
 
 use glam::{DVec2, DVec3, IVec2, Vec3};
 
 use super::las_file::{self, Batch};
-use super::merge::{self, Format};
+use super::merge::{self, Format, Strays};
 use super::part::{ColourScale, Columns, Coordinates, Part};
 use super::shared::Sample;
-use super::{Bounds, Census, PointCloud, ReadOptions, isolated, text};
+use super::{Bounds, Census, Files, PointCloud, ReadOptions, isolated, text};
 use crate::diagnostic::{Error, Result, Warned};
 use crate::frame::{Crs, Frame};
 
@@ -86,15 +85,29 @@ impl TiledScan {
     ///
     /// # Errors
     /// Those of [`super::read`]; no room for the temporary file.
-    pub fn read(paths: &[PathBuf], options: &ReadOptions) -> Result<Warned<TiledScan>> {
-        Self::read_within(HELD_BYTES, paths, options)
+    pub fn read(files: impl Into<Files>, options: &ReadOptions) -> Result<Warned<TiledScan>> {
+        Self::read_within(HELD_BYTES, &files.into(), options)
     }
 
     fn read_within(
         held_bytes: usize,
-        paths: &[PathBuf],
+        files: &Files,
         options: &ReadOptions,
     ) -> Result<Warned<TiledScan>> {
+        let mut warnings = Vec::new();
+        match Self::read_inner(held_bytes, files, options, &mut warnings) {
+            Ok(scan) => Ok(Warned::with(scan, warnings)),
+            Err(error) => Err(error.noticed(warnings)),
+        }
+    }
+
+    fn read_inner(
+        held_bytes: usize,
+        files: &Files,
+        options: &ReadOptions,
+        warnings: &mut Vec<String>,
+    ) -> Result<TiledScan> {
+        let paths = &files.paths[..];
         let formats = merge::formats(paths)?;
         let mut tiles: BTreeMap<Tile, Stack> = BTreeMap::new();
         let mut spill = Spill::default();
@@ -115,29 +128,29 @@ impl TiledScan {
                 Ok(())
             };
             let part = match format {
-                Format::Las => las_file::read(path, options, Some(&mut take))?,
+                Format::Las => las_file::read(path, options, &files.crs, Some(&mut take))?,
                 Format::Text => {
-                    let mut part = text::read(path)?;
+                    let mut part = text::read(path, &files.crs)?;
                     let none = Coordinates::Real(Vec::new());
                     let coordinates = std::mem::replace(&mut part.coordinates, none);
                     let columns = std::mem::take(&mut part.columns);
-                    take(None, Batch { coordinates, columns })?;
+                    take(part.crs.as_ref(), Batch { coordinates, columns })?;
                     part
                 }
             };
             merge::refuse(&parts, &part)?;
             parts.push(part);
         }
-        let mut warnings = Vec::new();
-        sample.tell(paths, &mut warnings);
+        sample.tell(paths, warnings);
         merge::refuse_no_points(&parts)?;
-        let mut census = merge::census(&parts, &mut warnings);
+        let mut census = merge::census(&parts, warnings);
+        let mut strays = Strays::default();
         if options.drop_isolated && merge::span_too_much(&parts) {
-            census.removed.isolated += drop_far_tiles(&mut tiles, &mut parts);
+            census.removed.isolated += drop_far_tiles(&mut tiles, &mut parts, &spill, &mut strays)?;
         }
         let (frame, _) = merge::frame(paths, &parts, &census, options)?;
         let colours: Vec<ColourScale> = parts.iter().map(|p| p.colour).collect();
-        let keeps_colour = merge::keeps_colour(&parts, &mut warnings);
+        let keeps_colour = merge::keeps_colour(&parts, warnings);
         let mut scan = TiledScan {
             census,
             density_per_m2: 0.0,
@@ -151,8 +164,8 @@ impl TiledScan {
         };
         scan.survey()?;
         if options.drop_isolated {
-            scan.drop_isolated()?;
-            merge::tell_isolated(paths, &scan.census, &mut warnings)?;
+            scan.drop_isolated(&mut strays)?;
+            merge::tell_isolated(paths, &scan.census, warnings)?;
             scan.survey()?;
             for part in &mut parts {
                 part.bounds = None;
@@ -163,10 +176,12 @@ impl TiledScan {
             if let Some(first) = parts.first_mut() {
                 first.bounds = Some((low / unit_m, high / unit_m));
             }
-            scan.frame = merge::frame(paths, &parts, &scan.census, options)?.0;
+            let bounds_m;
+            (scan.frame, bounds_m) = merge::frame(paths, &parts, &scan.census, options)?;
+            strays.tell(paths, bounds_m, unit_m, warnings);
             scan.survey()?;
         }
-        Ok(Warned::with(scan, warnings))
+        Ok(scan)
     }
 
     /// Bounds, densities and the number of points that are kept.
@@ -200,16 +215,21 @@ impl TiledScan {
     }
 
     /// Marks what has almost nothing around it; it is loaded no more.
-    fn drop_isolated(&mut self) -> Result<()> {
+    fn drop_isolated(&mut self, strays: &mut Strays) -> Result<()> {
         let mut isolated: BTreeMap<Tile, Vec<u32>> = BTreeMap::new();
+        let mut places = Vec::new();
         for core in self.blocks(ISOLATED_BLOCK) {
             let Window { cloud, tiles } = self.load(&core, 1)?;
             let is_isolated = isolated::among(&cloud, self.density_per_m2);
             for (tile, range) in tiles.into_iter().filter(|(tile, _)| core.contains(tile)) {
+                let out = range.clone().filter(|i| is_isolated[*i]).map(|i| cloud.position[i]);
+                places.extend(out);
                 let own = is_isolated[range].iter().zip(0u32..);
                 isolated.insert(tile, own.filter(|(out, _)| **out).map(|(_, i)| i).collect());
             }
         }
+        let frame = &self.frame;
+        strays.add(places.iter().map(|p| frame.world_from_local(*p)), self.census.kept);
         for (tile, numbers) in isolated {
             self.census.removed.isolated += numbers.len() as u64;
             if let Some(stack) = self.tiles.get_mut(&tile) {
@@ -290,7 +310,12 @@ pub fn blocks_of<'a>(
 
 /// Drops tiles far from the body of the scan where they hold few points; gives the number of these.
 /// The parts get the bounds of the tiles that stay.
-fn drop_far_tiles(tiles: &mut BTreeMap<Tile, Stack>, parts: &mut [Part]) -> u64 {
+fn drop_far_tiles(
+    tiles: &mut BTreeMap<Tile, Stack>,
+    parts: &mut [Part],
+    spill: &Spill,
+    strays: &mut Strays,
+) -> Result<u64> {
     let points =
         |stack: &Stack| stack.pieces.iter().map(|(_, piece)| piece.points()).sum::<usize>();
     let side = (isolated::BLOCK_M / TILE_M) as i64;
@@ -299,10 +324,17 @@ fn drop_far_tiles(tiles: &mut BTreeMap<Tile, Stack>, parts: &mut [Part]) -> u64 
     for (tile, stack) in tiles.iter() {
         *blocks.entry(block(tile)).or_default() += points(stack) as u64;
     }
-    let Some(body) = isolated::body(&blocks) else { return 0 };
+    let Some(body) = isolated::body(&blocks) else { return Ok(0) };
     let far: Vec<Tile> = tiles.keys().filter(|t| !body.contains(&block(t))).copied().collect();
-    let dropped =
-        far.iter().filter_map(|tile| tiles.remove(tile)).map(|s| points(&s)).sum::<usize>();
+    let mut places = Vec::new();
+    for (_, piece) in far.iter().filter_map(|tile| tiles.remove(tile)).flat_map(|s| s.pieces) {
+        let batch = match piece {
+            Piece::Held(batch) => batch,
+            Piece::Spilled { .. } => spill.load(&piece)?,
+        };
+        places.extend((0..batch.coordinates.len()).filter_map(|i| batch.coordinates.get(i)));
+    }
+    strays.add(places.iter().copied(), blocks.values().sum());
     for (number, part) in parts.iter_mut().enumerate() {
         let unit_m = unit_m(part.crs.as_ref());
         let own = tiles.iter().filter(|(_, s)| s.pieces.iter().any(|(file, _)| *file == number));
@@ -312,7 +344,7 @@ fn drop_far_tiles(tiles: &mut BTreeMap<Tile, Stack>, parts: &mut [Part]) -> u64 
             (a.extend(low.z * unit_m.z) / unit_m, b.extend(high.z * unit_m.z) / unit_m)
         });
     }
-    dropped as u64
+    Ok(places.len() as u64)
 }
 
 fn unit_m(crs: Option<&Crs>) -> DVec3 {
@@ -544,7 +576,9 @@ mod tests {
             let options = ReadOptions::default();
             let whole = crate::scan::read(&paths, &options).unwrap().value;
             for held_bytes in [0, HELD_BYTES] {
-                let tiled = TiledScan::read_within(held_bytes, &paths, &options).unwrap().value;
+                let tiled = TiledScan::read_within(held_bytes, &Files::from(&paths), &options)
+                    .unwrap()
+                    .value;
                 assert_eq!(tiled.spill.file.is_some(), held_bytes == 0);
                 assert_eq!(tiled.frame, whole.cloud.frame);
                 assert_eq!(tiled.census, whole.census);
@@ -571,7 +605,8 @@ mod tests {
         let whole = crate::scan::read(&paths, &ReadOptions::default()).unwrap().value;
         for held_bytes in [0, HELD_BYTES] {
             let options = ReadOptions::default();
-            let tiled = TiledScan::read_within(held_bytes, &paths, &options).unwrap().value;
+            let tiled =
+                TiledScan::read_within(held_bytes, &Files::from(&paths), &options).unwrap().value;
             assert_eq!(tiled.census.removed.isolated, 1);
             assert_eq!(tiled.census, whole.census);
             assert_eq!(tiled.frame, whole.cloud.frame);

@@ -11,7 +11,8 @@
 //! says so.
 //!
 //! **Which of the two.** The ranges were measured in one survey; other cameras and places give
-//! other luminances (docs/inventory.md). They decide where the photo bears them out: most crowns lie
+//! other luminances (docs/inventory.md); that of a photo of one band is another thing altogether. They
+//! decide where the photo bears them out: most crowns lie
 //! near ranges, and near ranges far apart (dark conifers beside brighter trees). A stand of one kind cannot be told from another exposure and
 //! goes by `kind`.
 //!
@@ -132,6 +133,7 @@ pub fn assign(
     let scale = match (photo, by) {
         _ if species.len() == 1 => None,
         (None, _) | (_, SpeciesBy::Shape) => None,
+        (Some(photo), SpeciesBy::Auto) if !photo.has_colours() => None,
         _ => Scale::new(&seen, species, by == SpeciesBy::Luminance, &mut warnings),
     };
     let is_conifer = |s: &Species| s.kind == Kind::Conifer;
@@ -422,9 +424,13 @@ mod tests {
 
     /// A photo of vertical stripes 4 m wide, each of one grey.
     fn stripes(greys: &[f32]) -> Photo {
+        striped(3, greys)
+    }
+
+    fn striped(bands: usize, greys: &[f32]) -> Photo {
         let side = greys.len() * 4;
-        let value = |i: usize| greys[(i / 3) % side / 4];
-        let samples = Samples::F32((0..side * side * 3).map(value).collect());
+        let value = |i: usize| greys[(i / bands) % side / 4];
+        let samples = Samples::F32((0..side * side * bands).map(value).collect());
         let geometry = GridGeometry {
             west: 500_000.0,
             north: 6_000_000.0 + side as f64,
@@ -437,14 +443,14 @@ mod tests {
         let raster = Raster {
             width: side,
             height: side,
-            bands: 3,
+            bands,
             samples,
             geometry,
             epsg: None,
             nodata: None,
         };
         let frame = Frame::local(DVec3::new(500_000.0, 6_000_000.0, 100.0));
-        Photo::new("photo.tif", raster, &frame, Vec2::ZERO, Vec2::splat(10.0)).unwrap()
+        Photo::new("photo.tif", raster, &frame, Vec2::ZERO, Vec2::splat(10.0)).unwrap().value
     }
 
     #[test]
@@ -468,6 +474,15 @@ mod tests {
         assert_eq!(chosen[4].1, 15.0);
         assert!(found.value.iter().all(|a| a.how == How::Luminance));
         assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+        // Of one band, whose numbers are no luminance of colours.
+        let photo = striped(1, &[169.0, 189.0, 78.0, 120.0, 100.0]);
+        let by = |by| {
+            assign(&crowns, &Looks::default(), Some(&photo), &species, by, Seed::new(1))
+                .unwrap()
+                .value
+        };
+        assert!(by(SpeciesBy::Auto).iter().all(|a| a.how == How::Shape && a.luminance.is_some()));
+        assert!(by(SpeciesBy::Luminance).iter().all(|a| a.how == How::Luminance));
     }
 
     #[test]

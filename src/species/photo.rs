@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec2, Vec3};
 
-use crate::diagnostic::{Error, Result};
+use crate::diagnostic::{Error, Result, Warned};
 use crate::frame::Frame;
 use crate::raster::GridGeometry;
 use crate::raster::geotiff::{Raster, Samples};
@@ -38,11 +38,19 @@ pub struct Photo {
 impl Photo {
     /// Places a photo over a scan whose points fill `min..max` (local metres of `frame`). `name`
     /// stands in messages. The numbers are brought to 0…255: 16-bit and float photos by the least
-    /// power of two (or 1) that holds 99.9 % of them. A fourth band is ignored.
+    /// power of two (or 1, or 10,000, which is reflectance) that holds 99.9 % of them; where that is not the
+    /// whole range of their type, a warning says which. A fourth band is ignored. A photo of less than
+    /// three bands, or of three that are equal, has no colour; a warning says what follows.
     ///
     /// # Errors
     /// No georeference, no band, or no overlap with the scan.
-    pub fn new(name: &str, raster: Raster, frame: &Frame, min: Vec2, max: Vec2) -> Result<Photo> {
+    pub fn new(
+        name: &str,
+        raster: Raster,
+        frame: &Frame,
+        min: Vec2,
+        max: Vec2,
+    ) -> Result<Warned<Photo>> {
         let Some(geometry) = raster.geometry else {
             return Err(Error::new("the photo has no georeference")
                 .in_file(name)
@@ -98,8 +106,41 @@ impl Photo {
             .in_file(name)
             .remedy("give a photo of the scanned place, in the scan's coordinate system"));
         }
-        let scale = scale(&raster);
-        Ok(Photo { raster, geometry, frame: frame.clone(), scale })
+        let mut warnings = Vec::new();
+        if !has_colour(&raster) {
+            warnings.push(match raster.bands {
+                1 | 2 => format!(
+                    "{name}: the photo has no colour ({} of grey): what is painted with it is grey, and \
+                     --species-by auto does not go by its luminance, which is that of colours",
+                    if raster.bands == 1 { "one band" } else { "two bands" }
+                ),
+                _ => format!(
+                    "{name}: the photo has no colour (its bands are equal): what is painted with it is \
+                     grey, and luminance tells species only where grey stands for it"
+                ),
+            });
+        }
+        let full = full(&raster);
+        let usual: &[f32] = match raster.samples {
+            Samples::U8(_) => &[255.0],
+            Samples::U16(_) => &[65535.0],
+            Samples::F32(_) => &[1.0, 255.0],
+        };
+        if !usual.contains(&full) {
+            warnings.push(format!(
+                "{name}: its values, of {}, were taken for 0 to {full:.0}, by the greatest of them; if \
+                 they are others, scale them: gdal_translate -ot Byte -scale 0 {full:.0} 0 255 in.tif \
+                 out.tif",
+                if matches!(raster.samples, Samples::U16(_)) { "16 bits" } else { "floating point" }
+            ));
+        }
+        let photo = Photo { raster, geometry, frame: frame.clone(), scale: 255.0 / full };
+        Ok(Warned::with(photo, warnings))
+    }
+
+    /// Whether it has bands of red, green and blue.
+    pub fn has_colours(&self) -> bool {
+        self.raster.bands >= 3
     }
 
     /// Red, green and blue, 0…255, at a place in local metres; a grey photo gives three equal
@@ -177,31 +218,39 @@ pub fn luminance([r, g, b]: [f32; 3]) -> f32 {
     0.299 * r + 0.587 * g + 0.114 * b
 }
 
-/// What brings the file's numbers to 0…255.
-fn scale(raster: &Raster) -> f32 {
+/// Some 100,000 pixels tell of all: column and row.
+fn sampled(raster: &Raster) -> impl Iterator<Item = (usize, usize)> {
     let pixels = raster.width * raster.height;
-    let colours = raster.bands.min(3);
-    // Some 100,000 pixels tell the range.
     let stride = pixels.div_ceil(100_000).max(1);
+    (0..pixels).step_by(stride).map(|i| (i % raster.width, i / raster.width))
+}
+
+/// Whether there are three bands that differ somewhere.
+fn has_colour(raster: &Raster) -> bool {
+    let value = |(col, row), band| raster.value(col, row, band);
+    raster.bands >= 3
+        && sampled(raster).any(|p| value(p, 0) != value(p, 1) || value(p, 0) != value(p, 2))
+}
+
+/// The file's number that is white.
+fn full(raster: &Raster) -> f32 {
+    let colours = raster.bands.min(3);
     let mut values: Vec<f32> = match &raster.samples {
-        Samples::U8(_) => return 1.0,
-        _ => (0..pixels)
-            .step_by(stride)
-            .flat_map(|i| (0..colours).map(move |b| (i % raster.width, i / raster.width, b)))
-            .map(|(col, row, b)| raster.value(col, row, b))
+        Samples::U8(_) => return 255.0,
+        _ => sampled(raster)
+            .flat_map(|(col, row)| (0..colours).map(move |b| raster.value(col, row, b)))
             .filter(|v| v.is_finite() && raster.nodata.is_none_or(|n| *v != n as f32))
             .collect(),
     };
     values.sort_by(f32::total_cmp);
     let most = values.get(values.len().saturating_sub(1 + values.len() / 1000)).copied();
-    let most = most.unwrap_or(255.0);
+    let most = most.filter(|most| *most > 0.0).unwrap_or(255.0);
     let is_float = matches!(raster.samples, Samples::F32(_));
-    // Depths of cameras: 8, 10, 11, 12, 14 and 16 bits.
-    let full = [1.0, 255.0, 1023.0, 2047.0, 4095.0, 16383.0, 65535.0]
+    // Depths of cameras, 8, 10, 11, 12, 14 and 16 bits, and the 10,000 by which reflectance is scaled.
+    [1.0, 255.0, 1023.0, 2047.0, 4095.0, 10_000.0, 16383.0, 65535.0]
         .into_iter()
         .find(|full| most <= full * 1.001 && (is_float || *full > 1.0))
-        .unwrap_or(most);
-    255.0 / full
+        .unwrap_or(most)
 }
 
 /// Whether a photo's numbers are a small place on the globe rather than metres.
@@ -235,7 +284,29 @@ mod tests {
     }
 
     fn place(raster: Raster) -> Result<Photo> {
+        Ok(warned(raster)?.value)
+    }
+
+    fn warned(raster: Raster) -> Result<Warned<Photo>> {
         Photo::new("photo.tif", raster, &frame(), Vec2::ZERO, Vec2::splat(10.0))
+    }
+
+    #[test]
+    fn what_is_taken_for_granted_of_a_photo_is_told() {
+        let told = |samples, bands| warned(raster(samples, 10, bands)).unwrap().warnings;
+        let colours: Vec<u8> = (0..300).map(|i| (i % 251) as u8).collect();
+        assert_eq!(told(Samples::U8(colours), 3), [""; 0]);
+        let grey = told(Samples::U8(vec![9; 100]), 1);
+        insta::assert_snapshot!(grey.join("\n"), @"photo.tif: the photo has no colour (one band of grey): what is painted with it is grey, and --species-by auto does not go by its luminance, which is that of colours");
+        let grey = told(Samples::U8(vec![9; 300]), 3);
+        insta::assert_snapshot!(grey.join("\n"), @"photo.tif: the photo has no colour (its bands are equal): what is painted with it is grey, and luminance tells species only where grey stands for it");
+        let reflectance: Vec<u16> = (0..300).map(|i| 9_000 - i * 20).collect();
+        let deep = told(Samples::U16(reflectance), 3);
+        insta::assert_snapshot!(deep.join("\n"), @"photo.tif: its values, of 16 bits, were taken for 0 to 10000, by the greatest of them; if they are others, scale them: gdal_translate -ot Byte -scale 0 10000 0 255 in.tif out.tif");
+        let whole: Vec<u16> = (0..300).map(|i| 65_000 - i * 20).collect();
+        assert_eq!(told(Samples::U16(whole), 3), [""; 0]);
+        let shares: Vec<f32> = (0..300).map(|i| i as f32 / 300.0).collect();
+        assert_eq!(told(Samples::F32(shares), 3), [""; 0]);
     }
 
     #[test]

@@ -120,7 +120,7 @@ impl Place {
 
 pub(super) fn survey_job(job: &ReportJob, scans: &[PathBuf], photo: Option<PathBuf>) -> SurveyJob {
     SurveyJob {
-        scans: scans.to_vec(),
+        scans: scans.into(),
         ground: Method::Smrf,
         cell_m: None,
         tile_m: None,

@@ -261,6 +261,38 @@ fn a_chunk_table_that_is_absent_or_wrong_costs_no_point() {
 }
 
 #[test]
+fn a_wrong_chunk_size_costs_no_point() {
+    for format in PACKED {
+        let whole = read_bytes(&file(format, 2, Packing::Plain)).unwrap().value;
+        for (packing, is) in [
+            (Packing::Fixed(700), "of 700 points"),
+            (Packing::Fixed(1_000), "of 1000 points"),
+            (Packing::Fixed(50_000), "of 3000 points"),
+            (Packing::Varying, "of varying size"),
+        ] {
+            let sound = file(format, 2, packing);
+            // Behind the head of the record: compressor, coder, version and options.
+            let name = sound.windows(14).position(|bytes| bytes == b"laszip encoded").unwrap();
+            let at = name + 52 + 12;
+            for stated in [1u32, 100, 690, 701, 900, 2_000, 49_999, 50_000, 4_000_000_000, u32::MAX]
+            {
+                let mut bytes = sound.clone();
+                bytes[at..at + 4].copy_from_slice(&stated.to_le_bytes());
+                let what = format!("format {format}, {packing:?}, stated {stated}");
+                let read = read_bytes(&bytes).unwrap();
+                assert_points(&read.value, &whole, 0..COUNT, &what);
+                let told = warnings(&read);
+                let is_told = told.len() == 1 && told[0].contains(is);
+                // One chunk is as right with any greater size.
+                let is_alike = packing == Packing::Fixed(50_000) && stated >= 3_000;
+                let is_right = packing == Packing::Varying && stated == u32::MAX;
+                assert_eq!(is_told, !is_alike && !is_right, "{what}: {told:?}");
+            }
+        }
+    }
+}
+
+#[test]
 fn damaged_chunks_are_left_out_and_told() {
     for format in PACKED {
         let whole = read_bytes(&file(format, 0, Packing::Plain)).unwrap().value;
@@ -356,17 +388,54 @@ fn counts_and_bounds_in_the_header_may_be_wrong() {
 
 #[test]
 fn a_scale_that_its_bounds_do_not_bear_out_is_told() {
-    let mut bytes = file(PACKED[0], 0, Packing::Plain);
-    let scale = f64::from_le_bytes(bytes[131..139].try_into().unwrap());
-    bytes[131..139].copy_from_slice(&(10.0 * scale).to_le_bytes());
-    let read = read_bytes(&bytes).unwrap();
+    let sound = file(PACKED[0], 0, Packing::Plain);
+    let number = |at: usize| f64::from_le_bytes(sound[at..at + 8].try_into().unwrap());
+    let told = |changes: &[(usize, f64)]| -> String {
+        let mut bytes = sound.clone();
+        for (at, value) in changes {
+            bytes[*at..at + 8].copy_from_slice(&value.to_le_bytes());
+        }
+        warnings(&read_bytes(&bytes).unwrap()).join("\n")
+    };
+    // Scales of x, y and z begin at byte 131, offsets at 155, greatest and least values at 179.
+    insta::assert_snapshot!(told(&[(131, 0.01)]), @"its points are spread 10 times as far in x as the bounds in its header: if these are right, its scale is wrong, and so are all sizes; export it anew with a scale of [0.001] there in place of [0.01]");
+    let times = |k: f64| [131, 139, 147].map(|at| (at, k * 0.001));
+    insta::assert_snapshot!(told(&times(100.0)), @"its points are spread 100 times as far in x, y, z as the bounds in its header: if these are right, its scale is wrong, and so are all sizes; export it anew with a scale of [0.001, 0.001, 0.001] there in place of [0.1, 0.1, 0.1]");
+    for (k, said) in
+        [(3.0, "spread 3 times"), (0.25, "spread 0.25 times"), (0.3048, "spread 0.3048 ")]
+    {
+        assert!(told(&times(k)).contains(said), "{k}: {}", told(&times(k)));
+    }
+    // In z alone.
+    for k in [2.0, 0.5, 0.01] {
+        let z = told(&[(147, k * 0.001)]);
+        assert!(z.starts_with(&format!("its points are spread {k} times as far in z as")), "{z}");
+    }
+    // Heights far above the offset tell any factor; heights that begin at it may as well lack points.
+    let mut high = sound.clone();
+    let data = data_offset(&high);
+    for record in high[data..].chunks_exact_mut(20) {
+        let z = i32::from_le_bytes(record[8..12].try_into().unwrap()) + 300_000;
+        record[8..12].copy_from_slice(&z.to_le_bytes());
+    }
+    for (at, by) in [(211, 300.0), (219, 300.0), (147, 0.0003)] {
+        let value = number(at) + by;
+        high[at..at + 8].copy_from_slice(&value.to_le_bytes());
+    }
+    let z = read_bytes(&high).unwrap();
+    assert!(warnings(&z)[0].starts_with("its points are spread 1.3 times as far in z as"));
     assert_eq!(
-        warnings(&read),
-        [
-            "its points are spread 10 times as far as the bounds in its header: if these are right, its \
-          scale is wrong, and so are all sizes"
-        ]
+        told(&[(147, 0.0013)]),
+        "the bounds in its header are wrong; those of its points are used"
     );
+}
+
+#[test]
+fn bounds_far_wider_than_the_points_are_told() {
+    let mut bytes = file(PACKED[0], 0, Packing::Plain);
+    bytes[179..187].copy_from_slice(&1e9f64.to_le_bytes());
+    bytes[187..195].copy_from_slice(&(-1e9f64).to_le_bytes());
+    insta::assert_snapshot!(warnings(&read_bytes(&bytes).unwrap()).join("\n"), @"the bounds in its header span [2000000000.0, 25.0, 20.0], its points [30.0, 25.0, 20.0]: those of its points are used");
 }
 
 #[test]
