@@ -213,15 +213,15 @@ fn a_system_that_is_named_is_of_files_that_state_none() {
         crs: Some(system("EPSG:2229+5703").unwrap()),
     };
     for path in [&text, &las] {
-        let whole = read(&of(path), &ReadOptions::default()).unwrap();
-        let tiled = tiles::TiledScan::read(&of(path), &ReadOptions::default()).unwrap();
+        let whole = read(of(path), &ReadOptions::default()).unwrap();
+        let tiled = tiles::TiledScan::read(of(path), &ReadOptions::default()).unwrap();
         let bounds = whole.value.bounds;
         assert!((bounds.max.x - bounds.min.x - 29.0 * 0.3048).abs() < 0.01, "{bounds:?}");
         assert_eq!(whole.value.cloud.frame.crs.as_ref().and_then(|crs| crs.epsg), Some(2229));
         assert_eq!(tiled.value.frame, whole.value.cloud.frame);
         assert!(!whole.warnings.iter().any(|w| w.contains("coordinate system")));
     }
-    let stated = read(&of(&metric), &ReadOptions::default()).unwrap();
+    let stated = read(of(&metric), &ReadOptions::default()).unwrap();
     assert_eq!(stated.value.cloud.frame.crs.unwrap().horizontal_unit_m, 1.0);
     let told = stated.warnings.iter().find_map(|w| w.split_once("c.laz: "));
     assert!(
