@@ -425,20 +425,19 @@ fn corner_of(ring: &Ring, is_folded: bool) -> impl Iterator<Item = u32> {
     (0..=ring.sides).chain(is_folded.then_some(ring.fold()))
 }
 
-/// Texture coordinates of a ring; see [`around`].
+/// Texture coordinates of a ring, as [`around`] has them to the bit: seams must meet.
 fn lay(ring: &Ring, is_folded: bool, uv: &mut Vec<Vec2>) {
     let sides = ring.sides as f32;
     if !is_folded {
-        let (first, step) = (ring.u - 0.5 * ring.repeats, ring.repeats / sides);
-        uv.extend((0..=ring.sides).map(|k| Vec2::new(first + step * k as f32, ring.v)));
+        uv.extend((0..=ring.sides).map(|k| Vec2::new(around(ring, k as f32, None), ring.v)));
         return;
     }
     let there = ring.fold() as f32;
     let high = ring.girth * (there * (sides - there)).sqrt() / sides;
-    let (up, down) = (high / there, high / (sides - there));
     uv.extend((0..=ring.sides).map(|k| {
-        let below = ((there - k as f32) * up).max((k as f32 - there) * down);
-        Vec2::new(ring.u - below, ring.v)
+        let k = k as f32;
+        let share = if k > there { (sides - k) / (sides - there) } else { k / there };
+        Vec2::new(ring.u + high * (share - 1.0), ring.v)
     }));
     // The fold's twin.
     uv.push(Vec2::new(ring.u, ring.v));
