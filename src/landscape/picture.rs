@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::Landscape;
 use super::grain::{clumps, earth, litter, mottle};
-use super::lens::Lens;
+use super::lens::{Lens, Outline};
 use super::pack::LANES;
 use super::splat;
 use super::trace::{FINEST, Hit, Ray, Tracer, What};
@@ -134,6 +134,7 @@ pub fn draw(
     shot.check()?;
     let [width, height] = shot.size.map(|side| side as usize);
     let lens = scene.lens(&shot.camera, shot.size);
+    let outline = Outline::new(&lens, scene.reach());
     let light = Light::new(scene, shot, &lens);
     let mut rays = Rays::default();
     let sky_rays = if shot.effort > 1 { 1 } else { 2 };
@@ -184,14 +185,14 @@ pub fn draw(
             |tracer, (band, sums)| {
                 let rows = sums.len() / width;
                 for left in (0..width).step_by(TILE) {
-                    let is_seen = sees(scene, &lens, [left, band * TILE]);
+                    let may_meet = is_seen(&outline, &lens, [left, band * TILE]);
                     let right = width.min(left + TILE);
                     for row in 0..rows {
                         for first in (left..right).step_by(LANES) {
                             let lanes = LANES.min(right - first);
                             let line = &mut sums[row * width + first..][..lanes];
                             let corner = [first, band * TILE + row];
-                            light.line(tracer, &lens, line, corner, (pass.clone(), is_seen));
+                            light.line(tracer, &lens, line, corner, (pass.clone(), may_meet));
                         }
                     }
                 }
@@ -263,20 +264,21 @@ pub fn layers(scene: &Landscape, shot: &Shot) -> Result<Layers> {
 }
 
 /// Whether a ray of a tile of pixels may meet anything; `first` is the tile's first column and row.
-fn sees(scene: &Landscape, lens: &Lens, first: [usize; 2]) -> bool {
+fn is_seen(outline: &Outline, lens: &Lens, first: [usize; 2]) -> bool {
     let low = DVec2::new(first[0] as f64, first[1] as f64);
-    lens.sees(scene.reach(), low, low + TILE as f64)
+    outline.is_seen(lens, low, low + TILE as f64)
 }
 
 /// Casts the rays of pixels and gives what they met, to measure how fast that is.
 pub fn count_hits(scene: &Landscape, shot: &Shot) -> u64 {
     let lens = scene.lens(&shot.camera, shot.size);
+    let outline = Outline::new(&lens, scene.reach());
     let [width, height] = shot.size.map(|side| side as usize);
     let bands = height.div_ceil(TILE);
     let band = |tracer: &mut Tracer<'_>, band: usize| {
         let mut hits = 0;
         for left in (0..width).step_by(TILE) {
-            if !sees(scene, &lens, [left, band * TILE]) {
+            if !is_seen(&outline, &lens, [left, band * TILE]) {
                 continue;
             }
             for row in band * TILE..height.min((band + 1) * TILE) {
