@@ -1,11 +1,10 @@
 //! The way of a ray through the graph: which cells that hold something it passes, in its order.
 //!
-//! A ray steps from column to column (Amanatides & Woo 1987), of 16 × 16 voxels, and goes down into
-//! one only where it is lower than what is in it reaches; where it stays above for long, it steps by
-//! 64 × 64. In a node only the children between the one it enters and the one it leaves can be on its
-//! way: where none of them holds anything it passes without a step, else it steps until the last of
-//! them is behind. There is progress wherever the ray runs: along an axis, on a face, through a corner.
-//! Columns are passed in f64; in a node, places are in f32 from its corner, 1e-6 voxels fine.
+//! A ray steps from column to column (Amanatides & Woo 1987), of 16 × 16 voxels; where it stays above
+//! what is in them for long, by 64 × 64. In a column that it comes under it steps over columns of
+//! bricks, of 4 × 4 voxels, by how high each of them reaches, and looks into the graph only where it comes
+//! under that: a node's mask tells which bricks are on its way there. There is progress wherever the ray
+//! runs: along an axis, on a face, through a corner. All in f64.
 
 use super::Landscape;
 use super::blocks::{BLOCK, Blocks, Reaches};
@@ -274,12 +273,25 @@ impl<'a> Column<'a> {
         &self,
         dag: &Dag,
         way: &Way,
+        span: [f64; 2],
+        meet: &mut impl FnMut(&Cell) -> Option<Hit>,
+    ) -> Option<Hit> {
+        if way.fine(span[1] as f32) >= 2 * BITS as i32 {
+            self.pass_nodes::<RISES>(dag, way, span, meet)
+        } else {
+            self.pass_columns::<RISES>(dag, way, span, meet)
+        }
+    }
+
+    /// Takes a ray over its columns of bricks.
+    #[inline(always)]
+    fn pass_columns<const RISES: bool>(
+        &self,
+        dag: &Dag,
+        way: &Way,
         [mut t, out]: [f64; 2],
         meet: &mut impl FnMut(&Cell) -> Option<Hit>,
     ) -> Option<Hit> {
-        if way.fine(t as f32) >= 2 * BITS as i32 {
-            return self.pass_nodes::<RISES>(dag, way, [t, out], meet);
-        }
         let Way { o, d, inverse, .. } = way;
         let side = f64::from(SIDE);
         let among = |a: usize| {
@@ -368,7 +380,7 @@ impl<'a> Column<'a> {
         }
     }
 
-    /// Takes a ray through it that is as broad as its nodes.
+    /// Takes a ray through it that is, or becomes, as broad as its nodes.
     #[inline(never)]
     fn pass_nodes<const RISES: bool>(
         &self,
@@ -387,7 +399,11 @@ impl<'a> Column<'a> {
             if let Some(Node { child, around, .. }) = self.node(dag, layer) {
                 let low = [self.at[0] * COARSE, self.at[1] * COARSE, layer * COARSE];
                 let (span, fine) = ([t, lesser(leave, out)], way.fine(t as f32));
-                let hit = meet(&Cell { low, bits: 2 * BITS, child, around, span, fine });
+                let hit = if fine >= 2 * BITS as i32 {
+                    meet(&Cell { low, bits: 2 * BITS, child, around, span, fine })
+                } else {
+                    self.pass_columns::<RISES>(dag, way, span, meet)
+                };
                 if hit.is_some() {
                     return hit;
                 }
