@@ -1,6 +1,8 @@
 //! Blocks of voxels by their place: rays begin in them instead of at the root of the graph, which
 //! would be the same few steps down for all.
 
+use std::collections::HashMap;
+
 use super::dag::{BITS, Dag, Ref, SIDE};
 
 /// The level of the graph whose nodes are blocks.
@@ -21,10 +23,18 @@ pub(super) struct Blocks {
     tops: Vec<i16>,
     /// The same by column of blocks.
     highest: Vec<i16>,
-    /// z fastest, then x; all bits 0 where a block is empty.
+    /// By column of blocks, x fastest, which of the different stacks of blocks is there.
+    stacks: Vec<u32>,
+    /// Blocks of each different stack from the lowest up; all bits 0 where one is empty.
     nodes: Vec<u32>,
+    /// Bricks up to which anything reaches in each different stack, by column of bricks.
+    reaches: Vec<Reaches>,
 }
 
+/// Bricks along the side of a block.
+const ROW: u32 = BLOCK / SIDE;
+/// A number for each column of bricks of a block, x fastest.
+pub(super) type Reaches = [i16; (ROW * ROW) as usize];
 const PER_ROW_BITS: u32 = 47;
 /// Blocks of one landscape, at most.
 const MOST: u64 = 1 << 26;
@@ -47,29 +57,44 @@ impl Blocks {
             top: -1,
             tops: vec![-1; around(sides[0]) * around(sides[1])],
             highest: vec![-1; columns],
-            nodes: vec![0; columns * sides[2] as usize],
+            stacks: Vec::with_capacity(columns),
+            ..Blocks::default()
         };
+        let high = sides[2] as usize;
+        let mut nodes = vec![0; columns * high];
         if let Some(root) = dag.root {
-            blocks.fill(dag, root, dag.levels, [0; 3]);
+            blocks.fill(&mut nodes, dag, root, dag.levels, [0; 3]);
+        }
+        let mut known: HashMap<&[u32], u32> = HashMap::new();
+        for stack in nodes.chunks_exact(high) {
+            let next = known.len() as u32;
+            blocks.stacks.push(*known.entry(stack).or_insert_with(|| {
+                blocks.nodes.extend_from_slice(stack);
+                blocks.reaches.push(reaches(dag, stack));
+                next
+            }));
+        }
+        blocks.nodes.shrink_to_fit();
+        blocks.reaches.shrink_to_fit();
+        for (y, x) in (0..sides[1] * ROW).flat_map(|y| (0..sides[0] * ROW).map(move |x| (y, x))) {
+            let reach = blocks.reach([x, y]);
+            let (column, place) =
+                (blocks.number(x / ROW, y / ROW), blocks.place([x / SIDE, y / SIDE]));
+            blocks.tops[place] = blocks.tops[place].max(reach);
+            blocks.highest[column] = blocks.highest[column].max(reach);
+            blocks.top = blocks.top.max(reach);
         }
         blocks
     }
 
-    fn fill(&mut self, dag: &Dag, node: Ref, level: u32, low: [u32; 3]) {
+    /// Where blocks are in the graph, z fastest, then x.
+    fn fill(&self, nodes: &mut [u32], dag: &Dag, node: Ref, level: u32, low: [u32; 3]) {
         if !self.holds(low) {
             return;
         }
         if level <= BLOCK_LEVEL {
             let column = self.number(low[0], low[1]);
-            self.nodes[column * self.sides[2] as usize + low[2] as usize] = node.0;
-            for flat in 0..SIDE * SIDE {
-                let Some(reach) = reach(dag, node, flat) else { continue };
-                let reach = (low[2] * BLOCK / SIDE + reach) as i16;
-                let place = self.place([low[0] * SIDE + flat % SIDE, low[1] * SIDE + flat / SIDE]);
-                self.tops[place] = self.tops[place].max(reach);
-                self.highest[column] = self.highest[column].max(reach);
-            }
-            self.top = self.top.max(self.highest[column]);
+            nodes[column * self.sides[2] as usize + low[2] as usize] = node.0;
             return;
         }
         let bits = BITS * (level - 1 - BLOCK_LEVEL);
@@ -77,7 +102,7 @@ impl Blocks {
             if let Some(child) = dag.child(node.index(), slot) {
                 let at = [slot & 3, slot >> 2 & 3, slot >> 4];
                 let low = [0, 1, 2].map(|axis: usize| low[axis] + (at[axis] << bits));
-                self.fill(dag, child, level - 1, low);
+                self.fill(nodes, dag, child, level - 1, low);
             }
         }
     }
@@ -111,11 +136,25 @@ impl Blocks {
         [(x as u32).wrapping_sub(1), (y as u32).wrapping_sub(1)]
     }
 
-    /// The blocks of a column from the lowest up; all bits 0 where one is empty.
+    /// The blocks of a column from the lowest up, all bits 0 where one is empty; and bricks up to
+    /// which anything reaches in it.
     #[inline(always)]
-    pub fn stack(&self, [x, y]: [u32; 2]) -> &[u32] {
-        let (column, high) = (self.number(x, y), self.sides[2] as usize);
-        &self.nodes[column * high..][..high]
+    pub fn stack(&self, [x, y]: [u32; 2]) -> (&[u32], &Reaches) {
+        let (stack, high) = (self.stacks[self.number(x, y)] as usize, self.sides[2] as usize);
+        (&self.nodes[stack * high..][..high], &self.reaches[stack])
+    }
+
+    /// Bricks up to which anything reaches in a column of bricks.
+    #[inline(always)]
+    pub fn reach(&self, [x, y]: [u32; 2]) -> i16 {
+        let stack = self.stacks[self.number(x / ROW, y / ROW)];
+        self.reaches[stack as usize][Blocks::slot([x, y])]
+    }
+
+    /// Where a column of bricks is among those of its block.
+    #[inline(always)]
+    pub fn slot([x, y]: [u32; 2]) -> usize {
+        (x % ROW + y % ROW * ROW) as usize
     }
 
     /// Bricks up to which anything reaches in a column of the children of blocks.
@@ -134,7 +173,8 @@ impl Blocks {
     pub fn memory_bytes(&self) -> usize {
         size_of::<Self>()
             + 2 * (self.tops.capacity() + self.highest.capacity())
-            + 4 * self.nodes.capacity()
+            + size_of::<Reaches>() * self.reaches.capacity()
+            + 4 * (self.nodes.capacity() + self.stacks.capacity())
     }
 }
 
@@ -144,10 +184,21 @@ fn around(blocks: u32) -> usize {
     (blocks * SIDE) as usize + 2
 }
 
-/// Bricks from the floor of a block up to which anything reaches in a column of its children.
-fn reach(dag: &Dag, block: Ref, flat: u32) -> Option<u32> {
-    let layer = (0..SIDE).rev().find_map(|z| Some((z, dag.child(block.index(), flat | z << 4)?)));
-    let (z, child) = layer?;
-    let highest = 3 - dag.mask(child.index()).leading_zeros() / 16;
-    Some(z * SIDE + highest + 1)
+/// Bricks up to which anything reaches in a stack of blocks, by column of bricks.
+fn reaches(dag: &Dag, stack: &[u32]) -> Reaches {
+    let mut reaches = [-1; (ROW * ROW) as usize];
+    for (low, &block) in (0..).step_by(ROW as usize).zip(stack).filter(|(_, block)| **block != 0) {
+        let block = Ref(block).index();
+        // From below, so that the highest is told last.
+        for (z, number) in (0..SIDE).flat_map(|z| (0..16).map(move |flat| (z, flat | z << 4))) {
+            let Some(child) = dag.child(block, number) else { continue };
+            let mask = dag.mask(child.index());
+            for slot in (0..64).filter(|slot| mask >> slot & 1 != 0) {
+                let x = (number & 3) * SIDE + (slot & 3);
+                let y = (number >> 2 & 3) * SIDE + (slot >> 2 & 3);
+                reaches[Blocks::slot([x, y])] = (low + z * SIDE + (slot >> 4) + 1) as i16;
+            }
+        }
+    }
+    reaches
 }

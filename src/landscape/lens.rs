@@ -90,24 +90,55 @@ impl Lens {
         let direction = self.forward + self.right * off.x + self.down * off.y;
         Ray { origin: self.eye, direction, breadth: [0.0, (self.pixel * share) as f32] }
     }
+}
 
-    /// Whether a ray through the picture between two of its places may meet a box from 0 to `sides`:
-    /// it may not if all of the box is beyond one side of these rays' pyramid.
-    pub fn sees(&self, sides: [u32; 3], low: DVec2, high: DVec2) -> bool {
+/// A box from 0 to its sides, as it is seen from a place.
+pub(super) struct Outline {
+    /// Planes through the eye and edges, beyond which nothing of the box is.
+    planes: Vec<DVec3>,
+    corners: [DVec3; 8],
+}
+
+impl Outline {
+    pub fn new(lens: &Lens, sides: [u32; 3]) -> Outline {
+        let corners: [DVec3; 8] = std::array::from_fn(|i| {
+            let corner = [0, 1, 2].map(|a| f64::from(i as u32 >> a & 1) * f64::from(sides[a]));
+            DVec3::from(corner) - lens.eye
+        });
+        let edges = (0..8).flat_map(|i| (0..3).map(move |a| (i, i | 1 << a)).filter(|(i, j)| i < j));
+        let mut planes = Vec::new();
+        for (i, j) in edges {
+            let normal = corners[i].cross(corners[j]).normalize_or_zero();
+            let off = corners.map(|corner| normal.dot(corner) / corner.length().max(1e-9));
+            /// What rounding may do.
+            const NEAR: f64 = 1e-9;
+            if off.iter().all(|off| *off >= -NEAR) {
+                planes.push(normal);
+            } else if off.iter().all(|off| *off <= NEAR) {
+                planes.push(-normal);
+            }
+        }
+        Outline { planes, corners }
+    }
+
+    /// Whether a ray through the picture between two of its places may meet the box: it may not if
+    /// all of the box is beyond one side of these rays' pyramid, or all of that beyond an edge.
+    pub fn is_seen(&self, lens: &Lens, low: DVec2, high: DVec2) -> bool {
         let mut is_beyond = [true; 4];
-        for i in 0..8u32 {
-            let corner = [0, 1, 2].map(|a| f64::from(i >> a & 1) * f64::from(sides[a]));
-            let v = DVec3::from(corner) - self.eye;
-            let at = DVec2::new(v.dot(self.right), v.dot(self.down)) / (self.pixel * self.pixel);
+        for v in self.corners {
+            let at = DVec2::new(v.dot(lens.right), v.dot(lens.down)) / (lens.pixel * lens.pixel);
             let (least, most) = (
-                at - (low - self.middle) * v.dot(self.forward),
-                at - (high - self.middle) * v.dot(self.forward),
+                at - (low - lens.middle) * v.dot(lens.forward),
+                at - (high - lens.middle) * v.dot(lens.forward),
             );
             let beyond = [least.x < 0.0, least.y < 0.0, most.x > 0.0, most.y > 0.0];
             for (all, this) in is_beyond.iter_mut().zip(beyond) {
                 *all &= this;
             }
         }
-        !is_beyond.contains(&true)
+        let rays = [low, DVec2::new(high.x, low.y), DVec2::new(low.x, high.y), high]
+            .map(|at| lens.ray(at, 1.0).direction);
+        let is_off = |plane: &DVec3| rays.iter().all(|ray| plane.dot(*ray) < -1e-7 * ray.length());
+        !is_beyond.contains(&true) && !self.planes.iter().any(is_off)
     }
 }

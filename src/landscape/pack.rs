@@ -70,8 +70,6 @@ impl Pack {
         let last = [blocks.sides[0], blocks.sides[1]].map(|blocks| blocks * SIDE - 1);
         for l in 0..LANES {
             let is_within = mask(t[l] <= end[l]);
-            // Those that rise, or begin below the surface, are told singly.
-            goes[l] = mask(d[2][l] < 0.0) & is_within;
             past[l] = !is_within;
             let at = |a: usize| {
                 let number = whole((o[a] + d[a][l] * t[l]) * (1.0 / side)).min(last[a]);
@@ -81,6 +79,11 @@ impl Pack {
             let ((col, next_x), (row, next_y)) = (at(0), at(1));
             place[l] = blocks.place([col, row]) as u32;
             (x[l], y[l]) = (next_x, next_y);
+            // Those that rise, or enter where they may be below the surface, are told singly.
+            let enters = o[2] + d[2][l] * t[l];
+            let is_over = mask(t[l] <= 0.0) | mask(enters >= reach[2] - 1e-6);
+            goes[l] = mask(d[2][l] < 0.0) & is_within;
+            over[l] = goes[l] & is_over;
         }
         let row = blocks.row() as u32;
         for _ in 0..MOST_STEPS {

@@ -3,6 +3,7 @@ use glam::{DVec2, DVec3, Vec3};
 use super::brick::{Brick, ISO};
 use super::build::{Detail, Source, Voxel};
 use super::dag::Ref;
+use super::lens::Outline;
 use super::trace::{Hit, Ray, Tracer, What};
 use super::*;
 use crate::seed::{Draws, Seed};
@@ -201,10 +202,11 @@ fn tiles_that_see_nothing_have_no_ray_that_meets_anything() {
         let target = Vec3::new(12.0 + 0.4 * place(), 12.0 + 0.4 * place(), 6.0);
         let camera = crate::render::Camera { eye, target, fov_y_rad: 0.9 };
         let lens = scene.lens(&camera, [64, 64]);
+        let outline = Outline::new(&lens, scene.reach());
         let mut tracer = Tracer::new(&scene);
         for tile in 0..16u32 {
             let low = DVec2::new(f64::from(tile % 4), f64::from(tile / 4)) * 16.0;
-            let is_seen = lens.sees(scene.reach(), low, low + 16.0);
+            let is_seen = outline.is_seen(&lens, low, low + 16.0);
             skipped += u32::from(!is_seen);
             for i in 0..16u32 {
                 let at = low + DVec2::new(f64::from(i % 4), f64::from(i / 4)) * 5.3;
@@ -215,6 +217,22 @@ fn tiles_that_see_nothing_have_no_ray_that_meets_anything() {
         }
     }
     assert!(skipped > 50 && met > 500, "{skipped} tiles skipped, {met} rays met something");
+}
+
+#[test]
+fn tiles_in_the_corners_about_a_turned_box_see_nothing() {
+    let scene = Made::wood(48, 900, 5).built();
+    let lens = scene.lens(&scene.camera(View::Oblique, 1.5), [480, 320]);
+    let outline = Outline::new(&lens, scene.reach());
+    let tiles = (0..20u32).flat_map(|y| (0..30u32).map(move |x| (x, y)));
+    let count = tiles
+        .filter(|(x, y)| {
+            let low = DVec2::new(f64::from(*x), f64::from(*y)) * 16.0;
+            outline.is_seen(&lens, low, low + 16.0)
+        })
+        .count();
+    // The box seen aslant fills about half of what is around it.
+    assert!((150..420).contains(&count), "{count} of 600 tiles");
 }
 
 #[test]

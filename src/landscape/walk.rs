@@ -7,11 +7,9 @@
 //! them is behind. There is progress wherever the ray runs: along an axis, on a face, through a corner.
 //! Columns are passed in f64; in a node, places are in f32 from its corner, 1e-6 voxels fine.
 
-use glam::Vec3A;
-
 use super::Landscape;
-use super::blocks::{BLOCK, Blocks};
-use super::dag::{BITS, Dag, Ref, SIDE};
+use super::blocks::{BLOCK, Blocks, Reaches};
+use super::dag::{BITS, Dag, Ref, SIDE, slot};
 use super::trace::{Hit, Ray};
 
 /// A ray as cells see it.
@@ -80,133 +78,6 @@ pub(super) struct Cell {
     pub fine: i32,
 }
 
-/// A direction among the 4³ children of a node.
-#[derive(Debug, Clone, Copy)]
-struct Near {
-    d: Vec3A,
-    inverse: Vec3A,
-    /// Absolute values of `inverse`.
-    step: Vec3A,
-    /// 1 along axes where the ray rises, else 0.
-    rises: Vec3A,
-    /// What a step along an axis adds to a child's number.
-    stride: [u32; 3],
-}
-
-/// Children by number whose index along x is from one to another; those along y and z follow from
-/// it.
-const BETWEEN: [[u64; 3]; 16] = {
-    let mut table = [[0u64; 3]; 16];
-    let mut pair = 0;
-    while pair < 16 {
-        let (a, b) = (pair as u64 & 3, pair as u64 >> 2);
-        let mut number = 0;
-        while number < 64 {
-            let mut axis = 0;
-            while axis < 3 {
-                let i = number >> (2 * axis) & 3;
-                let is_between = (a <= i && i <= b) || (b <= i && i <= a);
-                table[pair][axis] |= (is_between as u64) << number;
-                axis += 1;
-            }
-            number += 1;
-        }
-        pair += 1;
-    }
-    table
-};
-
-impl Near {
-    #[inline(always)]
-    fn new(way: &Way) -> Near {
-        let single = |v: [f64; 3]| Vec3A::new(v[0] as f32, v[1] as f32, v[2] as f32);
-        let (d, inverse) = (single(way.d), single(way.inverse));
-        let is_rising = d.cmpgt(Vec3A::ZERO);
-        let rising = is_rising.bitmask();
-        // 1, or all bits for −1.
-        let one = |axis: u32| ((rising >> axis & 1) << 1).wrapping_sub(1);
-        Near {
-            d,
-            inverse,
-            step: inverse.abs(),
-            rises: Vec3A::select(is_rising, Vec3A::ONE, Vec3A::ZERO),
-            stride: [one(0), one(1) << BITS, one(2) << (2 * BITS)],
-        }
-    }
-
-    /// The children under `mask` that the ray passes from `p` over `length` of its direction's lengths,
-    /// both in sides of a child, until `visit` has something to give. It is told a child's number, and
-    /// from where to where the ray is within.
-    #[inline(always)]
-    fn pass<T>(
-        &self,
-        mask: u64,
-        p: Vec3A,
-        length: f32,
-        mut visit: impl FnMut(u32, f32, f32) -> Option<T>,
-    ) -> Option<T> {
-        let (near, far) = (scaled(p), scaled(p + self.d * length));
-        let (first, last) = (near.to_array().map(index), far.to_array().map(index));
-        let x = BETWEEN[(first[0] | last[0] << 2) as usize][0];
-        let y = BETWEEN[(first[1] | last[1] << 2) as usize][1];
-        let z = BETWEEN[(first[2] | last[2] << 2) as usize][2];
-        let mut left = mask & x & y & z;
-        if left == 0 {
-            return None;
-        }
-        let low = near.to_array().map(|v| f32::from_bits(v.to_bits() & !0x001f_ffff));
-        let low = (Vec3A::from(low) - 1.0) * SIDE as f32;
-        let mut next = ((low + self.rises - p) * self.inverse).to_array();
-        let step = self.step.to_array();
-        // No steps past the last.
-        let mut steps =
-            [first[0].abs_diff(last[0]), first[1].abs_diff(last[1]), first[2].abs_diff(last[2])];
-        for a in 0..3 {
-            next[a] = if steps[a] == 0 { f32::INFINITY } else { next[a] };
-        }
-        let mut number = first[0] | first[1] << 2 | first[2] << 4;
-        let mut t = 0.0f32;
-        loop {
-            let (axis, out) = least(next);
-            let bit = 1u64 << (number & 63);
-            if left & bit != 0 {
-                left ^= bit;
-                if let Some(met) = visit(number, t, out.min(length).max(t)) {
-                    return Some(met);
-                }
-                if left == 0 {
-                    return None;
-                }
-            }
-            if out == f32::INFINITY {
-                return None;
-            }
-            t = t.max(out);
-            number = number.wrapping_add(self.stride[axis]);
-            steps[axis] -= 1;
-            next[axis] = if steps[axis] == 0 { f32::INFINITY } else { out + step[axis] };
-        }
-    }
-}
-
-#[inline(always)]
-fn least([x, y, z]: [f32; 3]) -> (usize, f32) {
-    let (axis, least) = if y < x { (1, y) } else { (0, x) };
-    if z < least { (2, z) } else { (axis, least) }
-}
-
-/// Numbers of 0…4 as 1…2, where the first two bits after the point are those of the whole number.
-#[inline(always)]
-fn scaled(p: Vec3A) -> Vec3A {
-    let most = Vec3A::splat(1.999_999_9);
-    (p * 0.25 + 1.0).max(Vec3A::ONE).min(most)
-}
-
-#[inline(always)]
-fn index(scaled: f32) -> u32 {
-    scaled.to_bits() >> 21 & 3
-}
-
 /// The whole number below 0 ≤ `v` < 2¹⁷, by the bits of 2¹⁷ + `v`.
 #[inline(always)]
 pub(super) fn whole(v: f64) -> u32 {
@@ -243,16 +114,15 @@ impl Columns {
 
 /// From where to where, of a ray from `t` to `out`, it is under a height of so many bricks.
 #[inline(always)]
-fn under(way: &Way, bricks: i16, t: f64, out: f64) -> Option<[f64; 2]> {
+fn under<const RISES: bool>(way: &Way, bricks: i16, t: f64, out: f64) -> Option<[f64; 2]> {
     let top = f64::from(i32::from(bricks) * SIDE as i32);
     let passes = (top - way.o[2]) * way.inverse[2];
-    let span = if way.d[2] < 0.0 { [greater(t, passes), out] } else { [t, lesser(out, passes)] };
+    let span = if RISES { [t, lesser(out, passes)] } else { [greater(t, passes), out] };
     (span[0] <= span[1]).then_some(span)
 }
 
 /// Side of a block's children in voxels, and of theirs.
 pub(super) const COARSE: u32 = 1 << (2 * BITS);
-const FINE: f32 = SIDE as f32;
 
 /// Columns that a ray passes over before it looks whether it passes over a whole block.
 const PATIENCE: u32 = 8;
@@ -267,7 +137,11 @@ impl Begin {
     /// Between `from` and `to`, if it comes under anything there.
     #[inline(always)]
     pub fn new(blocks: &Blocks, way: &Way, [from, to]: [f64; 2]) -> Option<Begin> {
-        let span = under(way, blocks.top, from, to)?;
+        let span = if way.d[2] > 0.0 {
+            under::<true>(way, blocks.top, from, to)?
+        } else {
+            under::<false>(way, blocks.top, from, to)?
+        };
         Some(Begin { span, columns: Columns::new(blocks, way, span[0]) })
     }
 }
@@ -277,14 +151,28 @@ impl Begin {
 pub(super) fn walk(
     scene: &Landscape,
     way: &Way,
+    begin: Begin,
+    meet: impl FnMut(&Cell) -> Option<Hit>,
+) -> Option<Hit> {
+    // Two ways, so that neither asks at every step.
+    if way.d[2] > 0.0 {
+        walk_to::<true>(scene, way, begin, meet)
+    } else {
+        walk_to::<false>(scene, way, begin, meet)
+    }
+}
+
+/// As [`walk`] where it rises, or where it falls.
+#[inline(always)]
+fn walk_to<const RISES: bool>(
+    scene: &Landscape,
+    way: &Way,
     Begin { span: [mut t, end], mut columns }: Begin,
     mut meet: impl FnMut(&Cell) -> Option<Hit>,
 ) -> Option<Hit> {
     let (blocks, dag) = (&scene.blocks, &scene.dag);
-    let Way { o, d, inverse, .. } = way;
-    let near = Near::new(way);
+    let Way { d, inverse, .. } = way;
     let side = f64::from(COARSE);
-    let rises = u32::from(d[2] > 0.0);
     let (step_x, step_y) = (side * inverse[0].abs(), side * inverse[1].abs());
     let one = |axis: usize| if d[axis] > 0.0 { 1 } else { usize::MAX };
     let (next_x, next_y) = (one(0), one(1).wrapping_mul(blocks.row()));
@@ -292,36 +180,10 @@ pub(super) fn walk(
     loop {
         let Columns { place, x, y } = columns;
         let out = greater(lesser(lesser(x, y), end), t);
-        if let Some([mut t, out]) = under(way, blocks.over(place), t, out) {
+        if let Some(span) = under::<RISES>(way, blocks.over(place), t, out) {
             passed = 0;
-            let at = blocks.at(place);
-            let stack = blocks.stack([at[0] / SIDE, at[1] / SIDE]);
-            let flat = (at[0] & 3) | (at[1] & 3) << 2;
-            let mut layer = whole((o[2] + d[2] * t) * (1.0 / side));
-            layer = layer.min(stack.len() as u32 * SIDE - 1);
-            while let Some(&block) = stack.get((layer / SIDE) as usize) {
-                let face = f64::from((layer + rises) as i32) * side;
-                let leave = greater((face - o[2]) * inverse[2], t);
-                if block != 0 {
-                    let block = Ref(block).index();
-                    let (mask, number) = (dag.mask(block), flat | (layer & 3) << 4);
-                    if mask >> number & 1 != 0 {
-                        let node = Node {
-                            child: dag.nth(block, mask, number),
-                            around: (mask, number),
-                            low: [at[0] * COARSE, at[1] * COARSE, layer * COARSE],
-                        };
-                        let span = [t, lesser(leave, out)];
-                        if let Some(hit) = node.pass(dag, (way, &near), span, &mut meet) {
-                            return Some(hit);
-                        }
-                    }
-                }
-                if leave >= out {
-                    break;
-                }
-                t = leave;
-                layer = layer.wrapping_add((rises * 2).wrapping_sub(1));
+            if let Some(hit) = Column::of(blocks, place).pass::<RISES>(dag, way, span, &mut meet) {
+                return Some(hit);
             }
         } else {
             passed += 1;
@@ -336,7 +198,7 @@ pub(super) fn walk(
         columns.y = y + f64::from_bits(step_y.to_bits() & !is_x);
         columns.place = place.wrapping_add(next_y ^ ((next_x ^ next_y) & is_x as usize));
         if passed >= PATIENCE {
-            let far = over_blocks(blocks, way, t, end);
+            let far = over_blocks::<RISES>(blocks, way, t, end);
             if far > t {
                 t = far;
                 columns = Columns::new(blocks, way, t);
@@ -348,60 +210,194 @@ pub(super) fn walk(
 
 /// How far a ray that is at `t` passes over whole blocks.
 #[inline(never)]
-fn over_blocks(blocks: &Blocks, way: &Way, mut t: f64, end: f64) -> f64 {
+fn over_blocks<const RISES: bool>(blocks: &Blocks, way: &Way, mut t: f64, end: f64) -> f64 {
     loop {
         let side = f64::from(BLOCK);
         let (x, next_x) = among(way, 0, t, side, blocks.sides[0] - 1);
         let (y, next_y) = among(way, 1, t, side, blocks.sides[1] - 1);
         let out = lesser(lesser(next_x, next_y), end);
-        if out <= t || under(way, blocks.highest([x, y]), t, out).is_some() {
+        if out <= t || under::<RISES>(way, blocks.highest([x, y]), t, out).is_some() {
             return t;
         }
         t = out;
     }
 }
 
+/// A column of the children of blocks.
+pub(super) struct Column<'a> {
+    /// Its place among the others.
+    at: [u32; 2],
+    /// The blocks it is in.
+    stack: &'a [u32],
+    /// Bricks up to which anything reaches, by column of bricks of these.
+    reaches: &'a Reaches,
+}
+
 /// A child of a block.
+#[derive(Clone, Copy)]
 struct Node {
     child: Ref,
     around: (u64, u32),
-    low: [u32; 3],
+    /// Which of its children there are.
+    mask: u64,
 }
 
-impl Node {
+impl<'a> Column<'a> {
+    /// The column with a number that [`Blocks::place`] gives.
+    #[inline(always)]
+    fn of(blocks: &'a Blocks, place: usize) -> Column<'a> {
+        Column::at(blocks, blocks.at(place))
+    }
+
+    #[inline(always)]
+    pub fn at(blocks: &'a Blocks, at: [u32; 2]) -> Column<'a> {
+        let (stack, reaches) = blocks.stack(at.map(|i| i / SIDE));
+        Column { at, stack, reaches }
+    }
+
+    /// The child of a block that is so many of them above the floor.
+    #[inline(always)]
+    fn node(&self, dag: &Dag, layer: u32) -> Option<Node> {
+        let block = self.stack.get((layer / SIDE) as usize).copied().filter(|block| *block != 0)?;
+        let block = Ref(block).index();
+        let (mask, number) = (dag.mask(block), slot(self.at[0], self.at[1], layer));
+        if mask >> number & 1 == 0 {
+            return None;
+        }
+        let child = dag.nth(block, mask, number);
+        Some(Node { child, around: (mask, number), mask: dag.mask(child.index()) })
+    }
+
     /// Takes a ray through it.
     #[inline(always)]
-    fn pass(
+    fn pass<const RISES: bool>(
         &self,
         dag: &Dag,
-        (way, near): (&Way, &Near),
-        [start, out]: [f64; 2],
+        way: &Way,
+        [mut t, out]: [f64; 2],
         meet: &mut impl FnMut(&Cell) -> Option<Hit>,
     ) -> Option<Hit> {
-        let Way { o, d, .. } = way;
-        let Node { child, around, low } = *self;
-        let fine = way.fine(start as f32);
-        if 2 * BITS as i32 <= fine {
-            return meet(&Cell { low, bits: 2 * BITS, child, around, span: [start, out], fine });
+        if way.fine(t as f32) >= 2 * BITS as i32 {
+            return self.pass_nodes::<RISES>(dag, way, [t, out], meet);
         }
-        let corner = |a: usize| f64::from(low[a] as i32);
-        let p = Vec3A::new(
-            (o[0] + d[0] * start - corner(0)) as f32,
-            (o[1] + d[1] * start - corner(1)) as f32,
-            (o[2] + d[2] * start - corner(2)) as f32,
-        );
-        let mask = dag.mask(child.index());
-        let length = (out - start) as f32 * (1.0 / FINE);
-        near.pass(mask, p * (1.0 / FINE), length, |number, from, to| {
-            let at = [number & 3, number >> 2 & 3, number >> 4 & 3];
-            meet(&Cell {
-                low: [0, 1, 2].map(|a: usize| low[a] + (at[a] << BITS)),
-                bits: BITS,
-                child: dag.nth(child.index(), mask, number),
-                around: (mask, number),
-                span: [start + f64::from(from * FINE), start + f64::from(to * FINE)],
-                fine: way.fine(start as f32 + from * FINE),
-            })
-        })
+        let Way { o, d, inverse, .. } = way;
+        let side = f64::from(SIDE);
+        let among = |a: usize| {
+            let first = self.at[a] * SIDE;
+            let number = whole((o[a] + d[a] * t) * (1.0 / side)).clamp(first, first + SIDE - 1);
+            let face = f64::from((number + u32::from(d[a] > 0.0)) as i32) * side;
+            (number, (face - o[a]) * inverse[a])
+        };
+        let ((mut col, mut x), (mut row, mut y)) = (among(0), among(1));
+        let one = |axis: usize| if d[axis] > 0.0 { 1 } else { u32::MAX };
+        loop {
+            let leave = greater(lesser(lesser(x, y), out), t);
+            let top = self.reaches[Blocks::slot([col, row])];
+            if let Some(span) = under::<RISES>(way, top, t, leave)
+                && let Some(hit) =
+                    self.pass_bricks::<RISES>(dag, way, ([col, row], top), span, meet)
+            {
+                return Some(hit);
+            }
+            if leave >= out {
+                return None;
+            }
+            t = leave;
+            if x <= y {
+                x += side * inverse[0].abs();
+                col = col.wrapping_add(one(0));
+            } else {
+                y += side * inverse[1].abs();
+                row = row.wrapping_add(one(1));
+            }
+            if [col / SIDE, row / SIDE] != self.at {
+                return None;
+            }
+        }
+    }
+
+    /// Takes a ray through a column of bricks that reaches up to `top`.
+    #[inline(always)]
+    pub fn pass_bricks<const RISES: bool>(
+        &self,
+        dag: &Dag,
+        way: &Way,
+        ([col, row], top): ([u32; 2], i16),
+        [t, out]: [f64; 2],
+        meet: &mut impl FnMut(&Cell) -> Option<Hit>,
+    ) -> Option<Hit> {
+        let Way { o, d, inverse, .. } = way;
+        let side = f64::from(SIDE);
+        let most = (i32::from(top) - 1) as u32;
+        let layer = |t: f64| whole((o[2] + d[2] * t) * (1.0 / side)).min(most);
+        let (mut from, to) = (layer(t), layer(out));
+        let flat = slot(col, row, 0);
+        loop {
+            let high = from / SIDE;
+            let is_last = high == to / SIDE;
+            if let Some(node) = self.node(dag, high) {
+                let last = if is_last { to & 3 } else if RISES { 3 } else { 0 };
+                let (low, top) = if RISES { (from & 3, last) } else { (last, from & 3) };
+                let between = (u64::MAX << (16 * low)) & (u64::MAX >> (48 - 16 * top));
+                let mut left = node.mask >> flat & 0x0001_0001_0001_0001 & between;
+                while left != 0 {
+                    let bit = if RISES { left.trailing_zeros() } else { 63 - left.leading_zeros() };
+                    left ^= 1 << bit;
+                    let number = flat | bit;
+                    let z = high * SIDE + (bit >> 4);
+                    let faces = [z + u32::from(!RISES), z + u32::from(RISES)]
+                        .map(|face| (f64::from(face as i32) * side - o[2]) * inverse[2]);
+                    let start = greater(t, faces[0]);
+                    let cell = Cell {
+                        low: [col * SIDE, row * SIDE, z * SIDE],
+                        bits: BITS,
+                        child: dag.nth(node.child.index(), node.mask, number),
+                        around: (node.mask, number),
+                        span: [start, greater(start, lesser(out, faces[1]))],
+                        fine: way.fine(start as f32),
+                    };
+                    if let Some(hit) = meet(&cell) {
+                        return Some(hit);
+                    }
+                }
+            }
+            if is_last {
+                return None;
+            }
+            from = if RISES { (high + 1) * SIDE } else { high * SIDE - 1 };
+        }
+    }
+
+    /// Takes a ray through it that is as broad as its nodes.
+    #[inline(never)]
+    fn pass_nodes<const RISES: bool>(
+        &self,
+        dag: &Dag,
+        way: &Way,
+        [mut t, out]: [f64; 2],
+        meet: &mut impl FnMut(&Cell) -> Option<Hit>,
+    ) -> Option<Hit> {
+        let Way { o, d, inverse, .. } = way;
+        let side = f64::from(COARSE);
+        let mut layer = whole((o[2] + d[2] * t) * (1.0 / side));
+        layer = layer.min(self.stack.len() as u32 * SIDE - 1);
+        while layer < self.stack.len() as u32 * SIDE {
+            let face = f64::from((layer + u32::from(RISES)) as i32) * side;
+            let leave = greater((face - o[2]) * inverse[2], t);
+            if let Some(Node { child, around, .. }) = self.node(dag, layer) {
+                let low = [self.at[0] * COARSE, self.at[1] * COARSE, layer * COARSE];
+                let (span, fine) = ([t, lesser(leave, out)], way.fine(t as f32));
+                let hit = meet(&Cell { low, bits: 2 * BITS, child, around, span, fine });
+                if hit.is_some() {
+                    return hit;
+                }
+            }
+            if leave >= out {
+                break;
+            }
+            t = leave;
+            layer = if RISES { layer + 1 } else { layer.wrapping_sub(1) };
+        }
+        None
     }
 }
