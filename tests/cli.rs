@@ -246,6 +246,23 @@ fn unknown_species_and_unwritable_folders_are_refused_before_work() {
     refused(&["demo", "-o", &format!("{file}/demo")], &["file", "help:"]);
 }
 
+/// As a full disk or a limit of the user's does.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_file_that_may_not_grow_is_told_and_nothing_stays() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), "tree.glb", "old");
+    let before = contents(dir.path());
+    let program = assert_cmd::cargo::cargo_bin("larix");
+    let limited =
+        "ulimit -f 64 && exec \"$0\" tree betula_pendula --texture 512 --no-cache -o \"$1\"";
+    let tree = dir.path().join("tree.glb");
+    let run = Command::new("sh").args(["-c", limited]).args([&program, &tree]).output().unwrap();
+    let told = text(&run.stderr);
+    assert!(!run.status.success() && told.contains("ulimit -f"), "{}: {told}", run.status);
+    assert_eq!(contents(dir.path()), before);
+}
+
 #[test]
 fn folders_that_are_missing_are_made_and_told() {
     let dir = tempfile::tempdir().unwrap();

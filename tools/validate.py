@@ -45,6 +45,10 @@ ROOT_TOLERANCE_M = 0.5
 OFF_TERRAIN_M = 2.0
 BOUNDS_TOLERANCE_M = 1e-3
 OUTLINE_TOLERANCE_M = 1.0
+PHOTO_TOLERANCE_PX = 0.1
+PHOTO_BORDER_PX = 16
+"""Of 255, at most and on average, by the coding of both."""
+PHOTO_LEVELS = {"PNG": (1, 0.1), "JPEG": (4, 0.5), "WEBP": (60, 6)}
 """Larger files are not given to readers that hold them several times over."""
 MOST_KHRONOS_BYTES = 2**31
 MOST_TRIMESH_BYTES = 2**30
@@ -1179,6 +1183,88 @@ def check_squares(report, paths, scenes):
     report.check(f"{len(paths)} parts keep to their squares", faults)
 
 
+@dataclass
+class Photo:
+    """The terrain's picture in a file, and where its vertices have it, in pixels from the top left."""
+
+    pixels: np.ndarray
+    coding: str
+    index: np.ndarray
+    """Vertices by their place in the scene, for all files alike."""
+    places: list
+    shown: np.ndarray
+
+    def sample(self, at):
+        """As readers draw it: between the middles of pixels, held at the edges."""
+        most = np.array(self.pixels.shape[1::-1]) - 1
+        at = np.clip(at - 0.5, 0, most)
+        low = np.floor(at).astype(int)
+        high, (u, v) = np.minimum(low + 1, most), (at - low).T[:, :, None]
+        row = lambda y: self.pixels[y, low[:, 0]] * (1 - u) + self.pixels[y, high[:, 0]] * u
+        return row(low[:, 1]) * (1 - v) + row(high[:, 1]) * v
+
+
+def terrain_photo(path):
+    """`None` where there is no terrain or no picture on it."""
+    document, binary = read_gltf(path)
+    scene = gltf_scene(document, binary)
+    nodes = [node for node in document["nodes"] if node["name"] == "terrain" and "mesh" in node]
+    if not nodes:
+        return None
+    material = document["materials"][document["meshes"][nodes[0]["mesh"]]["primitives"][0]["material"]]
+    reference = material["pbrMetallicRoughness"].get("baseColorTexture")
+    if reference is None:
+        return None
+    texture = document["textures"][reference["index"]]
+    source = texture.get("extensions", {}).get("EXT_texture_webp", texture)["source"]
+    data = list(gltf_pictures(path, document, binary).values())[source]
+    with Image.open(io.BytesIO(data)) as image:
+        pixels, coding = np.asarray(image.convert("RGB"), np.float32), image.format
+    (number, matrix), = ((number, matrix) for number, matrix in scene.drawn if number in scene.terrain)
+    mesh = scene.meshes[number]
+    transform = reference.get("extensions", {}).get("KHR_texture_transform", {})
+    uv = mesh.uv.astype(float) * transform.get("scale", (1, 1)) + transform.get("offset", (0, 0))
+    points = (mesh.points.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32) + np.float32(0)
+    return Photo(pixels, coding, mesh.index, [point.tobytes() for point in points], uv * pixels.shape[1::-1])
+
+
+def check_photos(report, paths, whole):
+    """Parts of a terrain show what the whole shows; those that have a crop of its picture have a border about it."""
+    expected = terrain_photo(whole)
+    if expected is None:
+        return
+    at = dict(zip(expected.places, expected.shown))
+    size = np.array(expected.pixels.shape[1::-1])
+    faults, pixels, worst = [], 0, 0.0
+    for path in paths:
+        photo = terrain_photo(path)
+        if photo is None:
+            continue
+        own_size = np.array(photo.pixels.shape[1::-1])
+        pixels += own_size.prod()
+        of_whole = np.array([at.get(place, (np.nan, np.nan)) for place in photo.places])
+        corner = np.round(np.nanmedian(of_whole - photo.shown, axis=0))
+        off = np.abs(photo.shown + corner - of_whole).max()
+        if not off <= PHOTO_TOLERANCE_PX or (corner < 0).any() or (corner + own_size > size).any():
+            faults.append(f"{path.name} shows other places of the picture, by {off:.2f} pixels")
+            continue
+        low, high = photo.shown.min(0), own_size - photo.shown.max(0)
+        bare = ((low < PHOTO_BORDER_PX) & (corner > 0)) | ((high < PHOTO_BORDER_PX) & (corner + own_size < size))
+        if bare.any():
+            faults.append(f"{path.name} has no border about its crop")
+        middles = photo.shown[photo.index].reshape(-1, 3, 2).mean(1)
+        apart = np.abs(photo.sample(middles) - expected.sample(middles + corner))
+        worst = max(worst, apart.max())
+        most, mean = PHOTO_LEVELS[photo.coding]
+        if not (apart.max() <= most and apart.mean() <= mean):
+            faults.append(f"{path.name} has other colours, by {apart.mean():.2f} levels, {apart.max():.0f} at most")
+    report.check(
+        f"{len(paths)} parts show the photo of the whole",
+        faults,
+        f"{pixels / size.prod():.2f} times its pixels, colours off by {worst:.0f} levels at most",
+    )
+
+
 def check_parts(report, paths, whole):
     """Whether files are, together, what one file is."""
     scenes = [without_trees(check_file(report, path)) for path in [*paths, whole]]
@@ -1193,6 +1279,7 @@ def check_parts(report, paths, whole):
     check_standing(report, label, together)
     check_agreement(report, whole.name, scenes[-1], label, together, repeats_models=True)
     report.check(f"{label} have the terrain of the whole, without a seam", terrain_differences(scenes[-1], together))
+    check_photos(report, paths, whole)
 
 
 # Seeded defects
@@ -1425,20 +1512,61 @@ def parts_defects():
     def move_origin(parts):
         parts[of_trees(parts)[0]][0]["asset"]["extras"]["origin"][0] += 0.001
 
-    def corner_of_terrain(attribute, by):
+    def all_of_terrain(attribute, by):
         def change(parts):
             document, binary = parts[of_terrain(parts)[0]]
             primitive = next(mesh for mesh in document["meshes"] if mesh["name"] == "terrain")["primitives"][0]
             numbers = accessor_array(document, binary, primitive["attributes"][attribute])
-            numbers[0] = by(numbers[0])
+            numbers[:] = by(numbers)
 
         return change
+
+    def corner_of_terrain(attribute, by):
+        return all_of_terrain(attribute, lambda numbers: np.concatenate([[by(numbers[0])], numbers[1:]]))
 
     def tilted(normal):
         normal = normal + np.float32([0.01, 0, 0])
         return normal / np.linalg.norm(normal)
 
+    def photo_of(parts):
+        """The picture of a part of the terrain, and what puts another in its place."""
+        path = of_terrain(parts)[0]
+        document, binary = parts[path]
+        picture = document["images"][0]
+        image = Image.open(io.BytesIO(gltf_pictures(path, document, bytes(binary))[picture["name"]]))
+
+        def put(other):
+            coded = io.BytesIO()
+            other.save(coded, image.format)
+            coded = coded.getvalue()
+            document["bufferViews"][picture["bufferView"]].update(byteOffset=len(binary), byteLength=len(coded))
+            binary.extend(coded + bytes(-len(coded) % 4))
+            document["buffers"][0]["byteLength"] = len(binary)
+
+        return image, put
+
+    def darken_photo(parts):
+        image, put = photo_of(parts)
+        put(Image.eval(image, lambda level: level * 9 // 10))
+
+    def crop_closely(parts):
+        """Without the border: what is shown fills the picture."""
+        image, put = photo_of(parts)
+
+        def closer(uv):
+            low, high = np.floor(uv.min(0) * image.size), np.ceil(uv.max(0) * image.size)
+            put_later.append(image.crop([*map(int, low), *map(int, high)]))
+            return (uv * image.size - low) / (high - low)
+
+        put_later = []
+        all_of_terrain("TEXCOORD_0", closer)(parts)
+        put(put_later[0])
+
+    photo = "show the photo of the whole"
     return {
+        "a photo that has slid": (photo, all_of_terrain("TEXCOORD_0", lambda uv: uv + np.float32([0.002, 0]))),
+        "a darker photo": (photo, darken_photo),
+        "a photo without a border": (photo, crop_closely),
         "a part of trees missing": (": trees", lose(of_trees)),
         "a part of the terrain missing": ("without a seam", lose(of_terrain)),
         "a tree in two parts": ("parts every tree has an id of its own", put_twice),
@@ -1455,7 +1583,10 @@ def parts_self_test(report, paths, whole):
     report.check("self-test: the parts as they are", sound.failed, f"{sound.checks} checks pass")
     if sound.failed:
         return
+    is_cut = any("_terrain_x" in path.name for path in paths)
     for defect, (expected, change) in parts_defects().items():
+        if "border" in defect and not is_cut:
+            continue
         with tempfile.TemporaryDirectory() as folder:
             parts = {}
             for path in paths:

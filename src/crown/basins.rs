@@ -75,16 +75,14 @@ pub(super) fn find(canopy: &Canopy, min_height_m: f32) -> Basins {
     let g = canopy.geometry;
     let height_m = |i: usize| raw.data[i].min(canopy.data[i]);
     // The neighbour that each cell joins; itself at a top; `NONE` where bare.
-    let joins: Vec<u32> = (0..g.len())
-        .into_par_iter()
-        .map(|i| {
-            if height_m(i) < min_height_m {
-                NONE
-            } else {
-                steepest(canopy, height_m, min_height_m, i)
+    let mut joins = vec![NONE; g.len()];
+    joins.par_chunks_mut(g.cols).enumerate().for_each(|(row, joins)| {
+        for (col, to) in joins.iter_mut().enumerate() {
+            if height_m(g.index(col, row)) >= min_height_m {
+                *to = steepest(canopy, height_m, min_height_m, col, row);
             }
-        })
-        .collect();
+        }
+    });
     let mut top: Vec<u32> =
         (0..g.len() as u32).into_par_iter().filter(|&i| joins[i as usize] == i).collect();
     top.par_sort_unstable_by(|&a, &b| {
@@ -118,10 +116,11 @@ fn steepest(
     canopy: &Grid<f32>,
     height_m: impl Fn(usize) -> f32,
     min_height_m: f32,
-    i: usize,
+    c: usize,
+    r: usize,
 ) -> u32 {
     let g = canopy.geometry;
-    let (c, r) = (i % g.cols, i / g.cols);
+    let i = g.index(c, r);
     let h = canopy.data[i];
     let (mut steepest, mut to) = (f32::NEG_INFINITY, i);
     let (from, end) = (c.saturating_sub(1), (c + 2).min(g.cols));
@@ -158,11 +157,11 @@ fn extents(canopy: &Grid<f32>, of_cell: &[u32], top: &[u32]) -> Vec<Extent> {
             border_height: 0.0,
         })
         .collect();
-    for (i, &basin) in of_cell.iter().enumerate() {
+    let cells = (0..g.rows).flat_map(|r| (0..g.cols).map(move |c| (c, r)));
+    for ((c, r), (i, &basin)) in cells.zip(of_cell.iter().enumerate()) {
         if basin == NONE {
             continue;
         }
-        let (c, r) = (i % g.cols, i / g.cols);
         let (x, y, h) = (c as f64, r as f64, canopy.data[i]);
         let e = &mut extent[basin as usize];
         e.cells += 1.0;

@@ -8,19 +8,13 @@
 //! et al. 2014) take the median of their neighbourhood; empty cells take the mean of filled
 //! neighbours, a ring at a time. Known limit: gaps narrower than three cells are closed with them.
 
-use std::ops::Range;
-
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::voids::{UNKNOWN, fill_pits, fill_voids, grow};
 use crate::frame::bounds;
 use crate::raster::{Grid, GridGeometry, floor, scatter};
 
-/// Rings of empty cells that are filled from their neighbours; cells farther out are bare.
-const FILL_RINGS: usize = 3;
-/// A cell this far below the median of its neighbours is a pit, metres and part of the median.
-const PIT_DEPTH_M: f32 = 1.0;
-const PIT_DEPTH_RELATIVE: f32 = 0.1;
 /// Kernel: standard deviation, metres, at no height and its growth per metre of height.
 const KERNEL_BASE_M: f32 = 0.35;
 const KERNEL_PER_M: f32 = 0.006;
@@ -143,143 +137,6 @@ fn on_grid(
     let smooth = smoothed(&top);
     top.data.par_iter_mut().for_each(|h| *h = h.max(0.0));
     Canopy { top, smooth }
-}
-
-/// The height of a cell in which, and about which, nothing was seen.
-const UNKNOWN: f32 = f32::NEG_INFINITY;
-
-/// Calls `f` with the numbers of the up to 8 neighbours of a cell.
-fn for_neighbours(g: &GridGeometry, i: usize, mut f: impl FnMut(usize)) {
-    let (col, row) = (i % g.cols, i / g.cols);
-    for r in row.saturating_sub(1)..=(row + 1).min(g.rows - 1) {
-        for c in col.saturating_sub(1)..=(col + 1).min(g.cols - 1) {
-            if (c, r) != (col, row) {
-                f(g.index(c, r));
-            }
-        }
-    }
-}
-
-/// Fills gaps among known cells. What is grown beyond the edge of all that is known is taken back
-/// (a closing), so that the edge of a scan is where its points end, however large the grid is.
-fn fill_voids(grid: &mut Grid<f32>) {
-    let mut filled = grow(grid, FILL_RINGS);
-    let mut is_filled = vec![false; grid.data.len()];
-    filled.iter().for_each(|&i| is_filled[i as usize] = true);
-    for _ in 0..FILL_RINGS {
-        let outer: Vec<u32> = (filled.par_iter().copied())
-            .filter(|&i| {
-                let mut known = 0;
-                for_neighbours(&grid.geometry, i as usize, |n| {
-                    known += usize::from(grid.data[n] > UNKNOWN);
-                });
-                known < 8
-            })
-            .collect();
-        if outer.is_empty() {
-            break;
-        }
-        for &i in &outer {
-            grid.data[i as usize] = UNKNOWN;
-            is_filled[i as usize] = false;
-        }
-        filled.retain(|&i| is_filled[i as usize]);
-    }
-}
-
-/// Gives unknown cells the mean of their known neighbours, where these are at least three, a ring at
-/// a time; gives the numbers of these cells.
-fn grow(grid: &mut Grid<f32>, rings: usize) -> Vec<u32> {
-    let g = grid.geometry;
-    let is_unknown = |i: &u32| grid.data[*i as usize] == UNKNOWN;
-    let mut open: Vec<u32> = (0..g.len() as u32).into_par_iter().filter(is_unknown).collect();
-    // Those that are looked at next.
-    let mut is_open = vec![false; if open.is_empty() { 0 } else { g.len() }];
-    let mut all = Vec::new();
-    for _ in 0..rings {
-        let filled: Vec<(u32, f32)> = open
-            .par_iter()
-            .filter_map(|&i| {
-                let (mut sum, mut n) = (0.0, 0);
-                for_neighbours(&g, i as usize, |near| {
-                    let h = grid.data[near];
-                    if h > UNKNOWN {
-                        sum += h;
-                        n += 1;
-                    }
-                });
-                (n >= 3).then(|| (i, sum / n as f32))
-            })
-            .collect();
-        if filled.is_empty() {
-            break;
-        }
-        for &(i, h) in &filled {
-            grid.data[i as usize] = h;
-        }
-        // Only beside what is new can another have become surrounded.
-        open.clear();
-        for &(i, _) in &filled {
-            for_neighbours(&g, i as usize, |n| {
-                if grid.data[n] == UNKNOWN && !is_open[n] {
-                    is_open[n] = true;
-                    open.push(n as u32);
-                }
-            });
-        }
-        open.iter().for_each(|&i| is_open[i as usize] = false);
-        all.extend(filled.into_iter().map(|(i, _)| i));
-    }
-    all
-}
-
-fn fill_pits(grid: &mut Grid<f32>) {
-    let g = grid.geometry;
-    let mut raised = grid.data.clone();
-    let line = |row: usize| &grid.data[row * g.cols..(row + 1) * g.cols];
-    raised.par_chunks_mut(g.cols).enumerate().for_each_init(Vec::new, |higher, (row, out)| {
-        // Neighbours higher by the least depth of a pit: few cells have enough.
-        higher.clear();
-        higher.resize(g.cols, 0u8);
-        let own = line(row);
-        for r in row.saturating_sub(1)..=(row + 1).min(g.rows - 1) {
-            let mut count = |to: Range<usize>, from: &[f32]| {
-                for ((n, h), v) in higher[to.clone()].iter_mut().zip(&own[to]).zip(from) {
-                    *n += u8::from(v - PIT_DEPTH_M > *h);
-                }
-            };
-            count(0..g.cols, line(r));
-            count(0..g.cols - 1, &line(r)[1..]);
-            count(1..g.cols, &line(r)[..g.cols - 1]);
-        }
-        for (col, out) in out.iter_mut().enumerate() {
-            // Even five neighbours have three from the median up.
-            if higher[col] < 3 {
-                continue;
-            }
-            let h = *out;
-            if h == UNKNOWN {
-                continue;
-            }
-            let mut around = [0.0f32; 8];
-            let mut n = 0;
-            for_neighbours(&g, row * g.cols + col, |i| {
-                if grid.data[i] > UNKNOWN {
-                    around[n] = grid.data[i];
-                    n += 1;
-                }
-            });
-            if n < 5 {
-                continue;
-            }
-            around[..n].sort_unstable_by(f32::total_cmp);
-            let median = around[n / 2];
-            if h < median - PIT_DEPTH_M - PIT_DEPTH_RELATIVE * median {
-                *out = median;
-            }
-        }
-    });
-    grid.data = raised;
 }
 
 /// Each cell from the Gaussian whose width fits its height, linear between precomputed levels. Beyond

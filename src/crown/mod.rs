@@ -16,6 +16,7 @@ mod measure;
 mod outline;
 #[cfg(test)]
 mod tests;
+mod voids;
 
 use std::collections::BTreeSet;
 

@@ -25,6 +25,7 @@ pub struct Staged {
     paths: BTreeSet<PathBuf>,
     /// Written, and where to.
     written: Vec<(PathBuf, PathBuf)>,
+    bytes: u64,
     /// Those of each folder that is written to. Dropped before the folders, which must be empty to
     /// go.
     scratch: BTreeMap<PathBuf, Scratch>,
@@ -40,6 +41,7 @@ impl Staged {
             dir: dir.into(),
             paths: BTreeSet::new(),
             written: Vec::new(),
+            bytes: 0,
             scratch: BTreeMap::new(),
             made,
         })
@@ -52,7 +54,7 @@ impl Staged {
         for file in &files {
             self.check_path(&file.path)?;
         }
-        let mut all = 0;
+        let before = self.bytes;
         let mut open = Vec::new();
         for OutputFile { path, content } in files {
             let path = self.dir.join(path);
@@ -66,8 +68,8 @@ impl Staged {
             let scratch = self.scratch_in(&parent).map_err(|e| unwritable(&path, &e, 0))?;
             let temporary = scratch.next_path();
             let (file, bytes) = write(&temporary, content)
-                .map_err(|(e, reached)| unwritable(&path, &e, reached))?;
-            all += bytes;
+                .map_err(|(e, reached)| unwritable(&path, &e, self.bytes + reached))?;
+            self.bytes += bytes;
             open.push((file, path.clone()));
             self.written.push((temporary, path));
             if open.len() >= OPEN {
@@ -75,7 +77,7 @@ impl Staged {
             }
         }
         sync(open)?;
-        Ok(all)
+        Ok(self.bytes - before)
     }
 
     /// Puts the files in their places.
@@ -371,14 +373,28 @@ impl Seek for Flushed<'_, '_> {
     }
 }
 
-/// `bytes` are those that there was room for.
+/// A file that grows beyond what this process may write is told as an error, and cleared away, rather
+/// than ending the process. For the start of a program.
+pub fn survive_file_limits() {
+    #[cfg(all(unix, target_env = "gnu"))]
+    // SAFETY: no handler is called.
+    unsafe {
+        libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
+    }
+}
+
+/// `bytes` are those of all files that there was room for.
 pub(super) fn unwritable(path: &Path, error: &io::Error, bytes: u64) -> Error {
     let remedy = match error.kind() {
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
             format!(
-                "the disk was full after {} MB of it: free more, or choose another output folder",
-                bytes / 1_000_000
+                "the disk was full after {:.1} MB of output: free more, or choose another output folder",
+                bytes as f64 * 1e-6
             )
+        }
+        ErrorKind::FileTooLarge => {
+            "no file may be so large here: raise `ulimit -f`, or choose another output folder"
+                .to_owned()
         }
         _ => "choose an output folder that you may write to".to_owned(),
     };

@@ -18,7 +18,7 @@ use std::path::PathBuf;
 
 use bytes::Bytes;
 
-pub use disk::{Staged, check_writable, write_all};
+pub use disk::{Staged, check_writable, survive_file_limits, write_all};
 pub use gltf::{MOST_GLB_BYTES, Profile, WindAs};
 pub use pictures::{Keeper, PictureFormat, Pictures};
 

@@ -51,6 +51,7 @@ const RAW_QUALITY: f32 = 90.0;
 pub type Keeper<'k> = dyn Fn(&[&[u8]], &dyn Fn() -> Result<Bytes>) -> Result<Bytes> + Sync + 'k;
 
 /// One picture for each of [`ValidScene::textures`], in each way of coding that is asked for.
+#[derive(Clone)]
 pub struct Pictures {
     png: Vec<Bytes>,
     jpeg: Vec<Bytes>,
@@ -77,14 +78,8 @@ impl Pictures {
             if !kinds.contains(&kind) {
                 return Ok(Vec::new());
             }
-            let encode = |(number, t): (usize, &Texture)| match kind {
-                PictureFormat::Png => t.image.png(),
-                PictureFormat::Jpeg => match jpeg_quality(scene, number as u32, t) {
-                    Some(quality) => jpeg(t, quality, keeper),
-                    None => t.image.png(),
-                },
-                PictureFormat::WebP => webp(t, keeper),
-            };
+            let encode =
+                |(number, t): (usize, &Texture)| encoded(scene, number as u32, t, kind, keeper);
             scene.textures().par_iter().enumerate().map(encode).collect()
         };
         Ok(Pictures {
@@ -92,6 +87,38 @@ impl Pictures {
             jpeg: all(PictureFormat::Jpeg)?,
             webp: all(PictureFormat::WebP)?,
         })
+    }
+
+    /// Another picture, coded as the texture of this number is.
+    ///
+    /// # Errors
+    /// As [`Pictures::encode`].
+    pub(super) fn encoded(
+        &self,
+        scene: &ValidScene,
+        number: u32,
+        texture: &Texture,
+        kind: PictureFormat,
+    ) -> Result<Bytes> {
+        // Nor are others PNG.
+        let kind = self.format_of(number, kind);
+        encoded(scene, number, texture, kind, &|_, encode| encode())
+    }
+
+    /// The same but for the textures of these numbers.
+    pub(super) fn with(&self, kind: PictureFormat, others: Vec<(u32, Bytes)>) -> Self {
+        let mut pictures = self.clone();
+        let all = match kind {
+            PictureFormat::Png => &mut pictures.png,
+            PictureFormat::Jpeg => &mut pictures.jpeg,
+            PictureFormat::WebP => &mut pictures.webp,
+        };
+        for (number, bytes) in others {
+            if let Some(of_number) = all.get_mut(number as usize) {
+                *of_number = bytes;
+            }
+        }
+        pictures
     }
 
     /// Of the scene's texture of this number; empty where this way of coding was not asked for.
@@ -125,6 +152,23 @@ impl Pictures {
             let path = texture_path(stem, &texture.name, self.format_of(number, kind));
             OutputFile::new(path, self.of(number, kind))
         })
+    }
+}
+
+fn encoded(
+    scene: &ValidScene,
+    number: u32,
+    texture: &Texture,
+    kind: PictureFormat,
+    keeper: &Keeper<'_>,
+) -> Result<Bytes> {
+    match kind {
+        PictureFormat::Png => texture.image.png(),
+        PictureFormat::Jpeg => match jpeg_quality(scene, number, texture) {
+            Some(quality) => jpeg(texture, quality, keeper),
+            None => texture.image.png(),
+        },
+        PictureFormat::WebP => webp(texture, keeper),
     }
 }
 

@@ -570,7 +570,9 @@ fn a_full_disk_says_how_much_to_free() {
     let error = disk::unwritable(Path::new("out/forest.glb"), &full, 4_200_000);
     assert_eq!(
         error.remedy_text(),
-        Some("the disk was full after 4 MB of it: free more, or choose another output folder")
+        Some(
+            "the disk was full after 4.2 MB of output: free more, or choose another output folder"
+        )
     );
 }
 

@@ -11,6 +11,9 @@
 
 use rayon::prelude::*;
 
+/// Cells that one thread takes at a time, at least: fewer are done sooner than handed out.
+const LEAST_CELLS: usize = 1 << 13;
+
 /// A single-channel image, row-major.
 #[derive(Clone)]
 pub struct Image {
@@ -55,7 +58,8 @@ fn filter_line(
         let step = (2 * reached + 1).min(half - reached);
         reached += step;
         let source = &image.data;
-        buffer.par_chunks_mut(cols).enumerate().for_each(|(row, out)| {
+        let lines = buffer.par_chunks_mut(cols).enumerate();
+        lines.with_min_len(LEAST_CELLS / cols + 1).for_each(|(row, out)| {
             out.copy_from_slice(&source[row * cols..(row + 1) * cols]);
             for sign in [-1, 1] {
                 let other = row as isize + sign * dy * step as isize;

@@ -132,7 +132,7 @@ fn root(part: &mut [u32], mut i: u32) -> u32 {
 /// are welded; 0 where all is closed and wound one way. Tubes that pass through each other may have
 /// edges in one place: then corners are welded within each connected part alone.
 pub fn open_edges(surfaces: &[&Surface]) -> usize {
-    let ways = [Weld::All, Weld::Parts { joined: false }, Weld::Parts { joined: true }];
+    let ways = [Weld::All, Weld::Normals, Weld::Folds, Weld::Bark];
     let mut least = usize::MAX;
     for way in ways {
         least = least.min(open_edges_of(weld(surfaces, way)));
@@ -147,11 +147,13 @@ pub fn open_edges(surfaces: &[&Surface]) -> usize {
 #[derive(Clone, Copy, PartialEq)]
 enum Weld {
     All,
-    /// Those of a connected part. Parts of two surfaces are connected where corners agree in place and
-    /// normal; `joined`: those of one too where bark is as far along, as at folds.
-    Parts {
-        joined: bool,
-    },
+    /// Those of a connected part. Parts of two surfaces are connected where corners agree in place
+    /// and normal.
+    Normals,
+    /// Parts of one surface are so, too, where bark is as far along, as at folds.
+    Folds,
+    /// Parts are connected where corners agree in place and bark is as far along.
+    Bark,
 }
 
 /// As [`open_edges`], all corners in one place welded.
@@ -186,7 +188,7 @@ fn open_edges_of((index, welded): (Vec<u32>, Vec<u32>)) -> usize {
 
 /// The surfaces' indices as one list, and for every vertex one that stands for all in its place.
 fn weld(surfaces: &[&Surface], way: Weld) -> (Vec<u32>, Vec<u32>) {
-    let (by_part, joined) = (way != Weld::All, way == Weld::Parts { joined: true });
+    let by_part = way != Weld::All;
     let (mut index, mut position, mut normal) = (vec![], vec![], vec![]);
     let (mut along, mut owner) = (vec![], vec![]);
     for (k, s) in surfaces.iter().enumerate() {
@@ -208,12 +210,18 @@ fn weld(surfaces: &[&Surface], way: Weld) -> (Vec<u32>, Vec<u32>) {
     // Adding zero makes −0 the same place as 0.
     let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
     let mut order: Vec<u32> = (0..n as u32).collect();
-    let place = |i: u32| (key(position[i as usize]), key(normal[i as usize]));
+    let place = |i: u32| {
+        let i = i as usize;
+        let more = if way == Weld::Bark { Vec3::splat(along[i]) } else { normal[i] };
+        (key(position[i]), key(more))
+    };
     if by_part {
         order.sort_unstable_by_key(|&i| (place(i), i));
         for w in order.windows(2) {
             let [a, b] = [w[0], w[1]].map(|i| i as usize);
-            let joins = owner[a] != owner[b] || joined && along[a] == along[b];
+            let joins = way == Weld::Bark
+                || owner[a] != owner[b]
+                || way == Weld::Folds && along[a] == along[b];
             if joins && place(w[0]) == place(w[1]) {
                 let (a, b) = (root(&mut part, w[0]), root(&mut part, w[1]));
                 part[b as usize] = a;

@@ -2,9 +2,10 @@
 //! facets, so that a tree's wood is one closed surface.
 //!
 //! A parent's tube is bands of facets between rings. A branch's foot is an ellipse about the place
-//! where the branch's line passes through the bark; a block of facets of one band that holds it is
-//! left out, and the surface between the block's edge and the ellipse is filled flat with the
-//! parent's own facets (see `tube`). So the blocks of a tube must not share a facet:
+//! where the branch's line passes through the bark, long the way the branch leans; a block of facets
+//! of one band that holds it is left out, and the surface between the block's edge and the ellipse is
+//! filled flat with the parent's own facets (see `tube`). So the blocks of a tube must not share a
+//! facet:
 //! - feet that overlap along the tube lie side by side in one band, shifted around where needed;
 //! - where there is no room, the later one goes up the tube into a band of its own;
 //! - where a tube is too short for that, all its feet are spread evenly and made smaller;
@@ -15,7 +16,7 @@
 
 use std::f32::consts::TAU;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::path::{Knot, Least, Ring, Sides, Start};
 
@@ -25,6 +26,9 @@ const NO_COLLAR: f32 = 1.1;
 /// Room about a foot within its block: along, share of its length; around, in facets.
 const ROOM_ALONG: f32 = 1.2;
 const ROOM_AROUND: f32 = 0.08;
+
+/// A foot is longer than wide by no more than the inverse.
+const LEAST_LEAN: f32 = 0.45;
 
 /// Near enough to the bark, in the branch's radii.
 const ON_BARK: f32 = 0.01;
@@ -59,6 +63,8 @@ pub struct Hole {
     pub half_x: f32,
     pub t: f32,
     pub half_t: f32,
+    /// Where a corner of the unit circle goes within these halves: around and along.
+    pub foot: [Vec2; 2],
     pub start: Start,
     arc_m: f32,
     half_m: f32,
@@ -67,10 +73,17 @@ pub struct Hole {
 #[cfg(test)]
 impl Hole {
     /// `x` and `t`: middle and half width.
-    pub fn new(facet: u32, facets: u32, x: [f32; 2], t: [f32; 2], start: Start) -> Hole {
+    pub fn new(
+        facet: u32,
+        facets: u32,
+        x: [f32; 2],
+        t: [f32; 2],
+        foot: [Vec2; 2],
+        start: Start,
+    ) -> Hole {
         let ([x, half_x], [t, half_t]) = (x, t);
         let (child, band, arc_m, half_m) = (0, 0, 0.0, 0.0);
-        Hole { child, band, facet, facets, x, half_x, t, half_t, start, arc_m, half_m }
+        Hole { child, band, facet, facets, x, half_x, t, half_t, foot, start, arc_m, half_m }
     }
 }
 
@@ -175,8 +188,9 @@ pub fn leave(
     let r = radius.max(least.radius_m).min(host);
     let has_collar = has_collar(r, sides);
     let wide = r * if has_collar { COLLAR } else { NO_COLLAR };
-    let lean = direction.dot(radial).clamp(0.22, 1.0);
-    let rise_m = r * (0.5 + (1.0 - lean * lean).sqrt() / lean);
+    let stance = Stance::of(direction, &ring, radial);
+    let [half_around, half_along] = stance.foot().map(|axis| wide * axis.length());
+    let rise_m = stance.rise_m(r, wide);
     // A stub shorter than its collar is bark.
     let stub_m = (rise_m + r).max(2.0 * least.step_m);
     let mut further = knots[beyond..].windows(2);
@@ -188,12 +202,14 @@ pub fn leave(
         child,
         rank,
         arc_m: ring.arc_m,
-        half_m: wide / lean.max(0.45),
+        half_m: half_along,
         turn: radial.dot(ring.binormal()).atan2(radial.dot(ring.normal)),
-        half_turn: (wide / host).min(0.94).asin(),
+        half_turn: (half_around / host).min(0.94).asin(),
         start: Start {
             at,
-            around: ring.tangent.cross(radial),
+            away: radial,
+            across: stance.across(&ring, radial),
+            direction,
             arc_m: on_branch_m,
             radius_m: r,
             wide_m: wide,
@@ -202,6 +218,43 @@ pub fn leave(
             sides: sides.of(wide.max(radius)),
         },
     })
+}
+
+/// How a branch stands on the bark of its parent.
+struct Stance {
+    /// Cosine of the angle between it and the bark's normal.
+    lean: f32,
+    /// Unit; the way it leans, around the parent and along it.
+    onward: Vec2,
+}
+
+impl Stance {
+    fn of(direction: Vec3, ring: &Ring, radial: Vec3) -> Stance {
+        let around = ring.tangent.cross(radial);
+        let onward = Vec2::new(direction.dot(around), direction.dot(ring.tangent));
+        let onward = if onward.length() > 0.05 { onward.normalize() } else { Vec2::Y };
+        Stance { lean: direction.dot(radial), onward }
+    }
+
+    /// Its foot over the width of its collar: where a corner of the unit circle lies around and
+    /// along the parent. The first corner is the one it leans over.
+    fn foot(&self) -> [Vec2; 2] {
+        let Vec2 { x: around, y: along } = self.onward;
+        let long = self.lean.clamp(LEAST_LEAN, 1.0).recip();
+        [Vec2::new(long * around, -along), Vec2::new(long * along, around)]
+    }
+
+    /// How far along the branch a ring is clear of the bark and of the collar.
+    fn rise_m(&self, radius_m: f32, wide_m: f32) -> f32 {
+        let lean = self.lean.clamp(0.22, 1.0);
+        let reach_m = (wide_m / lean.max(LEAST_LEAN)).max(radius_m / lean);
+        0.5 * radius_m + reach_m * (1.0 - lean * lean).sqrt()
+    }
+
+    /// Unit; at right angles to the branch, in the bark.
+    fn across(&self, ring: &Ring, radial: Vec3) -> Vec3 {
+        ring.tangent.cross(radial) * self.onward.y - ring.tangent * self.onward.x
+    }
 }
 
 /// Whether a branch of this radius has a collar.
@@ -425,6 +478,7 @@ fn block(b: &Branch, arc_m: f32, sides: u32, taken: u64, is_empty: bool) -> Opti
         half_x,
         t: 0.5,
         half_t: 0.3,
+        foot: [Vec2::NEG_Y, Vec2::X],
         start: b.start,
         arc_m,
         half_m: b.half_m,
@@ -442,7 +496,11 @@ fn settle(rings: &[Ring], holes: &mut [Hole]) {
         let ring = between(a, b, hole.t);
         let (s, c) = ((hole.facet as f32 + hole.x) / a.sides as f32 * TAU).sin_cos();
         let radial = ring.normal * c + ring.binormal() * s;
-        hole.start.at = ring.centre + radial * ring.radius_m;
-        hole.start.around = ring.tangent.cross(radial);
+        let start = &mut hole.start;
+        let stance = Stance::of(start.direction, &ring, radial);
+        hole.foot = stance.foot().map(Vec2::normalize);
+        start.at = ring.centre + radial * ring.radius_m;
+        (start.away, start.across) = (radial, stance.across(&ring, radial));
+        start.rise_m = stance.rise_m(start.radius_m, start.wide_m);
     }
 }

@@ -1,7 +1,7 @@
 //! Parts of a tube's grid of facets that are no whole facets: about the foot of a branch, and where
 //! two barks meet.
 
-use glam::{Vec2, Vec3};
+use glam::{Mat2, Vec2, Vec3};
 
 use super::Surface;
 use super::blend::{self, Spot};
@@ -60,8 +60,8 @@ pub fn fill(
     let circle = circles.of(hole.start.sides);
     let inner = hole.start.sides;
     for c in &circle[..inner as usize] {
-        let x = hole.x - hole.half_x * c.y;
-        let t = hole.t + hole.half_t * c.x;
+        let x = hole.x + hole.half_x * hole.foot[0].dot(*c);
+        let t = hole.t + hole.half_t * hole.foot[1].dot(*c);
         let k = (x as u32).min(facets - 1);
         let share = x - k as f32;
         let across = |column: &[Vec3]| {
@@ -84,14 +84,14 @@ pub fn fill(
     // block is convex and holds the foot), as two calipers turn around.
     let outer = 2 * (facets + 1);
     let (top, bottom) = ((1.0 - hole.t) / hole.half_t, (0.0 - hole.t) / hole.half_t);
-    let place = |k: u32, y: f32| Vec2::new((k as f32 - hole.x) / hole.half_x, y);
+    // As the foot's circle has it.
+    let [x, t] = hole.foot;
+    let to_circle = Mat2::from_cols(x, t).transpose().inverse();
+    let place = |k: u32, y: f32| to_circle * Vec2::new((k as f32 - hole.x) / hole.half_x, y);
     corner.clear();
     corner.extend((0..=facets).rev().map(|k| (q + k, place(k, top))));
     corner.extend((0..=facets).map(|k| (p + k, place(k, bottom))));
-    let away = |i: u32| {
-        let sum = circle[i as usize] + circle[i as usize + 1];
-        Vec2::new(-sum.y, sum.x)
-    };
+    let away = |i: u32| circle[i as usize] + circle[i as usize + 1];
     let onward = |j: usize| if j + 1 == corner.len() { 0 } else { j + 1 };
     let (mut j, mut far) = (0, f32::NEG_INFINITY);
     for (k, c) in corner.iter().enumerate() {
@@ -174,18 +174,22 @@ mod tests {
             wide in 0.05f32..1.0,
             along in 0.0f32..1.0,
             high in 0.02f32..0.4,
+            way in 0.0f32..6.3,
+            long in 1.0f32..2.3,
         ) {
             let sides = 12;
             let circles = Circles::new();
             let (low, top) = (ring(0.0, sides), ring(0.7, sides));
             let mut out = Surface::default();
-            corners(&low, circles.of(sides), 0.0, false, &mut out);
-            corners(&top, circles.of(sides), 0.0, false, &mut out);
+            corners(&low, &circles, 0.0, false, &mut out);
+            corners(&top, &circles, 0.0, false, &mut out);
             let half_x = 0.42 * facets as f32 * wide;
             let room = facets as f32 - 2.0 * (half_x + 0.08);
             let start = Start {
                 at: Vec3::ZERO,
-                around: Vec3::Y,
+                away: Vec3::X,
+                direction: Vec3::X,
+                across: Vec3::Y,
                 arc_m: 0.0,
                 radius_m: 0.1,
                 wide_m: 0.1,
@@ -195,7 +199,10 @@ mod tests {
             };
             let x = half_x + 0.08 + room.max(0.0) * across;
             let t = high + 0.06 + (1.0 - 2.0 * (high + 0.06)) * along;
-            let hole = Hole::new(facet, facets, [x, half_x], [t, high], start);
+            let way = Vec2::from_angle(way);
+            let foot = [Vec2::new(long * way.x, -way.y), Vec2::new(long * way.y, way.x)];
+            let foot = foot.map(Vec2::normalize);
+            let hole = Hole::new(facet, facets, [x, half_x], [t, high], foot, start);
             fill(&hole, [&low, &top], false, [0, sides + 1], &circles, &mut Vec::new(), &mut out);
             prop_assert_eq!(out.triangles() as u32, 2 * facets + 2 + corners_of_foot);
             // The texture coordinates are the tube laid flat.
@@ -207,8 +214,9 @@ mod tests {
                 sum += area;
             }
             let n = corners_of_foot as f32;
-            let foot = 0.5 * n * (TAU / n).sin() * (half_x * 0.5) * (high * 0.7);
-            prop_assert!((sum - (facets as f32 * 0.5 * 0.7 - foot)).abs() < 1e-4);
+            let circle = 0.5 * n * (TAU / n).sin();
+            let left_out = circle * (half_x * 0.5) * (high * 0.7) * foot[0].perp_dot(foot[1]);
+            prop_assert!((sum - (facets as f32 * 0.5 * 0.7 - left_out)).abs() < 1e-4);
         }
     }
 }

@@ -50,13 +50,18 @@ pub struct Ring {
 impl Ring {
     /// The corner where bark that is laid there and back turns.
     pub fn fold(&self) -> u32 {
-        self.sides.div_ceil(2)
+        fold(self.sides)
     }
 
     /// Unit; at right angles to `tangent` and `normal`.
     pub fn binormal(&self) -> Vec3 {
         self.tangent.cross(self.normal)
     }
+}
+
+/// As [`Ring::fold`], by the number of sides.
+pub fn fold(sides: u32) -> u32 {
+    sides.div_ceil(2)
 }
 
 /// What f32 still tells apart at this distance from the origin.
@@ -90,8 +95,10 @@ pub enum Foot {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Start {
     pub at: Vec3,
-    /// Unit; the way around the parent here.
-    pub around: Vec3,
+    /// Unit: out of the parent's bark; the branch's way; in the bark, square to that.
+    pub away: Vec3,
+    pub direction: Vec3,
+    pub across: Vec3,
     /// Arc length of the branch up to here, from its parent's axis.
     pub arc_m: f32,
     pub radius_m: f32,
@@ -173,7 +180,7 @@ pub fn rings(
     let Scratch { path, lobes } = scratch;
     path.clear();
     lobes.clear();
-    let (mut shift, mut around, mut most_sides) = (0.0, None, MAX_SIDES);
+    let (mut shift, mut across, mut most_sides) = (0.0, None, MAX_SIDES);
     match foot {
         Foot::Ground { mixed_m } => {
             path.extend_from_slice(kept);
@@ -194,7 +201,7 @@ pub fn rings(
         Foot::Collar(start) => {
             leave(kept, &start, least.step_m, path);
             shift = -start.arc_m;
-            around = Some(start.around);
+            across = Some(start.across);
             most_sides = start.sides;
         }
     }
@@ -203,8 +210,8 @@ pub fn rings(
     }
     blunt(path, tolerance_m, least.step_m);
     let start = out.len();
-    frames(path, lobes, sides, around, out);
-    if around.is_some() {
+    frames(path, lobes, sides, across, out);
+    if across.is_some() {
         out[start..].iter_mut().for_each(|r| r.sides = r.sides.min(most_sides));
         out[start].sides = most_sides;
     }
@@ -225,10 +232,15 @@ fn leave(kept: &[Knot], start: &Start, least_step: f32, path: &mut Vec<Knot>) {
         at + moved * (left * left)
     };
     if start.has_collar {
+        let lean = start.direction.dot(start.away);
+        let least_height_m = r * (0.1 + (1.0 - lean * lean).max(0.0).sqrt());
         for (rise, wide) in [(start.rise_m, 1.1), (start.rise_m + 1.6 * r, 1.0)] {
             let arc = start.arc_m + rise;
             let Some((_, k)) = locate(kept, arc).filter(|_| arc + r < length) else { continue };
             let at = shifted(k.at, arc);
+            // A moved foot may lie where its branch would go on within the parent.
+            let low_m = least_height_m - (at - start.at).dot(start.away);
+            let at = at + start.away * low_m.max(0.0);
             if at.distance(path[path.len() - 1].at) > 2.0 * least_step {
                 path.push(Knot { at, radius_m: k.radius_m * wide });
                 from = arc;
@@ -245,7 +257,7 @@ fn leave(kept: &[Knot], start: &Start, least_step: f32, path: &mut Vec<Knot>) {
         }
     }
     if let ([only], Some(tip)) = (&path[..], kept.last()) {
-        let outward = (tip.at - only.at).try_normalize().unwrap_or(start.around.cross(Vec3::Z));
+        let outward = (tip.at - only.at).try_normalize().unwrap_or(start.away);
         let at = only.at + outward.normalize_or(Vec3::X) * (2.0 * least_step);
         path.push(Knot { at, radius_m: tip.radius_m });
     }
@@ -418,7 +430,7 @@ fn blunt(kept: &mut Vec<Knot>, tolerance_m: f32, least_step: f32) {
 
 /// Tangents as bisectors, normals by the least turn from ring to ring (parallel transport). A
 /// reversal turns in two steps of a right angle, so that no ring is mirrored.
-fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, around: Option<Vec3>, out: &mut Vec<Ring>) {
+fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, across: Option<Vec3>, out: &mut Vec<Ring>) {
     let n = kept.len();
     let start = out.len();
     let step = |i: usize| {
@@ -429,8 +441,8 @@ fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, around: Option<Vec3>, out
     };
     let (mut onward, mut onward_m) = step(0);
     let mut tangent = onward;
-    // A branch's corners begin at the upper end of its hole.
-    let side = around.and_then(|e| (tangent * tangent.dot(e) - e).try_normalize());
+    // A branch's corners begin at the end of its hole that it leans over.
+    let side = across.and_then(|e| (tangent * tangent.dot(e) - e).try_normalize());
     let mut normal = match side {
         Some(side) => side.cross(tangent),
         None => tangent.any_orthonormal_vector(),

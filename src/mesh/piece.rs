@@ -79,46 +79,31 @@ impl Piece<'_> {
 }
 
 /// Turns normals that look away from the front of one of their triangles back, just far enough;
-/// indices count from `first`. In `rounds`, as a turn for one triangle may matter to its neighbour.
-pub fn straighten(
-    position: &[Vec3],
-    normal: &mut [Vec3],
-    index: &[u32],
-    first: u32,
-    rounds: usize,
-) {
-    for _ in 0..rounds {
-        let mut is_straight = true;
-        for t in index.as_chunks::<3>().0 {
-            turn(position, normal, t.map(|i| (i - first) as usize), |_| is_straight = false);
-        }
-        if is_straight {
-            return;
-        }
-    }
-}
-
-/// Turns the normals at the corners of one triangle; `turned` is told which.
-pub fn turn(
-    position: &[Vec3],
-    normal: &mut [Vec3],
-    corners: [usize; 3],
-    mut turned: impl FnMut(usize),
-) {
-    let [a, b, c] = corners.map(|i| position[i]);
-    let front = (b - a).cross(c - a);
-    let length_sq = front.length_squared();
-    for i in corners {
-        let n = normal[i];
-        let towards = n.dot(front);
+/// indices count from `first`. Tells whether there were any: then a turn for one triangle may have
+/// turned the normal away from another.
+pub fn straighten(position: &[Vec3], normal: &mut [Vec3], index: &[u32], first: u32) -> bool {
+    let mut has_turned = false;
+    for t in index.as_chunks::<3>().0 {
+        let corners = t.map(|i| (i - first) as usize);
+        let [a, b, c] = corners.map(|i| position[i]);
+        let front = (b - a).cross(c - a);
+        let [d, e, f] = corners.map(|i| normal[i].dot(front));
+        let least = if d < e { d } else { e };
+        let least = if f < least { f } else { least };
         // Few need a root.
-        if towards < 0.0 || towards * towards < LEAST_COSINE * LEAST_COSINE * length_sq {
+        if least * least.abs() < LEAST_COSINE * LEAST_COSINE * front.length_squared() {
             let front = front.normalize_or_zero();
-            let cosine = n.dot(front);
-            normal[i] = (n + front * (2.0 * LEAST_COSINE - cosine)).normalize_or(front);
-            turned(i);
+            for i in corners {
+                let n = normal[i];
+                let cosine = n.dot(front);
+                if cosine < LEAST_COSINE {
+                    normal[i] = (n + front * (2.0 * LEAST_COSINE - cosine)).normalize_or(front);
+                    has_turned = true;
+                }
+            }
         }
     }
+    has_turned
 }
 
 /// `count` pieces as one surface; `emit` must fill the whole room of each.
@@ -148,7 +133,9 @@ pub fn fill(count: usize, room: Room, emit: impl Fn(usize, &mut Piece) + Sync) -
             let mut piece = Piece { position, normal, uv, index, first, vertices: 0, corners: 0 };
             emit(k, &mut piece);
             debug_assert_eq!((piece.vertices, piece.corners), (room.vertices, 3 * room.triangles));
-            straighten(piece.position, piece.normal, piece.index, first, 2);
+            if straighten(piece.position, piece.normal, piece.index, first) {
+                straighten(piece.position, piece.normal, piece.index, first);
+            }
         },
     );
     out

@@ -95,7 +95,7 @@ pub fn shell(spots: &[Spot], hull: &Hull, margin_m: f32, uv: Vec2, budget: usize
     for (n, p) in normal.iter_mut().zip(&position) {
         *n = n.normalize_or((*p - hull.centre).normalize_or(Vec3::Z));
     }
-    straighten(&position, &mut normal, &index, 0, 8);
+    (0..8).find(|_| !straighten(&position, &mut normal, &index, 0));
     let uv = vec![uv; position.len()];
     Surface { position, normal, uv, index, ..Surface::default() }
 }

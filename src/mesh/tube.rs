@@ -16,37 +16,39 @@ use glam::{Vec2, Vec3};
 
 use super::Surface;
 use super::blend;
-use super::facing::{Facing, may_stray};
+use super::facing::{Facing, may_stray, mend_last};
 use super::junction::{Hole, mask};
 use super::patch::{fill, spot};
-use super::path::{MAX_SIDES, MIN_SIDES, Ring};
+use super::path::{MAX_SIDES, MIN_SIDES, Ring, fold};
 use super::wind::{Sway, Wind};
 use super::young::{BARKS, Blend, COATS, Coat, FOLDED_GIRTH, Luck, Young};
 use crate::seed::Seed;
 
-/// Cosines and sines of the corners of every ring.
-pub struct Circles(Vec<Vec<Vec2>>);
+/// Tables of the rings of every number of sides.
+pub struct Circles {
+    /// Cosines and sines of the corners.
+    corners: Vec<Vec<Vec2>>,
+    /// Texture coordinates of the corners as [`folded`] has them.
+    folded: Vec<Vec<f32>>,
+}
 
 impl Circles {
     pub fn new() -> Self {
-        Circles(
-            (0..=MAX_SIDES)
-                .map(|n| {
-                    (0..=n)
-                        .map(|k| {
-                            // The last corner is the first, to the bit.
-                            let turn = (k % n.max(1)) as f32 / n.max(1) as f32;
-                            let (s, c) = (turn * TAU).sin_cos();
-                            Vec2::new(c, s)
-                        })
-                        .collect()
-                })
-                .collect(),
-        )
+        let corner = |n: u32, k: u32| {
+            // The last corner is the first, to the bit.
+            let turn = (k % n.max(1)) as f32 / n.max(1) as f32;
+            let (s, c) = (turn * TAU).sin_cos();
+            Vec2::new(c, s)
+        };
+        let folded = |n: u32, k: u32| folded(n, k as f32, k > fold(n));
+        Circles {
+            corners: (0..=MAX_SIDES).map(|n| (0..=n).map(|k| corner(n, k)).collect()).collect(),
+            folded: (0..=MAX_SIDES).map(|n| (0..=n).map(|k| folded(n, k)).collect()).collect(),
+        }
     }
 
     pub fn of(&self, sides: u32) -> &[Vec2] {
-        &self.0[sides.min(MAX_SIDES) as usize]
+        &self.corners[sides.min(MAX_SIDES) as usize]
     }
 }
 
@@ -207,8 +209,7 @@ impl<'a> Bark<'a> {
             return;
         }
         self.begin(shape);
-        let start =
-            [0, 1, 2].map(|b| (self.surface[b].position.len(), self.surface[b].index.len()));
+        let start = self.surface.each_ref().map(|s| s.index.len());
         let Bark { surface, young, wind, seed, circles, rims, sway, base, about, facing } = self;
         let has_collar = out_of.is_some_and(|o| o.has_collar);
         let mut luck = Luck::new(*seed, shape.key);
@@ -217,9 +218,8 @@ impl<'a> Bark<'a> {
         let mut below = [None; COATS];
         let mut mix_below = young.at(&rings[0]);
         let mut blend_below: Option<Blend> = None;
-        facing.begin(rings);
+        facing.begin();
         for i in 0..n - 1 {
-            let mut has_holes = false;
             let mix = young.at(&rings[i]);
             let mut here = [None; COATS];
             let corners_in = |i: usize,
@@ -231,7 +231,7 @@ impl<'a> Bark<'a> {
                     let start = out.position.len() as u32;
                     let (ring, is_folded) = (&rings[i], coat.is_folded());
                     if i == 0 && !base.is_empty() {
-                        rim(ring, circles.of(ring.sides), base, has_collar, is_folded, out);
+                        rim(ring, circles, base, has_collar, is_folded, out);
                         if swing.is_some() {
                             let again = corner_of(ring, is_folded);
                             let again = again.map(|k| base[k as usize % base.len()].2);
@@ -239,7 +239,7 @@ impl<'a> Bark<'a> {
                         }
                     } else {
                         let phase = if ring.lobe == 0.0 { 0.0 } else { luck.phase() };
-                        corners(ring, circles.of(ring.sides), phase, is_folded, out);
+                        corners(ring, circles, phase, is_folded, out);
                         if let Some((wind, sway)) = swing {
                             wind.ring(sway[i], out);
                         }
@@ -263,7 +263,6 @@ impl<'a> Bark<'a> {
                 let (mixes, side) = (mix.mixes(), mix.most());
                 let count = holes.iter().take_while(|h| h.band as usize == i - 1).count();
                 let (opened, rest) = holes.split_at(count);
-                has_holes = count > 0;
                 holes = rest;
                 let blend =
                     if count == 0 { Blend::of([mix_below, mix], [sides, next]) } else { None };
@@ -339,9 +338,11 @@ impl<'a> Bark<'a> {
                         let q = corners_in(i, side, &mut here, out, &mut luck);
                         let pair = [&rings[i - 1], &rings[i]];
                         let is_folded = side.is_folded();
+                        let last = out.index.len();
                         let first = fill(hole, pair, is_folded, [p, q], circles, about, out);
+                        mend_last(out, last);
                         if let Some((wind, sway)) = swing {
-                            let place = |c: &Vec2| hole.t + hole.half_t * c.x;
+                            let place = |c: &Vec2| hole.t + hole.half_t * hole.foot[1].dot(*c);
                             let foot = circles.of(hole.start.sides).iter().map(place);
                             wind.each(foot.map(|t| sway[i - 1].between(sway[i], t)), out);
                         }
@@ -378,7 +379,6 @@ impl<'a> Bark<'a> {
             let is_rim = i == 1 && !base.is_empty();
             let strays = i == 0
                 || is_rim
-                || has_holes
                 || may_stray(&rings[i - 1], &rings[i])
                 || i == n - 2 && may_stray(&rings[i], &rings[i + 1]);
             facing.band(surface, strays);
@@ -413,11 +413,16 @@ pub fn around(ring: &Ring, corner: f32, back: Option<bool>) -> f32 {
     let Some(back) = back else {
         return ring.u + (corner / ring.sides as f32 - 0.5) * ring.repeats;
     };
-    let [sides, there] = [ring.sides, ring.fold()].map(|k| k as f32);
+    ring.u + ring.girth * folded(ring.sides, corner, back)
+}
+
+/// Texture coordinate around of a folded ring whose girth is one tile, from its fold.
+fn folded(sides: u32, corner: f32, back: bool) -> f32 {
+    let [sides, there] = [sides, fold(sides)].map(|k| k as f32);
     // There and back may have a facet more and less: both are off by as much.
-    let high = ring.girth * (there * (sides - there)).sqrt() / sides;
+    let high = (there * (sides - there)).sqrt() / sides;
     let share = if back { (sides - corner) / (sides - there) } else { corner / there };
-    ring.u + high * (share - 1.0)
+    high * (share - 1.0)
 }
 
 /// The corner of every vertex of a ring.
@@ -426,19 +431,13 @@ fn corner_of(ring: &Ring, is_folded: bool) -> impl Iterator<Item = u32> {
 }
 
 /// Texture coordinates of a ring, as [`around`] has them to the bit: seams must meet.
-fn lay(ring: &Ring, is_folded: bool, uv: &mut Vec<Vec2>) {
-    let sides = ring.sides as f32;
+fn lay(ring: &Ring, circles: &Circles, is_folded: bool, uv: &mut Vec<Vec2>) {
     if !is_folded {
         uv.extend((0..=ring.sides).map(|k| Vec2::new(around(ring, k as f32, None), ring.v)));
         return;
     }
-    let there = ring.fold() as f32;
-    let high = ring.girth * (there * (sides - there)).sqrt() / sides;
-    uv.extend((0..=ring.sides).map(|k| {
-        let k = k as f32;
-        let share = if k > there { (sides - k) / (sides - there) } else { k / there };
-        Vec2::new(ring.u + high * (share - 1.0), ring.v)
-    }));
+    let folded = &circles.folded[ring.sides.min(MAX_SIDES) as usize];
+    uv.extend(folded.iter().map(|u| Vec2::new(ring.u + ring.girth * u, ring.v)));
     // The fold's twin.
     uv.push(Vec2::new(ring.u, ring.v));
 }
@@ -484,28 +483,37 @@ fn part(first: [u32; 2], sides: [u32; 2], folds: [u32; 2], index: &mut [u32]) {
 /// bark; a twig keeps its own roundness.
 fn rim(
     ring: &Ring,
-    circle: &[Vec2],
+    circles: &Circles,
     base: &[Corner],
     is_collar: bool,
     is_folded: bool,
     out: &mut Surface,
 ) {
-    let binormal = ring.binormal();
+    let (circle, binormal) = (circles.of(ring.sides), ring.binormal());
     for k in corner_of(ring, is_folded) {
         let (c, (position, parent, _)) = (circle[k as usize], base[k as usize % base.len()]);
-        let own = ring.normal * c.x + binormal * c.y;
-        // In a crotch the branch's side faces the parent: there both count alike.
-        let weight = if is_collar { 0.6 - 0.6 * parent.dot(own) } else { 3.0 };
+        // Its own roundness, as the hole has it.
+        let away = position - ring.centre;
+        let away = away - ring.tangent * ring.tangent.dot(away);
+        let own = away.try_normalize().unwrap_or(ring.normal * c.x + binormal * c.y);
+        // In a crotch the branch's side faces the parent: there its own counts most.
+        let weight = if is_collar { 2.0 - 2.0 * parent.dot(own) } else { 3.0 };
         let normal = (parent + own * weight).normalize_or(own);
         out.position.push(position);
         out.normal.push(normal);
     }
-    lay(ring, is_folded, &mut out.uv);
+    lay(ring, circles, is_folded, &mut out.uv);
 }
 
-pub fn corners(ring: &Ring, circle: &[Vec2], lobe_phase: f32, is_folded: bool, out: &mut Surface) {
+pub fn corners(
+    ring: &Ring,
+    circles: &Circles,
+    lobe_phase: f32,
+    is_folded: bool,
+    out: &mut Surface,
+) {
     let start = out.position.len();
-    let binormal = ring.binormal();
+    let (circle, binormal) = (circles.of(ring.sides), ring.binormal());
     let lift = 1.0 / (1.0 + ring.slope * ring.slope).sqrt();
     let (flat, rise) = (lift, ring.tangent * (-ring.slope * lift));
     if ring.lobe == 0.0 {
@@ -533,7 +541,7 @@ pub fn corners(ring: &Ring, circle: &[Vec2], lobe_phase: f32, is_folded: bool, o
         out.position.push(out.position[fold]);
         out.normal.push(out.normal[fold]);
     }
-    lay(ring, is_folded, &mut out.uv);
+    lay(ring, circles, is_folded, &mut out.uv);
 }
 
 /// Joins two rings; where their sides differ, by walking both around in step.

@@ -273,7 +273,7 @@ pub fn terrain(job: &SurveyJob, run: &mut Recorder) -> Result<(Frame, Terrain)> 
 
 /// One point in so many is looked at by [`check_ground`]: enough for a share.
 pub(super) fn looked_at(points: usize) -> u64 {
-    const ENOUGH: usize = 1 << 18;
+    const ENOUGH: usize = 1 << 16;
     (points / ENOUGH).next_power_of_two() as u64
 }
 

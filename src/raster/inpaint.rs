@@ -142,9 +142,11 @@ fn refine(coarse: &Level, fine: &mut Level) {
     );
 }
 
-/// Rows that one thread takes at a time, at least: small grids are done sooner than handed out.
+/// Cells that one thread takes at a time, at least: fewer are done sooner than handed out.
+const LEAST_CELLS: usize = 1 << 13;
+
 fn rows_together(cols: usize) -> usize {
-    (1 << 13) / cols.max(1) + 1
+    LEAST_CELLS / cols.max(1) + 1
 }
 
 /// Gauss–Seidel with over-relaxation, alternating the colours of a chessboard. Cells of one colour
@@ -167,10 +169,24 @@ fn relax(level: &mut Level) {
         (0..rows).into_par_iter().with_min_len(rows_together(cols)).map(of_row).collect()
     };
     let colours = [unknown(0), unknown(1)];
+    // Whether any cell of a colour moves, by row.
+    let row_moves = colours.each_ref().map(|rows| -> Vec<AtomicBool> {
+        rows.iter().map(|unknown| AtomicBool::new(!unknown.is_empty())).collect()
+    });
+    let is_active = |colour: usize, row: usize| {
+        let moves = |colour: usize, row: usize| {
+            row_moves[colour].get(row).is_some_and(|moves| moves.load(Relaxed))
+        };
+        let other = 1 - colour;
+        moves(colour, row)
+            || moves(other, row.wrapping_sub(1))
+            || moves(other, row)
+            || moves(other, row + 1)
+    };
     // Whether any of the cells moved.
-    let sweep = |(row, unknown): (usize, &Vec<u32>)| {
+    let sweep = |colour: usize, row: usize| {
         let mut any = false;
-        for &col in unknown {
+        for &col in &colours[colour][row] {
             let col = col as usize;
             let i = row * cols + col;
             let beside = [
@@ -194,14 +210,18 @@ fn relax(level: &mut Level) {
                 any |= moves;
             }
         }
+        row_moves[colour][row].store(any, Relaxed);
         any
     };
     for _ in 0..MAX_SWEEPS {
-        let any_of = |rows: &Vec<Vec<u32>>| {
-            let any = rows.par_iter().enumerate().with_min_len(rows_together(cols)).map(sweep);
-            any.reduce(|| false, |a, b| a | b)
+        let any_of = |colour: usize| {
+            let active: Vec<usize> = (0..rows).filter(|row| is_active(colour, *row)).collect();
+            let cells: usize = active.iter().map(|row| colours[colour][*row].len()).sum();
+            let together = active.len() * LEAST_CELLS / cells.max(1) + 1;
+            let any = active.into_par_iter().with_min_len(together);
+            any.map(|row| sweep(colour, row)).reduce(|| false, |a, b| a | b)
         };
-        let moves = colours.each_ref().map(any_of);
+        let moves = [any_of(0), any_of(1)];
         if moves == [false; 2] {
             break;
         }

@@ -21,7 +21,7 @@ use crate::diagnostic::{Error, Result};
 use crate::frame::Crs;
 
 /// Bytes of point records in memory at a time.
-const BATCH_BYTES: u64 = 16 << 20;
+const BATCH_BYTES: u64 = 32 << 20;
 /// Bytes of the header of LAS 1.0.
 const OLDEST_HEADER: u64 = 227;
 /// A system's description is never longer.
@@ -337,7 +337,7 @@ fn decode_chunks(
             chunks.unpack_chunk(chunk, |slab| part.push(slab, layout, options))?;
             Some(part)
         };
-        packed.into_par_iter().map(unpack_one).collect()
+        packed.into_par_iter().with_max_len(1).map(unpack_one).collect()
     };
     // One batch unpacks while the points of the one before it are taken.
     let mut waiting: Vec<Decoded> = Vec::new();
@@ -750,8 +750,8 @@ impl<'a> Gathered<'a> {
         self.all.removed.add(&part.removed);
         self.all.repaired += part.repaired;
         let Some(sink) = &mut self.sink else {
-            self.all.steps.append(&mut part.steps);
-            self.all.columns.append(&mut part.columns);
+            let Decoded { steps, columns, .. } = &mut self.all;
+            rayon::join(|| steps.append(&mut part.steps), || columns.append(&mut part.columns));
             return Ok(());
         };
         let (scale, offset) = (self.scale, self.offset);

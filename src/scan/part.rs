@@ -1,7 +1,9 @@
 //! The points of one file, before the files share an origin.
 
-use glam::DVec3;
 use std::path::PathBuf;
+
+use glam::DVec3;
+use rayon::prelude::*;
 
 use super::Removed;
 use crate::frame::{Crs, extremes};
@@ -155,7 +157,8 @@ impl ColourScale {
         match self {
             ColourScale::None => *rgb = None,
             ColourScale::Eight => {
-                rgb.iter_mut().flatten().flatten().for_each(|v| *v = v.saturating_mul(257));
+                let rgb = rgb.as_deref_mut().unwrap_or_default().as_flattened_mut();
+                rgb.par_iter_mut().for_each(|v| *v = v.saturating_mul(257));
             }
             ColourScale::Sixteen => {}
         }

@@ -43,7 +43,9 @@ impl Sample {
         let bits = self.bits;
         let keys = (0..coordinates.len()).into_par_iter().filter_map(|i| {
             let place = coordinates.get(i)?;
-            let [x, y, z] = (place * 1000.0).round().to_array().map(|v| v as i64 as u64);
+            // To the nearest millimetre, without the call that rounding is.
+            let [x, y, z] =
+                (place * 1000.0).to_array().map(|v| (v + 0.5_f64.copysign(v)) as i64 as u64);
             let echo = u64::from(*columns.return_number.get(i)?) << 16
                 | u64::from(*columns.intensity.get(i)?);
             let key = mix(mix(mix(mix(x) ^ y) ^ z) ^ echo);

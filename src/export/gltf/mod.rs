@@ -8,6 +8,7 @@
 mod buffer;
 mod cells;
 mod compress;
+mod crop;
 mod document;
 mod json;
 mod quantize;

@@ -6,17 +6,19 @@
 //! alike, so that a square's forms belong together. A triangle of the terrain is whole in the square of its
 //! middle: squares meet along edges, whose vertices each has from the same numbers, so that there is no
 //! seam. Files are built to be measured, and again when they are written: no more than one is held.
+//! A piece of the terrain has its own crop of the photo (`crop`).
 //! Limits: models and pictures that squares share stand in the file of each; no tree is cut.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::super::{Content, OutputFile, Pictures};
+use super::crop::Crop;
 use super::quantize::Grid;
 use super::{Binary, Recipe, Square};
 use crate::diagnostic::{Error, Result, Warned};
@@ -44,6 +46,8 @@ struct Triangles {
     /// All, square by square.
     order: Arc<[u32]>,
     range: Range<usize>,
+    /// What they show of the pictures, coded when it is first asked for.
+    cropped: OnceLock<Pictures>,
 }
 
 impl<'a> Part<'a> {
@@ -64,11 +68,21 @@ impl<'a> Part<'a> {
             return Ok(then(&Binary::of(&self.selection, pictures, recipe, self.square)?));
         };
         let own = &triangles.order[triangles.range.clone()];
-        let terrain = scene::Part {
-            name: whole.name.clone(),
-            surface: piece(&whole.surface, own),
-            material: whole.material,
-        };
+        let mut surface = piece(&whole.surface, own);
+        let mut pictures = pictures;
+        if let Some(crop) = Crop::of(&self.selection, &surface.uv) {
+            crop.turn(&mut surface);
+            let kind = recipe.profile.picture_format();
+            pictures = match triangles.cropped.get() {
+                Some(cropped) => cropped,
+                None => {
+                    let cropped = crop.pictures(&self.selection, pictures, kind)?;
+                    triangles.cropped.get_or_init(|| cropped)
+                }
+            };
+        }
+        let (name, material) = (whole.name.clone(), whole.material);
+        let terrain = scene::Part { name, surface, material };
         let mut selection: Selection<'_> = self.selection.clone();
         selection.terrain = Some(&terrain);
         Ok(then(&Binary::of(&selection, pictures, recipe, self.square)?))
@@ -226,7 +240,7 @@ fn terrain_squares<'a>(whole: &Selection<'a>, side_m: f32) -> Vec<Part<'a>> {
         Part {
             selection: whole.clone(),
             square: Some(square),
-            triangles: Some(Triangles { order: order.clone(), range }),
+            triangles: Some(Triangles { order: order.clone(), range, cropped: OnceLock::new() }),
             suffix: format!("_terrain{}", square.suffix()),
             bytes: 0,
         }

@@ -9,6 +9,7 @@ use serde_json::Value;
 use super::super::{Format, Job, OutputFile, Pictures, files};
 use super::*;
 use crate::mesh::Surface;
+use crate::raster::Picture;
 use crate::scene::sample::{forest, tetrahedron};
 use crate::scene::{Apart, Collider, ColliderShape, Level, Part, Scene, ValidScene};
 
@@ -487,6 +488,75 @@ fn a_terrain_too_large_for_one_file_is_cut_without_a_seam() {
         }
         joined.sort_unstable();
         assert!(joined == triangles_of_terrain(&Read::new(&whole["forest.glb"])));
+    }
+}
+
+/// The picture of a file's terrain, and texture coordinates of the terrain by place.
+fn photo_of_terrain(read: &Read) -> (Picture, BTreeMap<[u64; 3], Vec<f64>>) {
+    let meshes = read.json["meshes"].as_array().unwrap();
+    let primitive = &meshes.iter().find(|m| m["name"] == "terrain").unwrap()["primitives"][0];
+    let of = &primitive["attributes"];
+    let colour = &read.json["materials"][number(&primitive["material"])]["pbrMetallicRoughness"];
+    let texture = &read.json["textures"][number(&colour["baseColorTexture"]["index"])];
+    let image = &read.json["images"][number(&texture["source"])];
+    let view = &read.json["bufferViews"][number(&image["bufferView"])];
+    let from = offset(view);
+    let bytes = &read.buffers[0][from..from + number(&view["byteLength"])];
+    let place = |p: Vec<f64>| std::array::from_fn(|k| p[k].to_bits());
+    let places = read.accessor(&of["POSITION"]).into_iter().map(place);
+    let uvs = places.zip(read.accessor(&of["TEXCOORD_0"])).collect();
+    (Picture::from_bytes(bytes).unwrap(), uvs)
+}
+
+/// As readers draw it: between the middles of pixels, held at the edges.
+fn bilinear(picture: &Picture, uv: &[f64]) -> [f64; 3] {
+    let at = |share: f64, count: u32| {
+        let place = (share * f64::from(count) - 0.5).clamp(0.0, f64::from(count - 1));
+        (place as u32, (place as u32 + 1).min(count - 1), place.fract())
+    };
+    let (x, y) = (at(uv[0], picture.width), at(uv[1], picture.height));
+    let mix = |a: f64, b: f64, share: f64| a + (b - a) * share;
+    std::array::from_fn(|k| {
+        let pixel = |x: u32, y: u32| f64::from(picture.at(x, y)[k]);
+        let row = |y: u32| mix(pixel(x.0, y), pixel(x.1, y), x.2);
+        mix(row(y.0), row(y.1), y.2)
+    })
+}
+
+#[test]
+fn pieces_of_the_terrain_have_their_own_crop_of_the_photo() {
+    let (width, height) = (700, 500);
+    let mut scene = forest(&["Larix"], 4, 100.0);
+    let mut photo = Picture::filled(width, height, [255; 4]);
+    for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+        let shade = 60 + (x * x / 31 + y * y / 17) % 90;
+        photo.set(x, y, [(x * 255 / width) as u8, (y * 255 / height) as u8, shade as u8, 255]);
+    }
+    scene.textures[0].image = photo.into();
+    let scene = scene.validate().unwrap();
+    for profile in [Profile::Dcc, Profile::Engine] {
+        let (whole, _) = at_most(&scene, profile, MOST_GLB_BYTES).unwrap();
+        let (one, _) = at_most(&scene, profile, whole["forest.glb"].len() as u64 - 1).unwrap();
+        let most = one["forest_terrain.glb"].len() as u64 / 2;
+        let (parts, _) = at_most(&scene, profile, most).unwrap();
+        let (whole, expected) = photo_of_terrain(&Read::new(&one["forest_terrain.glb"]));
+        let (mut pixels, mut seen) = (0, BTreeMap::new());
+        for (_, bytes) in parts.iter().filter(|(name, _)| name.starts_with("forest_terrain")) {
+            let (picture, uvs) = photo_of_terrain(&Read::new(bytes));
+            pixels += picture.data.len();
+            for (place, uv) in uvs {
+                let shown = bilinear(&picture, &uv);
+                let of_whole = bilinear(&whole, &expected[&place]);
+                // Texture coordinates of 16 bits are off by a hundredth of a pixel.
+                let is_near = shown.iter().zip(of_whole).all(|(a, b)| (a - b).abs() < 1.5);
+                assert!(is_near, "{profile:?}: {shown:?} and not {of_whole:?} at {uv:?}");
+                *seen.entry(place).or_insert(0) += 1;
+            }
+        }
+        assert_eq!(seen.len(), expected.len());
+        // Borders are held by neighbours, too.
+        let all = whole.data.len();
+        assert!((all..2 * all).contains(&pixels), "{profile:?}: {pixels} of {all} pixels");
     }
 }
 
