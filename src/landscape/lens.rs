@@ -105,7 +105,8 @@ impl Outline {
             let corner = [0, 1, 2].map(|a| f64::from(i as u32 >> a & 1) * f64::from(sides[a]));
             DVec3::from(corner) - lens.eye
         });
-        let edges = (0..8).flat_map(|i| (0..3).map(move |a| (i, i | 1 << a)).filter(|(i, j)| i < j));
+        let edges =
+            (0..8).flat_map(|i| (0..3).map(move |a| (i, i | 1 << a)).filter(|(i, j)| i < j));
         let mut planes = Vec::new();
         for (i, j) in edges {
             let normal = corners[i].cross(corners[j]).normalize_or_zero();

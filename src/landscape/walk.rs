@@ -348,7 +348,13 @@ impl<'a> Column<'a> {
             let high = from / SIDE;
             let is_last = high == to / SIDE;
             if let Some(node) = self.node(dag, high) {
-                let last = if is_last { to & 3 } else if RISES { 3 } else { 0 };
+                let last = if is_last {
+                    to & 3
+                } else if RISES {
+                    3
+                } else {
+                    0
+                };
                 let (low, top) = if RISES { (from & 3, last) } else { (last, from & 3) };
                 let between = (u64::MAX << (16 * low)) & (u64::MAX >> (48 - 16 * top));
                 let mut left = node.mask >> flat & 0x0001_0001_0001_0001 & between;
