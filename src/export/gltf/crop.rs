@@ -92,7 +92,8 @@ impl Crop {
 
 /// Pixels of so many, from one share of them to another.
 fn with_border(from: f32, to: f32, count: u32) -> Option<Range<u32>> {
-    if !(from <= to) {
+    // Without corners there is no share.
+    if from > to || from.is_nan() || to.is_nan() {
         return None;
     }
     let blocks = |share: f32| f64::from(share) * f64::from(count) / f64::from(BORDER_PX);
