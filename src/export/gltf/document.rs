@@ -87,7 +87,11 @@ pub(super) fn build<'a>(
     uses("KHR_materials_diffuse_transmission", is_translucent, false);
     uses(variants::EXTENSION, extensions.is_some(), false);
     uses("KHR_mesh_quantization", profile.is_quantized(), true);
-    uses("KHR_texture_transform", uv_ranges.iter().any(|&r| r != UvRange::PICTURE), true);
+    let mut ranges = selection.materials.iter().zip(&uv_ranges);
+    let is_spread = |(m, &range): (&&scene::Material, &UvRange)| {
+        range != UvRange::PICTURE && m.textures().next().is_some()
+    };
+    uses("KHR_texture_transform", ranges.any(is_spread), true);
     uses("MSFT_lod", nodes.iter().any(|n| n.extensions.lod.is_some()), false);
     let document = Document {
         asset: Asset {

@@ -11,7 +11,7 @@ use super::*;
 use crate::mesh::Surface;
 use crate::raster::Picture;
 use crate::scene::sample::{forest, tetrahedron};
-use crate::scene::{Apart, Collider, ColliderShape, Level, Part, Scene, ValidScene};
+use crate::scene::{Alpha, Apart, Collider, ColliderShape, Level, Part, Scene, ValidScene};
 
 /// Three forms, a collider and wind on every model.
 fn sample() -> ValidScene {
@@ -586,6 +586,30 @@ fn profiles_are_split_with_all_that_they_hold() {
             }
         }
         assert!(seen.len() == 120 && seen.values().all(|&n| n == 1));
+    }
+}
+
+/// As with `--texture 0`: readers that do not know what a file does not use can read it.
+#[test]
+fn extensions_of_pictures_are_required_where_there_are_pictures() {
+    let mut scene = forest(&["Larix"], 4, 100.0);
+    for material in &mut scene.materials {
+        material.base_color_texture = None;
+        material.normal_texture = None;
+        material.orm_texture = None;
+        material.variants.clear();
+        material.alpha = Alpha::Opaque;
+    }
+    scene.prune();
+    let scene = scene.validate().unwrap();
+    for profile in [Profile::Engine, Profile::Web] {
+        for (_, read) in written(&scene, profile) {
+            let used = read.json["extensionsUsed"].as_array().unwrap();
+            assert!(
+                used.iter().all(|name| !name.as_str().unwrap().contains("texture")),
+                "{used:?}"
+            );
+        }
     }
 }
 
