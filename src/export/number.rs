@@ -134,14 +134,7 @@ pub(super) fn shortest(out: &mut Pen, value: f32) {
 fn shortest_in(to: &mut [u8; ROOM], value: f32) -> usize {
     let bits = value.to_bits();
     let exponent = (bits >> 23 & 0xFF).wrapping_sub((127 + LEAST_EXPONENT) as u32);
-    let Some(binade) = BINADES.get(exponent as usize) else {
-        // The one of these that is common: edges of pictures.
-        if value == 0.0 {
-            to[0] = b'0';
-            return 1;
-        }
-        return any_shortest(to, value);
-    };
+    let Some(binade) = BINADES.get(exponent as usize) else { return any_shortest(to, value) };
     let fraction = u64::from(bits & 0x7F_FFFF);
     // All binades have their point at one place.
     let exact = (fraction | 1 << 23) * binade.unit;
@@ -154,11 +147,7 @@ fn shortest_in(to: &mut [u8; ROOM], value: f32) -> usize {
     let exact = 10 * exact;
     let finer = (exact + HALF - 1 + (exact >> POINT & 1)) >> POINT;
     let digits = select_unpredictable(twice_off < binade.unit, 10 * near, finer);
-    let is_negative = bits >> 31 == 1;
-    match exponent >= FIRST_OF_EIGHT {
-        true => put_eight(to, is_negative, digits * binade.rest),
-        false => put(to, is_negative, digits * binade.rest, false),
-    }
+    put(to, bits >> 31 == 1, digits * binade.rest, false)
 }
 
 /// Numbers from 2^e on, below 2^(e + 1).
@@ -167,7 +156,7 @@ struct Binade {
     /// What a step of f32 is in steps of 10^-n, 2^-[`POINT`] each, with the most places n whose step is
     /// no finer than that of f32.
     unit: u64,
-    /// 10^([`PLACES`] − n − 1); from [`FIRST_OF_EIGHT`] on 10^(8 − n − 1).
+    /// 10^([`PLACES`] − n − 1).
     rest: u64,
 }
 
@@ -176,8 +165,6 @@ struct Binade {
 const LEAST_EXPONENT: i32 = -13;
 const MOST_EXPONENT: i32 = 12;
 const PLACES: usize = 12;
-/// The first binade, that of 1/8, whose numbers have no more than eight places.
-const FIRST_OF_EIGHT: u32 = (-3 - LEAST_EXPONENT) as u32;
 /// Binary places of the least binade.
 const POINT: i32 = 23 - LEAST_EXPONENT;
 const HALF: u64 = 1 << (POINT - 1);
@@ -202,8 +189,7 @@ static BINADES: [Binade; (MOST_EXPONENT - LEAST_EXPONENT + 1) as usize] = {
         while TENS[n + 1] <= steps {
             n += 1;
         }
-        let places = if k < FIRST_OF_EIGHT as usize { PLACES } else { 8 };
-        all[k] = Binade { unit: TENS[n] << k, rest: TENS[places - 1 - n] };
+        all[k] = Binade { unit: TENS[n] << k, rest: TENS[PLACES - 1 - n] };
         k += 1;
     }
     all
@@ -264,26 +250,6 @@ fn put(to: &mut [u8; ROOM], is_negative: bool, parts: u64, is_bare: bool) -> usi
     to[at + 1..at + 5].copy_from_slice(&((first | ZEROS) as u32).to_le_bytes());
     to[at + 5..at + 13].copy_from_slice(&(low | ZEROS).to_le_bytes());
     at + places + usize::from(places > 0)
-}
-
-/// As [`put`] has `parts` / 10^8 < 10,000, in half of the steps.
-#[inline(always)]
-fn put_eight(to: &mut [u8; ROOM], is_negative: bool, parts: u64) -> usize {
-    const ONE: u64 = 100_000_000;
-    let whole = parts / ONE;
-    let first = u64::from(FOUR_DIGITS.get(whole as usize).copied().unwrap_or(0));
-    let low = eight_digits(parts - whole * ONE);
-    let unwritten = (first | 1 << 24).trailing_zeros() as usize / 8;
-    to[0] = b'-';
-    let at = usize::from(is_negative);
-    let whole = (first | ZEROS) >> (8 * unwritten);
-    to[at..at + 4].copy_from_slice(&(whole as u32).to_le_bytes());
-    let at = at + 4 - unwritten.min(4);
-    to[at] = b'.';
-    to[at + 1..at + 9].copy_from_slice(&(low | ZEROS).to_le_bytes());
-    // The point and as many; nothing of a whole number. Leading zeros take many steps on old machines.
-    let after = if low == 0 { 0 } else { 9 - low.swap_bytes().trailing_zeros() as usize / 8 };
-    at + after
 }
 
 /// `values` by [`shortest`], a space between them.
