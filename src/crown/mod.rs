@@ -33,7 +33,7 @@ use crate::voxel;
 /// One tree as the scan shows it. Coordinates are local metres with absolute heights.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Crown {
-    /// Stable key of the place ([`crate::frame::Frame::key`] of the root).
+    /// Stable key of the place ([`crate::frame::Frame::key`] of the apex).
     pub key: u64,
     /// Stem foot on the terrain.
     pub root: Vec3,
@@ -265,7 +265,7 @@ impl Found {
 /// Finds the trees, sorted by key. A point belongs to the tree over which it lies; the points of a
 /// tree are gathered in voxels of edge `voxel_m` (see [`voxel::choose_size_m`]).
 ///
-/// A key that two trees would share (roots in the same quarter metre) goes to the taller; the
+/// A key that two trees would share (apexes in the same quarter metre) goes to the taller; the
 /// other takes the next greater key that is free. The same points give the same crowns on any
 /// number of threads.
 ///
@@ -389,7 +389,7 @@ pub fn detect_within(
     let found = crowns.len();
     crowns.retain(|crown| crown.height_m <= TALLEST_M);
     tally.too_tall = found - crowns.len();
-    give_keys(&mut crowns, |root| cloud.frame.key(root));
+    give_keys(&mut crowns, |apex| cloud.frame.key(apex));
     Ok(Found { crowns, tally })
 }
 
@@ -597,7 +597,8 @@ fn join(upper: Layer, lower: Layer, left: impl Iterator<Item = Vec3>) -> Vec<Cro
     crowns
 }
 
-/// Keys from the roots, the taller first; sorted by key.
+/// Keys from the apexes, the taller first; sorted by key. An apex is one return, and stays where it is
+/// when others go or cells change; a root is reckoned from many.
 fn give_keys(crowns: &mut [Crown], key: impl Fn(Vec3) -> u64) {
     crowns.sort_by(|a, b| {
         b.height_m
@@ -607,7 +608,7 @@ fn give_keys(crowns: &mut [Crown], key: impl Fn(Vec3) -> u64) {
     });
     let mut taken = BTreeSet::new();
     for crown in crowns.iter_mut() {
-        crown.key = key(crown.root);
+        crown.key = key(crown.apex);
         while !taken.insert(crown.key) {
             crown.key = crown.key.wrapping_add(1);
         }

@@ -319,6 +319,20 @@ fn a_tree_keeps_its_key_when_the_origin_moves() {
 }
 
 #[test]
+fn a_tree_keeps_its_key_with_cells_and_voxels_of_another_size() {
+    let scan = scan(&stand(), 98.0, 12.0, plane);
+    let ground = terrain(plane);
+    let keys = |cell_m, voxel_m| {
+        let options = CrownOptions { cell_m: Some(cell_m), ..CrownOptions::default() };
+        let all = detect(&scan, &ground, voxel_m, &options).unwrap().value;
+        all.iter().map(|c| c.key).collect::<std::collections::BTreeSet<u64>>()
+    };
+    let (a, b) = (keys(0.3125, 0.5), keys(0.375, 0.6));
+    assert!(a.len() >= 90, "{}", a.len());
+    assert!(a.intersection(&b).count() * 10 >= a.len() * 9);
+}
+
+#[test]
 fn trees_at_the_edge_of_a_scan_are_found_alike_however_far_its_box_reaches() {
     // Cut through crowns on all sides, and a tree far off.
     let whole = scan(&stand(), 98.0, 12.0, plane);
