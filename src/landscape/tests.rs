@@ -434,6 +434,26 @@ fn broad_rays_meet_the_cells_that_are_as_broad() {
 }
 
 #[test]
+fn broad_rays_that_slant_meet_columns_of_two_bricks_aside() {
+    let mut made = Made::empty([65, 65, 65]).over(|_, _| 3.0);
+    for i in 0..64 {
+        made = made.with([40 + (i & 3), 40 + (i >> 2 & 3), 20 + (i >> 4)], 3);
+    }
+    let scene = made.built();
+    // Past the brick, in the same 8 × 8 voxels.
+    let met = |breadth, y, z, d_y| {
+        let narrow = ray([46.0, y, z], [0.0, d_y, -1.0]);
+        let hit = first(&scene, &Ray { breadth: [breadth, 0.0], ..narrow });
+        hit.filter(|hit| hit.what == What::Vegetation)
+    };
+    // At the brick's height.
+    let broad = met(9.0, 4.0, 43.0, 2.0).expect("the brick");
+    assert!((broad.t - 19.0 * 5f64.sqrt()).abs() < NEAR);
+    assert_eq!(met(7.0, 4.0, 43.0, 2.0), None);
+    assert_eq!(met(9.0, 40.0, 43.0, 0.1), None);
+}
+
+#[test]
 fn the_ground_is_cut_where_the_scene_ends() {
     let scene = Made::empty([33, 33, 33]).over(|_, _| 20.0).built();
     let below = first(&scene, &ray([16.0, 16.0, -5.0], [0.0, 0.0, 1.0])).expect("the bottom");
