@@ -17,7 +17,7 @@ use super::paint::{
     Brightness, Cell, Clear, DEEP, LEAST_HEIGHT_M, Lifted, SOIL, WATER, has_colour, ponds, shores,
     soil, tint,
 };
-use super::scraps::scraps;
+use super::scraps::Clumps;
 use crate::diagnostic::{Error, Result};
 use crate::ground::{Classified, Kind};
 use crate::raster::{Grid, GridGeometry, inpaint};
@@ -155,24 +155,23 @@ impl Columns {
         let mut voxels: Vec<(u64, u32)> = keys.iter().zip(&counts).map(own).collect();
         drop((keys, counts));
         voxels.extend(filled.into_iter().map(|key| (key, half)));
-        voxels.par_sort_unstable();
-        // Of a voxel that is filled beside its own few points the greater density counts.
-        voxels.dedup_by(|next, kept| {
-            let is_same = next.0 == kept.0;
-            kept.1 = if is_same { kept.1.max(next.1) } else { kept.1 };
-            is_same
-        });
+        gather(&mut voxels);
         voxels.retain(|(_, density)| *density > 0);
-        let column: Vec<Voxel> =
-            voxels.iter().map(|(key, d)| Voxel { z: *key as u16, density: *d as u8 }).collect();
+        let column = layers_of(&voxels);
         let start = starts(&voxels, height.len());
-        let is_scrap = scraps(&column, &start, &height, cols as usize, half as u8);
-        drop((column, start));
+        let clumps = Clumps::new(&column, &start, &height, cols as usize, half as u8);
+        let (is_scrap, stems) = (clumps.scraps(), clumps.stems());
         let mut kept = is_scrap.into_iter().map(|is| !is);
         voxels.retain(|_| kept.next().unwrap_or(true));
+        // So full that the surface is about half a voxel wide.
+        let slender = (2 * full).div_ceil(3);
+        let layers_in = |(at, layers): (usize, Range<u16>)| {
+            layers.map(move |z| ((at as u64) << 16 | u64::from(z), slender))
+        };
+        voxels.extend(stems.into_iter().flat_map(layers_in));
+        gather(&mut voxels);
         let start = starts(&voxels, height.len());
-        let column =
-            voxels.iter().map(|(key, d)| Voxel { z: *key as u16, density: *d as u8 }).collect();
+        let column = layers_of(&voxels);
         let mut columns = Columns {
             voxels: [cols, rows, layers],
             first_m,
@@ -343,6 +342,20 @@ impl Columns {
         self.paint = Paint { stride, cols, colours };
         from
     }
+}
+
+/// Sorts densities by key; of those of one voxel the greatest counts.
+fn gather(voxels: &mut Vec<(u64, u32)>) {
+    voxels.par_sort_unstable();
+    voxels.dedup_by(|next, kept| {
+        let is_same = next.0 == kept.0;
+        kept.1 = if is_same { kept.1.max(next.1) } else { kept.1 };
+        is_same
+    });
+}
+
+fn layers_of(voxels: &[(u64, u32)]) -> Vec<Voxel> {
+    voxels.iter().map(|(key, d)| Voxel { z: *key as u16, density: *d as u8 }).collect()
 }
 
 /// Where the voxels of each of so many columns begin, and their end.

@@ -93,6 +93,17 @@ impl Dag {
         Ref(self.words[node + 2 + rank])
     }
 
+    /// What some of a node's children hold, of which no one is meant.
+    #[inline(always)]
+    pub fn flags(&self, node: usize, mask: u64, mut some: u64) -> Ref {
+        let mut flags = 0;
+        while some != 0 {
+            flags |= self.nth(node, mask, some.trailing_zeros()).flags();
+            some &= some - 1;
+        }
+        Ref(flags)
+    }
+
     /// The highest plane of a brick: voxels of at least half the full density.
     pub fn solid(&self, brick: usize) -> u64 {
         self.word_pair(brick)

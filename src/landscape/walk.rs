@@ -56,6 +56,14 @@ impl Way {
         self.breadth[0] + self.breadth[1] * t
     }
 
+    /// Whether it is nearer to level than to upright. Such a ray passes many columns; and what is
+    /// broader than it is shows less from the side than in outlines seen from above.
+    #[inline(always)]
+    fn slants(&self) -> bool {
+        let [x, y, z] = self.d;
+        z * z < x * x + y * y
+    }
+
     /// The largest power of two that is no broader than the ray.
     #[inline(always)]
     fn fine(&self, t: f32) -> i32 {
@@ -278,14 +286,26 @@ impl<'a> Column<'a> {
     ) -> Option<Hit> {
         if way.fine(span[1] as f32) >= 2 * BITS as i32 {
             self.pass_nodes::<RISES>(dag, way, span, meet)
+        } else if way.slants() && way.fine(span[0] as f32) > BITS as i32 {
+            self.pass_columns::<RISES, 2>(dag, way, span, meet)
         } else {
-            self.pass_columns::<RISES>(dag, way, span, meet)
+            self.pass_columns::<RISES, 1>(dag, way, span, meet)
         }
     }
 
-    /// Takes a ray over its columns of bricks.
+    /// Bricks up to which anything reaches in a column of `N` × `N` bricks.
     #[inline(always)]
-    fn pass_columns<const RISES: bool>(
+    fn top<const N: u32>(&self, [col, row]: [u32; 2]) -> i16 {
+        let of = |x: u32, y: u32| self.reaches[Blocks::slot([col * N + x, row * N + y])];
+        match N {
+            1 => of(0, 0),
+            _ => of(0, 0).max(of(1, 0)).max(of(0, 1)).max(of(1, 1)),
+        }
+    }
+
+    /// Takes a ray over its columns of `N` × `N` bricks.
+    #[inline(always)]
+    fn pass_columns<const RISES: bool, const N: u32>(
         &self,
         dag: &Dag,
         way: &Way,
@@ -293,10 +313,10 @@ impl<'a> Column<'a> {
         meet: &mut impl FnMut(&Cell) -> Option<Hit>,
     ) -> Option<Hit> {
         let Way { o, d, inverse, .. } = way;
-        let side = f64::from(SIDE);
+        let (side, across) = (f64::from(SIDE * N), SIDE / N);
         let among = |a: usize| {
-            let first = self.at[a] * SIDE;
-            let number = whole((o[a] + d[a] * t) * (1.0 / side)).clamp(first, first + SIDE - 1);
+            let first = self.at[a] * across;
+            let number = whole((o[a] + d[a] * t) * (1.0 / side)).clamp(first, first + across - 1);
             let face = f64::from((number + u32::from(d[a] > 0.0)) as i32) * side;
             (number, (face - o[a]) * inverse[a])
         };
@@ -304,10 +324,10 @@ impl<'a> Column<'a> {
         let one = |axis: usize| if d[axis] > 0.0 { 1 } else { u32::MAX };
         loop {
             let leave = greater(lesser(lesser(x, y), out), t);
-            let top = self.reaches[Blocks::slot([col, row])];
+            let top = self.top::<N>([col, row]);
             if let Some(span) = under::<RISES>(way, top, t, leave)
                 && let Some(hit) =
-                    self.pass_bricks::<RISES>(dag, way, ([col, row], top), span, meet)
+                    self.pass_bricks::<RISES, N>(dag, way, ([col, row], top), span, meet)
             {
                 return Some(hit);
             }
@@ -322,15 +342,15 @@ impl<'a> Column<'a> {
                 y += side * inverse[1].abs();
                 row = row.wrapping_add(one(1));
             }
-            if [col / SIDE, row / SIDE] != self.at {
+            if [col / across, row / across] != self.at {
                 return None;
             }
         }
     }
 
-    /// Takes a ray through a column of bricks that reaches up to `top`.
+    /// Takes a ray through a column of `N` × `N` bricks that reaches up to `top`.
     #[inline(always)]
-    pub fn pass_bricks<const RISES: bool>(
+    fn pass_bricks<const RISES: bool, const N: u32>(
         &self,
         dag: &Dag,
         way: &Way,
@@ -343,7 +363,9 @@ impl<'a> Column<'a> {
         let most = (i32::from(top) - 1) as u32;
         let layer = |t: f64| whole((o[2] + d[2] * t) * (1.0 / side)).min(most);
         let (mut from, to) = (layer(t), layer(out));
-        let flat = slot(col, row, 0);
+        let flat = slot(col * N, row * N, 0);
+        // The bricks of a layer.
+        let layer_mask = if N == 1 { 0x01u64 } else { 0x33 };
         loop {
             let high = from / SIDE;
             let is_last = high == to / SIDE;
@@ -357,19 +379,23 @@ impl<'a> Column<'a> {
                 };
                 let (low, top) = if RISES { (from & 3, last) } else { (last, from & 3) };
                 let between = (u64::MAX << (16 * low)) & (u64::MAX >> (48 - 16 * top));
-                let mut left = node.mask >> flat & 0x0001_0001_0001_0001 & between;
+                let mut left = node.mask >> flat & (layer_mask * 0x0001_0001_0001_0001) & between;
                 while left != 0 {
                     let bit = if RISES { left.trailing_zeros() } else { 63 - left.leading_zeros() };
-                    left ^= 1 << bit;
-                    let number = flat | bit;
+                    let met = left & layer_mask << (bit & 48);
+                    left ^= met;
+                    let number = flat + bit;
                     let z = high * SIDE + (bit >> 4);
                     let faces = [z + u32::from(!RISES), z + u32::from(RISES)]
                         .map(|face| (f64::from(face as i32) * side - o[2]) * inverse[2]);
                     let start = greater(t, faces[0]);
                     let cell = Cell {
-                        low: [col * SIDE, row * SIDE, z * SIDE],
+                        low: [col * N, row * N, z].map(|i| i * SIDE),
                         bits: BITS,
-                        child: dag.nth(node.child.index(), node.mask, number),
+                        child: match N {
+                            1 => dag.nth(node.child.index(), node.mask, number),
+                            _ => dag.flags(node.child.index(), node.mask, met << flat),
+                        },
                         around: (node.mask, number),
                         span: [start, greater(start, lesser(out, faces[1]))],
                         fine: way.fine(start as f32),
@@ -408,7 +434,7 @@ impl<'a> Column<'a> {
                 let hit = if fine >= 2 * BITS as i32 {
                     meet(&Cell { low, bits: 2 * BITS, child, around, span, fine })
                 } else {
-                    self.pass_columns::<RISES>(dag, way, span, meet)
+                    self.pass_columns::<RISES, 2>(dag, way, span, meet)
                 };
                 if hit.is_some() {
                     return hit;
