@@ -192,25 +192,23 @@ impl miette::Diagnostic for Error {
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
         (!self.0.labels.is_empty()).then(|| Box::new(self.0.labels.iter().cloned()) as Box<_>)
     }
-
-    fn related<'a>(&'a self) -> Option<Box<dyn Iterator<Item = &'a dyn miette::Diagnostic> + 'a>> {
-        (!self.0.others.is_empty())
-            .then(|| Box::new(self.0.others.iter().map(|e| e as &dyn miette::Diagnostic)) as Box<_>)
-    }
 }
 
 /// Renders an error as shown on a terminal, without colour, 100 columns wide.
 pub fn render(error: &Error) -> String {
     let warnings = error.each().flat_map(|e| &e.0.warnings);
     let before: String = warnings.map(|warning| format!("warning: {warning}\n")).collect();
-    let mut out = String::new();
     let handler =
         miette::GraphicalReportHandler::new_themed(miette::GraphicalTheme::unicode_nocolor())
             .with_width(100);
-    if handler.render_report(&mut out, error).is_err() {
-        out = format!("{error:?}\n");
-    }
-    before + &out
+    let shown = error.each().map(|error| {
+        let mut out = String::new();
+        match handler.render_report(&mut out, error) {
+            Ok(()) => out,
+            Err(_) => format!("{error:?}\n"),
+        }
+    });
+    before + &shown.collect::<Vec<_>>().join("\n")
 }
 
 /// A value together with what the user should know about it.
@@ -282,6 +280,9 @@ mod tests {
         assert_eq!(messages, ["zero", "one", "two", "three"]);
         let error = nested;
         let shown = render(&error);
-        assert!(shown.contains("one") && shown.contains("two") && shown.contains("three"));
+        assert_eq!(
+            shown.lines().collect::<Vec<_>>(),
+            ["  × zero", "", "  × one", "", "  × two", "", "  × three",]
+        );
     }
 }

@@ -70,6 +70,8 @@ fn differences(a: &Survey, b: &Survey) -> (usize, usize) {
             !(near(x.height_m, y.height_m)
                 && near(x.base_height_m, y.base_height_m)
                 && near(x.diameter_m, y.diameter_m)
+                && near(x.confidence, y.confidence)
+                && x.point_count == y.point_count
                 && x.outline.len() == y.outline.len()
                 && x.outline.iter().zip(&y.outline).all(|(p, q)| p.distance(*q) < 1e-3))
         })

@@ -20,6 +20,9 @@ const KERNEL_BASE_M: f32 = 0.35;
 const KERNEL_PER_M: f32 = 0.006;
 /// Standard deviations of the precomputed levels grow by this factor.
 const KERNEL_STEP: f32 = 1.5;
+/// Heights go on so far beyond the edge of what is known: three deviations for a tree of 50 m. It is
+/// the same whatever stands elsewhere, so that tiles and the whole scan agree.
+const GROWN_M: f32 = 2.0;
 
 /// Points per occupied square metre, over squares of 2 m; 0 for no points.
 pub(super) fn density_per_sq_m(position: &[Vec3]) -> f64 {
@@ -146,7 +149,7 @@ fn smoothed(top: &Grid<f32>) -> Grid<f32> {
     let highest = top.data.par_iter().copied().reduce(|| 0.0f32, f32::max);
     let width = |h: f32| KERNEL_BASE_M + KERNEL_PER_M * h;
     let mut grid = top.clone();
-    grow(&mut grid, (3.0 * width(highest) / cell).ceil() as usize);
+    grow(&mut grid, (GROWN_M / cell).ceil() as usize);
     grid.data.par_iter_mut().for_each(|h| *h = h.max(0.0));
     let grid = &grid;
     let mut level_m = KERNEL_BASE_M;

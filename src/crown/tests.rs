@@ -2,8 +2,9 @@
 
 use glam::{DVec3, Vec2, Vec3};
 use proptest::prelude::*;
+use rayon::prelude::*;
 
-use super::{Crown, CrownOptions, Found, Tally, detect};
+use super::{Crown, CrownOptions, Found, Tally, canopy, detect};
 use crate::diagnostic::Warned;
 use crate::frame::Frame;
 use crate::ground::{Classified, Kind};
@@ -349,6 +350,27 @@ fn trees_at_the_edge_of_a_scan_are_found_alike_however_far_its_box_reaches() {
     let there: Vec<_> = beside.iter().filter(|c| is_here(&c.apex)).map(key).collect();
     let same = alone.iter().filter(|c| there.contains(&key(c))).count();
     assert_eq!((same, there.len()), (alone.len(), alone.len()));
+}
+
+#[test]
+fn a_tall_tree_far_away_changes_no_canopy_at_the_edge_of_a_scan() {
+    let block = |west: u32, height: fn(u32, u32) -> f32| {
+        (0..8000u32).map(move |i| {
+            let (x, y) = (i % 80, i / 80);
+            (Vec3::new((west + x) as f32, y as f32, 0.0) * 0.25, height(x, y))
+        })
+    };
+    let wavy = || block(40, |x, y| 16.0 + (x * 7 % 11) as f32 * 0.3 + (y * 5 % 13) as f32 * 0.2);
+    let tall = block(240, |_, _| 45.0);
+    let over = GridGeometry::covering([0.0, -10.0], [90.0, 35.0], 0.3125);
+    let surface = |points: Vec<(Vec3, f32)>| {
+        let bare = rayon::iter::empty();
+        canopy::build(over, points.into_par_iter(), bare, 1)
+    };
+    let (alone, beside) = (surface(wavy().collect()), surface(wavy().chain(tall).collect()));
+    let cells = alone.top.data.iter().zip(alone.smooth.data.iter().zip(&beside.smooth.data));
+    let farthest = cells.filter(|(top, _)| **top > 0.0).map(|(_, (a, b))| (a - b).abs());
+    assert_eq!(farthest.fold(0.0, f32::max), 0.0);
 }
 
 #[test]

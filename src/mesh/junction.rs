@@ -457,18 +457,25 @@ fn block(b: &Branch, arc_m: f32, sides: u32, taken: u64, is_empty: bool) -> Opti
     let reach = half + ROOM_AROUND;
     let wide = ((x + reach).ceil() - (x - reach).floor()) as i32;
     let narrow = ((2.0 * reach).ceil() as i32).clamp(1, most);
-    let centred = |count: i32| (x - 0.5 * count as f32).round() as i32;
-    // By no more than its half width: then it moves less by going up the tube.
-    let shifts = (half.round() as i32).min(n);
+    let half_in = |count: i32| half.min(0.42 * count as f32);
+    // Where the foot's middle comes to lie, in facets from the block's first.
+    let middle = |(first, count): (i32, i32)| {
+        let edge = half_in(count) + ROOM_AROUND;
+        (x - first as f32).min(count as f32 - edge).max(edge)
+    };
     let natural = (wide <= most).then(|| ((x - reach).floor() as i32, wide));
-    let around = (0..=shifts).flat_map(|d| [d, -d]).map(|d| (centred(narrow) + d, narrow));
+    let centred = (x - 0.5 * narrow as f32).round() as i32;
+    // Shifted by no more than its half width: else it moves less by going up the tube.
+    let may = half.max(0.5) + 1e-3;
+    let around = (0..=may as i32 + 1)
+        .flat_map(|d| [d, -d])
+        .map(|d| (centred + d, narrow))
+        .filter(|&b| (b.0 as f32 + middle(b) - x).abs() <= may);
     let mut tries = natural.into_iter().chain(around);
     let (first, count) = tries.find(|&(first, count)| {
         is_empty || taken & mask(first.rem_euclid(n) as u32, count as u32, sides) == 0
     })?;
-    let half_x = half.min(0.42 * count as f32);
-    let edge = half_x + ROOM_AROUND;
-    let x = (x - first as f32).min(count as f32 - edge).max(edge);
+    let (x, half_x) = (middle((first, count)), half_in(count));
     Some(Hole {
         child: b.child,
         band: 0,
@@ -502,5 +509,47 @@ fn settle(rings: &[Ring], holes: &mut [Hole]) {
         start.at = ring.centre + radial * ring.radius_m;
         (start.away, start.across) = (radial, stance.across(&ring, radial));
         start.rise_m = stance.rise_m(start.radius_m, start.wide_m);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_foot_is_shifted_around_by_no_more_than_its_half_width() {
+        let start = Start {
+            at: Vec3::ZERO,
+            away: Vec3::X,
+            direction: Vec3::X,
+            across: Vec3::Y,
+            arc_m: 0.0,
+            radius_m: 1.0,
+            wide_m: 1.0,
+            rise_m: 1.0,
+            has_collar: true,
+            sides: 4,
+        };
+        let mut found = 0;
+        for sides in 3..=8u32 {
+            for taken in 0..1u64 << sides {
+                for k in 0..48 {
+                    let (turn, half_turn) = (k as f32 * TAU / 24.0, 0.4 + 0.02 * k as f32);
+                    let (rank, arc_m, half_m) = (0, 1.0, 0.1);
+                    let b = Branch { child: 0, rank, arc_m, half_m, turn, half_turn, start };
+                    let Some(hole) = block(&b, 1.0, sides, taken, taken == 0) else {
+                        assert_ne!(taken, 0);
+                        continue;
+                    };
+                    assert_eq!(taken & mask(hole.facet, hole.facets, sides), 0);
+                    let at = (hole.facet as f32 + hole.x) * TAU / sides as f32;
+                    let off = (at - turn + 0.5 * TAU).rem_euclid(TAU) - 0.5 * TAU;
+                    let most = half_turn.max(0.5 * TAU / sides as f32) + 2e-3;
+                    assert!(off.abs() <= most, "{sides} {taken:b} {turn}: {off}");
+                    found += usize::from(taken != 0);
+                }
+            }
+        }
+        assert!(found > 1000);
     }
 }

@@ -238,10 +238,13 @@ fn fields(sheet: &Sheet<'_>, level: &Level, is_overview: bool) -> Vec<(u16, Fiel
     if let (false, Some(g)) = (is_overview, &sheet.geometry) {
         fields.push((33550, Doubles(vec![g.cell_x, g.cell_y, 0.0])));
         fields.push((33922, Doubles(vec![0.0, 0.0, 0.0, g.west, g.north, 0.0])));
-        let (keys, text) = geo_keys(sheet.crs);
-        fields.push((34735, Shorts(keys)));
-        if !text.is_empty() {
-            fields.push((34737, Text(text)));
+        // Of keys without a system readers make one of their own, in which nothing can be placed.
+        if let Some(crs) = sheet.crs {
+            let (keys, text) = geo_keys(crs);
+            fields.push((34735, Shorts(keys)));
+            if !text.is_empty() {
+                fields.push((34737, Text(text)));
+            }
         }
     }
     if let (false, Some(unit)) = (is_overview, sheet.unit.filter(|unit| !unit.is_empty())) {
@@ -258,32 +261,28 @@ fn fields(sheet: &Sheet<'_>, level: &Level, is_overview: bool) -> Vec<(u16, Fiel
 }
 
 /// The key directory, "pixel is area", and the text it points to.
-fn geo_keys(crs: Option<&Crs>) -> (Vec<u16>, String) {
+fn geo_keys(crs: &Crs) -> (Vec<u16>, String) {
     const USER_DEFINED: u16 = 32767;
-    let mut keys: Vec<[u16; 4]> = Vec::new();
     let mut text = String::new();
-    match crs {
-        None => keys.push([1025, 0, 1, 1]),
-        Some(crs) => {
-            let code = crs.epsg.and_then(|code| u16::try_from(code).ok());
-            let wkt = if code.is_none() { crs.wkt.as_deref() } else { None };
-            // Only in a model that is neither projected nor geographic do readers look for a text.
-            keys.push([1024, 0, 1, if wkt.is_some() { USER_DEFINED } else { 1 }]);
-            keys.push([1025, 0, 1, 1]);
-            keys.push([3072, 0, 1, code.unwrap_or(USER_DEFINED)]);
-            if let Some(wkt) = wkt {
-                // A bar ends a text of this field.
-                text = format!("ESRI PE String = {}|", wkt.replace('|', " "));
-                keys.push([3073, 34737, u16::try_from(text.len()).unwrap_or(u16::MAX), 0]);
-            }
-            let is_unit = |m: f64| (crs.horizontal_unit_m - m).abs() < 1e-9;
-            let unit = [(1.0, 9001), (0.3048, 9002), (1200.0 / 3937.0, 9003)]
-                .into_iter()
-                .find(|(m, _)| is_unit(*m));
-            if let Some((_, code)) = unit {
-                keys.push([3076, 0, 1, code]);
-            }
-        }
+    let code = crs.epsg.and_then(|code| u16::try_from(code).ok());
+    let wkt = if code.is_none() { crs.wkt.as_deref() } else { None };
+    let mut keys: Vec<[u16; 4]> = vec![
+        // Only in a model that is neither projected nor geographic do readers look for a text.
+        [1024, 0, 1, if wkt.is_some() { USER_DEFINED } else { 1 }],
+        [1025, 0, 1, 1],
+        [3072, 0, 1, code.unwrap_or(USER_DEFINED)],
+    ];
+    if let Some(wkt) = wkt {
+        // A bar ends a text of this field.
+        text = format!("ESRI PE String = {}|", wkt.replace('|', " "));
+        keys.push([3073, 34737, u16::try_from(text.len()).unwrap_or(u16::MAX), 0]);
+    }
+    let is_unit = |m: f64| (crs.horizontal_unit_m - m).abs() < 1e-9;
+    let unit = [(1.0, 9001), (0.3048, 9002), (1200.0 / 3937.0, 9003)]
+        .into_iter()
+        .find(|(m, _)| is_unit(*m));
+    if let Some((_, code)) = unit {
+        keys.push([3076, 0, 1, code]);
     }
     let mut flat = vec![1, 1, 0, keys.len() as u16];
     flat.extend(keys.iter().flatten());
@@ -441,5 +440,17 @@ mod tests {
         let sizes: Vec<(usize, usize)> = seen.iter().map(|(w, h, _)| (*w, *h)).collect();
         assert_eq!(sizes, [(1100, 600), (550, 300), (275, 150), (138, 75)]);
         assert!(seen.windows(2).all(|pair| pair[0].2 > pair[1].2), "{seen:?}");
+    }
+
+    #[test]
+    fn without_a_coordinate_system_none_is_hinted_at() {
+        let crs = Crs::from_epsg(32646);
+        let value = |col: usize, row: usize, _: usize| heights(col, row);
+        let sheet = Sheet { crs: None, ..sheet(30, 20, &crs, &value) };
+        let level = Level { width: 30, height: 20, tiles: Vec::new() };
+        let tags: Vec<u16> = fields(&sheet, &level, false).iter().map(|(tag, _)| *tag).collect();
+        assert!(tags.contains(&33922) && !tags.contains(&34735), "{tags:?}");
+        let back = geotiff::from_bytes(&encode(&sheet).unwrap()).unwrap();
+        assert_eq!((back.geometry, back.epsg), (sheet.geometry, None));
     }
 }
