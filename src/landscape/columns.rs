@@ -13,11 +13,11 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::build::{Detail, MOST_VOXELS, Source, Voxel};
+use super::clumps::Clumps;
 use super::paint::{
     Brightness, Cell, Clear, DEEP, LEAST_HEIGHT_M, Lifted, SOIL, WATER, has_colour, ponds, shores,
     soil, tint,
 };
-use super::scraps::Clumps;
 use crate::diagnostic::{Error, Result};
 use crate::ground::{Classified, Kind};
 use crate::raster::{Grid, GridGeometry, inpaint};

@@ -13,6 +13,7 @@
 mod blocks;
 mod brick;
 mod build;
+mod clumps;
 mod columns;
 mod dag;
 mod grain;
@@ -23,7 +24,6 @@ mod pack;
 mod paint;
 mod patchwork;
 mod picture;
-mod scraps;
 mod splat;
 mod store;
 #[cfg(test)]

@@ -518,18 +518,7 @@ mod tests {
 
     #[test]
     fn a_foot_is_shifted_around_by_no_more_than_its_half_width() {
-        let start = Start {
-            at: Vec3::ZERO,
-            away: Vec3::X,
-            direction: Vec3::X,
-            across: Vec3::Y,
-            arc_m: 0.0,
-            radius_m: 1.0,
-            wide_m: 1.0,
-            rise_m: 1.0,
-            has_collar: true,
-            sides: 4,
-        };
+        let start = Start::along_x(4);
         let mut found = 0;
         for sides in 3..=8u32 {
             for taken in 0..1u64 << sides {

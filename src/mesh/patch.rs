@@ -185,24 +185,12 @@ mod tests {
             corners(&top, &circles, 0.0, false, &mut out);
             let half_x = 0.42 * facets as f32 * wide;
             let room = facets as f32 - 2.0 * (half_x + 0.08);
-            let start = Start {
-                at: Vec3::ZERO,
-                away: Vec3::X,
-                direction: Vec3::X,
-                across: Vec3::Y,
-                arc_m: 0.0,
-                radius_m: 0.1,
-                wide_m: 0.1,
-                rise_m: 0.1,
-                has_collar: true,
-                sides: corners_of_foot,
-            };
             let x = half_x + 0.08 + room.max(0.0) * across;
             let t = high + 0.06 + (1.0 - 2.0 * (high + 0.06)) * along;
             let way = Vec2::from_angle(way);
             let foot = [Vec2::new(long * way.x, -way.y), Vec2::new(long * way.y, way.x)];
             let foot = foot.map(Vec2::normalize);
-            let hole = Hole::new(facet, facets, [x, half_x], [t, high], foot, start);
+            let hole = Hole::new(facet, facets, [x, half_x], [t, high], foot, Start::along_x(corners_of_foot));
             fill(&hole, [&low, &top], false, [0, sides + 1], &circles, &mut Vec::new(), &mut out);
             prop_assert_eq!(out.triangles() as u32, 2 * facets + 2 + corners_of_foot);
             // The texture coordinates are the tube laid flat.

@@ -112,6 +112,25 @@ pub struct Start {
     pub sides: u32,
 }
 
+#[cfg(test)]
+impl Start {
+    /// A branch along x, a tenth of a metre thick, with so many corners about its foot.
+    pub fn along_x(sides: u32) -> Start {
+        Start {
+            at: Vec3::ZERO,
+            away: Vec3::X,
+            direction: Vec3::X,
+            across: Vec3::Y,
+            arc_m: 0.0,
+            radius_m: 0.1,
+            wide_m: 0.1,
+            rise_m: 0.1,
+            has_collar: true,
+            sides,
+        }
+    }
+}
+
 /// A point of the path before it is a ring.
 #[derive(Debug, Clone, Copy)]
 pub struct Knot {
