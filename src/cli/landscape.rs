@@ -73,38 +73,38 @@ pub struct Landscape {
     /// Terrain cell in metres; from the density where absent.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = args::above_zero::<f32>("metres"))]
     pub cell: Option<f32>,
-    /// Edge of a voxel in metres; from the density where absent.
+    /// Edge of a voxel in metres; where absent the least in which the vegetation hangs together.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = args::above_zero::<f32>("metres"))]
     pub voxel: Option<f32>,
     /// Bits kept of a voxel's density, 2 where absent: more make smoother surfaces of more bytes.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4))]
     pub density_bits: Option<u32>,
     /// From X,Y,Z towards X,Y,Z in the scan's coordinates, 40 degrees high.
-    #[arg(long, value_name = "X,Y,Z,X,Y,Z", allow_hyphen_values = true, value_parser = args::eye, conflicts_with = "view")]
+    #[arg(long, value_name = "X,Y,Z,X,Y,Z", allow_hyphen_values = true, value_parser = args::eye, conflicts_with = "view", requires = "output")]
     pub camera: Option<Eye>,
     /// A view of all of it.
-    #[arg(long, value_enum, default_value = "oblique")]
+    #[arg(long, value_enum, default_value = "oblique", requires = "output")]
     pub view: Side,
     /// Pixels of the picture.
-    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size, requires = "output")]
     pub size: [u32; 2],
     /// Depth of fresh snow in the open, in metres.
-    #[arg(long, value_name = "M", default_value_t = 0.0, allow_negative_numbers = true, value_parser = up_to(MOST_SNOW_M))]
+    #[arg(long, value_name = "M", default_value_t = 0.0, allow_negative_numbers = true, value_parser = up_to(MOST_SNOW_M), requires = "output")]
     pub snow: f32,
     /// Fog that hides what is this far away, in metres; 0 for none.
-    #[arg(long, value_name = "M", default_value_t = 0.0, allow_negative_numbers = true, value_parser = up_to(MOST_FOG_M))]
+    #[arg(long, value_name = "M", default_value_t = 0.0, allow_negative_numbers = true, value_parser = up_to(MOST_FOG_M), requires = "output")]
     pub fog: f32,
     /// Rain in millimetres an hour.
-    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true, value_parser = up_to(MOST_RAIN_MM))]
+    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true, value_parser = up_to(MOST_RAIN_MM), requires = "output")]
     pub rain: f32,
     /// Where the sun is: degrees clockwise from north, and above the horizon.
-    #[arg(long, value_name = "AZIMUTH,HEIGHT", default_value = "240,44", allow_hyphen_values = true, value_parser = sun)]
+    #[arg(long, value_name = "AZIMUTH,HEIGHT", default_value = "240,44", allow_hyphen_values = true, value_parser = sun, requires = "output")]
     pub sun: Vec3,
     /// How voxels are shown.
-    #[arg(long, value_enum, default_value = "surface")]
+    #[arg(long, value_enum, default_value = "surface", requires = "output")]
     pub mode: Shown,
     /// Rays a pixel. The picture is written early and refined until they are spent.
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=4096), requires = "output")]
     pub effort: u32,
     /// Further pictures beside -o, 16-bit PNG.
     #[arg(long, value_enum, value_name = "LAYER,…", value_delimiter = ',', requires = "output")]

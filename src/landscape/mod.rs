@@ -24,6 +24,7 @@ mod pack;
 mod paint;
 mod patchwork;
 mod picture;
+mod spacing;
 mod splat;
 mod store;
 #[cfg(test)]
@@ -42,6 +43,7 @@ pub use layers::{Layers, layers};
 pub use lens::View;
 use patchwork::Patchwork;
 pub use picture::{MOST_PIXELS, Mode, Rays, Shot, count_hits, draw};
+pub use spacing::connected_voxel_m;
 pub use weather::Weather;
 
 use crate::frame::Frame;

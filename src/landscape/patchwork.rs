@@ -39,6 +39,8 @@ impl<T: Copy + Eq + Hash + Default> Patchwork<T> {
             });
             work.places.push(place);
         }
+        work.places.shrink_to_fit();
+        work.samples.shrink_to_fit();
         work
     }
 }

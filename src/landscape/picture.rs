@@ -161,7 +161,7 @@ pub fn draw(
         // Each pass doubles what there is.
         let pass = done..(done.max(1) + done).min(shot.effort);
         let bands: Vec<(usize, &mut [Vec3])> = sums.chunks_mut(width * TILE).enumerate().collect();
-        bands.into_par_iter().for_each_init(
+        bands.into_par_iter().with_max_len(1).for_each_init(
             || Tracer::of_leaves(scene),
             |tracer, (band, sums)| {
                 let rows = sums.len() / width;
@@ -232,5 +232,7 @@ pub fn count_hits(scene: &Landscape, shot: &Shot) -> u64 {
         }
         hits
     };
-    (0..bands).into_par_iter().map_init(|| Tracer::new(scene), |tracer, i| band(tracer, i)).sum()
+    // Band by band, as those that meet much take long.
+    let bands = (0..bands).into_par_iter().with_max_len(1);
+    bands.map_init(|| Tracer::new(scene), |tracer, i| band(tracer, i)).sum()
 }

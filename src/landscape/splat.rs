@@ -2,7 +2,7 @@
 //! is near hides what is far by a depth each pixel.
 //!
 //! The graph of voxels is visited down to single voxels, or to cells as small as a pixel; ground is
-//! splatted a column at a time. Bands of the picture are drawn apart, each in the same order.
+//! splatted a column at a time, and so is the earth where the scene ends. Bands of the picture are drawn apart, each in the same order.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -31,6 +31,7 @@ pub(super) fn splat(scene: &Landscape, lens: &Lens, [width, height]: [u32; 2]) -
             hits,
         };
         sheet.visit(root.index(), scene.dag.levels, [0; 3]);
+        sheet.cuts();
     };
     hits.par_chunks_mut(BAND * width as usize).enumerate().for_each(draw);
     hits
@@ -124,6 +125,40 @@ impl Sheet<'_> {
                 }
             }
         }
+    }
+
+    /// The faces of the earth towards the eye.
+    fn cuts(&mut self) {
+        let (eye, sides) = (self.lens.eye.to_array(), self.scene.sides.map(f64::from));
+        for axis in 0..2 {
+            let face = if eye[axis] < 0.0 { 0.0 } else { sides[axis] };
+            if (0.0..=sides[axis]).contains(&eye[axis]) {
+                continue;
+            }
+            let mut along = 0.0;
+            while along <= sides[1 - axis] {
+                let (x, y) = if axis == 0 { (face, along) } else { (along, face) };
+                along += self.column(x, y, axis);
+            }
+        }
+    }
+
+    /// The earth below a place on a face across `axis`, in squares no smaller than pixels; gives their
+    /// side.
+    fn column(&mut self, x: f64, y: f64, axis: usize) -> f64 {
+        let Some(top) = self.scene.height(x, y) else { return 1.0 };
+        let depth = (DVec3::new(x, y, 0.5 * top) - self.lens.eye).dot(self.lens.forward);
+        let side = (self.lens.pixel * depth).max(1.0).floor();
+        let count = (top / side).ceil().max(0.0);
+        let mut low = 0.0;
+        while low < count {
+            let z = ((low + 0.5) * side).min(top - 0.5 * side);
+            if let Some(seen) = self.seen(DVec3::new(x, y, z), 0.5 * side) {
+                self.put(&seen, side, What::Cut(axis as u8), (0, 0), side as u32);
+            }
+            low += 1.0;
+        }
+        side
     }
 
     fn put(&mut self, seen: &Seen, side: f64, what: What, around: (u64, u32), size: u32) {

@@ -32,7 +32,10 @@ pub fn voxelize(job: &SurveyJob, detail: &Detail, run: &mut Recorder) -> Result<
     let (Whole { classified, density_per_m2, bounds }, terrain) = survey::classified(job, run)?;
     let frame = classified.cloud.frame.clone();
     let photo = survey::place_photo(job, run, raster, &frame, bounds)?;
-    let mut voxel_m = survey::voxel_m(job, density_per_m2);
+    let mut voxel_m = job.voxel_m.unwrap_or_else(|| {
+        let least_m = survey::voxel_m(job, density_per_m2);
+        landscape::connected_voxel_m(&classified, &terrain, least_m)
+    });
     let least_m = Columns::least_voxel_m((bounds.max - bounds.min).truncate());
     if job.voxel_m.is_none() && voxel_m < least_m {
         run.warnings.push(format!(
@@ -94,8 +97,7 @@ pub fn build(job: &SurveyJob, detail: &Detail, run: &mut Recorder) -> Result<Lan
 pub fn load(path: &Path, run: &mut Recorder) -> Result<Landscape> {
     run.stage("landscape", |_| {
         let scene = Landscape::read(path)?;
-        let voxels = scene.voxels().map(|side| side as usize).iter().product();
-        let outcome = Outcome::items(1, "files", voxels, "voxels")
+        let outcome = Outcome::items(1, "files", scene.memory().total(), "bytes")
             .note(format!("{} of {:.2} m", sides(scene.voxels()), scene.voxel_m()))
             .note(format!("{:.2} MB", megabytes(scene.memory().total())));
         Ok((scene, outcome))
