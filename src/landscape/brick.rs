@@ -155,6 +155,8 @@ pub(super) struct Crust {
     pub low: [u32; 3],
     /// 0…1: how deep the noise eats.
     pub depth: f32,
+    /// How many times finer than in small voxels the finest of it is.
+    pub fine: f32,
 }
 
 impl Brick {
@@ -162,7 +164,7 @@ impl Brick {
     pub fn first_leaf(&self, p: Vec3, d: Vec3, to: f32, crust: Crust) -> Option<f32> {
         /// Voxels from one look to the next.
         const STEP: f32 = 0.14;
-        let step = STEP / d.length().max(1e-6);
+        let step = STEP / (crust.fine * d.length().max(1e-6));
         let corner = DVec3::from(crust.low.map(f64::from));
         let mut t = self.first(p, d, 0.0, to)?;
         loop {
@@ -170,7 +172,7 @@ impl Brick {
             let over = self.density(at) - ISO;
             if over < 0.0 {
                 t = self.first(p, d, t, to)?;
-            } else if over >= ISO * crust.depth * gaps(corner + at.as_dvec3()) {
+            } else if over >= ISO * crust.depth * gaps(corner + at.as_dvec3(), crust.fine) {
                 return Some(t);
             }
             t += step;

@@ -35,16 +35,24 @@ pub(super) fn mottle(p: DVec3) -> f32 {
     0.82 + 0.36 * lattice(p * 0.5).0
 }
 
-/// How deep gaps between leaves go at a place, 0…1.
-pub(super) fn gaps(p: DVec3) -> f32 {
+/// How deep gaps between leaves go at a place, 0…1. In large voxels there are some between boughs and
+/// others, so many times finer, between leaves.
+pub(super) fn gaps(p: DVec3, fine: f32) -> f32 {
     let noise = 0.6 * lattice(p * 2.3).0 + 0.4 * lattice(p * 5.9).0;
+    let noise = match fine > 1.0 {
+        true => 0.75 * noise + 0.25 * lattice(p * (5.9 * f64::from(fine))).0,
+        false => noise,
+    };
     ((noise - 0.32) * 2.6).clamp(0.0, 1.0)
 }
 
 /// Clumps of leaves finer than a voxel, where a ray is not broader than they are: their brightness,
-/// and how far they turn the surface.
-pub(super) fn clumps(p: DVec3, breadth: f32) -> (f32, Vec3) {
-    grain(p, breadth, [1.7, 4.1], 1.1)
+/// and how far they turn the surface. In large voxels as [`gaps`] are.
+pub(super) fn clumps(p: DVec3, breadth: f32, fine: f32) -> (f32, Vec3) {
+    match fine > 1.0 {
+        true => grain(p, breadth, [1.7, 4.1, 4.1 * fine], 1.1),
+        false => grain(p, breadth, [1.7, 4.1], 1.1),
+    }
 }
 
 /// The same of litter and stones on the ground; the frequencies are a metre.
@@ -104,7 +112,7 @@ mod tests {
     #[test]
     fn clumps_are_not_seen_from_afar() {
         let p = DVec3::new(3.3, 8.1, 2.7);
-        assert_eq!(clumps(p, 0.6), (1.0, Vec3::ZERO));
-        assert_ne!(clumps(p, 0.1).1, Vec3::ZERO);
+        assert_eq!(clumps(p, 0.6, 1.0), (1.0, Vec3::ZERO));
+        assert_ne!(clumps(p, 0.1, 1.0).1, Vec3::ZERO);
     }
 }

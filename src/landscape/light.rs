@@ -243,7 +243,7 @@ impl<'a> Light<'a> {
         }
         let narrow = ray.breadth[1] * hit.t as f32;
         let (mut shade, bump) = match hit.what {
-            What::Vegetation => clumps(place, narrow),
+            What::Vegetation => clumps(place, narrow, self.scene.boughs_in_voxel()),
             What::Ground => litter(place, self.scene.voxel_m, narrow),
             What::Cut(_) => (1.0, Vec3::ZERO),
         };

@@ -189,6 +189,12 @@ impl Landscape {
         [self.sides[0], self.sides[1], self.sides[2].min(top)]
     }
 
+    /// Boughs are no larger in larger voxels: how many are along a side.
+    fn boughs_in_voxel(&self) -> f32 {
+        const BOUGH_M: f32 = 0.5;
+        (self.voxel_m / BOUGH_M).clamp(1.0, 4.0)
+    }
+
     /// Local metres to voxels.
     fn to_voxels(&self, p: Vec3) -> DVec3 {
         (p.as_dvec3() - self.first_m.as_dvec3()) / f64::from(self.voxel_m)

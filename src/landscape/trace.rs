@@ -316,9 +316,10 @@ impl<'a> Tracer<'a> {
             first_voxel(solid, p, direction, length).map(|(along, number)| (along, (solid, number)))
         } else if child.has(Ref::CELLS) {
             let depth = if self.is_leafy { 1.0 - way.breadth(t as f32) / FINEST } else { 0.0 };
+            let fine = self.scene.boughs_in_voxel();
             let brick = self.brick(low, Some(child));
             let along = match depth > 0.0 {
-                true => brick.first_leaf(p, direction, length, Crust { low, depth }),
+                true => brick.first_leaf(p, direction, length, Crust { low, depth, fine }),
                 false => brick.first(p, direction, 0.0, length),
             };
             along.map(|along| (along, (0, 0)))
