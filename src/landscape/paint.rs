@@ -331,6 +331,25 @@ mod tests {
     }
 
     #[test]
+    fn the_light_of_a_photo_is_drawn_together() {
+        let (lit, shade) = (Vec3::new(150.0, 160.0, 110.0), Vec3::new(28.0, 32.0, 48.0));
+        for lit_in_ten in [4, 6, 9] {
+            let of = |i: u32| match i % 50 {
+                0 => Vec3::splat(9.0),
+                i if i % 10 < lit_in_ten => lit,
+                _ => shade,
+            };
+            let clear = Clear::of((0..1000).map(of));
+            let seen = [lit, shade].map(|c| clear.seen(c));
+            assert!((grey(seen[0]) - SUNLIT).abs() < 1.0, "{seen:?}");
+            let ratio = grey(seen[0]) / grey(seen[1]);
+            assert!(ratio > 1.5 && ratio < 0.6 * grey(lit) / grey(shade), "{seen:?}");
+            // The sky's blue is no colour of leaves.
+            assert!(lit_in_ten < 5 || seen[1].z < seen[1].y, "{seen:?}");
+        }
+    }
+
+    #[test]
     fn dark_ground_is_brightened_and_bright_is_not() {
         let lifted = |level: f32| Lifted::of((0..99).map(move |_| Vec3::splat(level)));
         let seen = |of: f32, level: f32| lifted(of).seen(Vec3::splat(level)).x;

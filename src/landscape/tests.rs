@@ -506,6 +506,29 @@ fn each_mode_shows_something_of_its_own() {
 }
 
 #[test]
+fn splats_have_the_sides_that_rays_meet() {
+    let scene = Made::empty([48, 48, 32]).over(|x, y| 9.0 + 0.2 * x + 0.1 * y).built();
+    for view in [View::North, View::Oblique, View::Top] {
+        let size = [192, 128];
+        let lens = scene.lens(&scene.camera(view, 1.5), size);
+        let splats = splat::splat(&scene, &lens, size);
+        let mut tracer = Tracer::new(&scene);
+        let (mut cut, mut alike) = (0, 0);
+        for (i, splat) in splats.iter().enumerate() {
+            let at = DVec2::new((i % 192) as f64, (i / 192) as f64) + 0.5;
+            let Some(hit) = tracer.trace(&lens.ray(at, 1.0), 0.0, f64::INFINITY) else { continue };
+            if let What::Cut(_) = hit.what {
+                let near = |s: &Hit| s.what == hit.what && (s.t - hit.t).abs() < 4.0;
+                cut += 1;
+                alike += u32::from(splat.as_ref().is_some_and(near));
+            }
+        }
+        assert_eq!(cut > 1000, view != View::Top, "{view:?}: {cut}");
+        assert!(f64::from(alike) >= 0.9 * f64::from(cut), "{view:?}: {alike} of {cut}");
+    }
+}
+
+#[test]
 fn passes_lead_from_rough_to_whole() {
     let scene = Made::wood(48, 2000, 8).built();
     let mut passes = Vec::new();
@@ -546,6 +569,7 @@ fn a_saved_scene_gives_the_same_picture() {
     scene.write(&mut file).unwrap();
     let again = Landscape::read_from(&file[..]).unwrap();
     assert_eq!(again, scene);
+    assert_eq!(again.memory(), scene.memory());
     assert_eq!(drawn(&again, ALL_WEATHER), drawn(&scene, ALL_WEATHER));
 }
 
