@@ -555,7 +555,7 @@ def check_extensions(report, path, document, binary, scene):
             continue
         if reached & set(ids):
             faults.append(f"{node['name']}: a level is drawn on top of it")
-        if len(covers) != len(ids) + 1 or covers != sorted(covers, reverse=True):
+        if len(covers) != len(ids) + 1 or any(a <= b for a, b in zip(covers, covers[1:])):
             faults.append(f"{node['name']}: screen coverage {covers} for {len(ids) + 1} levels")
         places = lambda one: (one.get("translation"), one["extensions"]["EXT_mesh_gpu_instancing"])
         if any(places(nodes[number]) != places(node) for number in ids):

@@ -186,7 +186,7 @@ pub fn files<'a>(
         files.push(usd::package(scene, pictures, stem)?);
     }
     if formats.contains(&Format::X3d) {
-        files.push(x3d::file(Selection::of(scene, Forms::All), stem, profile == Profile::Web));
+        files.push(x3d::file(Selection::of(scene, Forms::Drawn), stem, profile == Profile::Web));
     }
     if formats.contains(&Format::Obj) {
         for (form, selection) in forms(scene, false) {
@@ -217,7 +217,7 @@ pub fn worst_shift_m(scene: &ValidScene, format: Format, profile: Profile) -> f3
 /// What goes into which file, by the suffix of its name.
 fn forms(scene: &ValidScene, is_one_file: bool) -> Vec<(String, Selection<'_>)> {
     if is_one_file {
-        return vec![(String::new(), Selection::of(scene, Forms::All))];
+        return vec![(String::new(), Selection::of(scene, Forms::Drawn))];
     }
     let finest = (String::new(), Selection::of(scene, Forms::One(0)));
     let coarser = (1..)

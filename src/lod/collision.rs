@@ -21,6 +21,10 @@ const STOOL: f32 = 0.2;
 /// Sine of the least rise of a stem that is not the main one, and most of these.
 const STEEP: f32 = 0.5;
 const MOST_STEMS: usize = 6;
+/// Stems beside the main one that are thinner at the foot give way.
+const LEAST_RADIUS_M: f32 = 0.025;
+/// What a stem may be off its frusta where that is more than half its radius.
+const MINDED_M: f32 = 0.05;
 /// Frusta of a stem at most.
 const MOST_PIECES: usize = 8;
 const SIDES: usize = 8;
@@ -80,7 +84,7 @@ fn stems(skeleton: &Skeleton) -> Vec<Vec<Place>> {
     for i in shoots {
         let axis = skeleton.axis[i as usize];
         let from = skeleton.parent_of(i).map_or(0, |p| skeleton.axis[p as usize]);
-        if !bears[from as usize] || radius_m(i) < THIN * thickest_m {
+        if !bears[from as usize] || radius_m(i) < LEAST_RADIUS_M.max(THIN * thickest_m) {
             continue;
         }
         let shoot = stem(skeleton, axis);
@@ -116,7 +120,8 @@ fn stem(skeleton: &Skeleton, axis: u32) -> Vec<Place> {
     out
 }
 
-/// The fewest places between which the stem is straight within half its radius (Ramer 1972).
+/// The fewest places between which the stem is straight within half its radius, or what nobody who
+/// walks into it minds (Ramer 1972).
 fn straightened(stem: &[Place]) -> Vec<Place> {
     let mut kept = vec![0, stem.len() - 1];
     while kept.len() <= MOST_PIECES {
@@ -126,7 +131,7 @@ fn straightened(stem: &[Place]) -> Vec<Place> {
             .map(|(i, a, b)| (i, off(&stem[i], &stem[a], &stem[b])))
             .max_by(|a, b| a.1.total_cmp(&b.1));
         match worst {
-            Some((i, off)) if off > 0.5 => kept.push(i),
+            Some((i, off)) if off > 1.0 => kept.push(i),
             _ => break,
         }
         kept.sort_unstable();
@@ -134,11 +139,12 @@ fn straightened(stem: &[Place]) -> Vec<Place> {
     kept.into_iter().map(|i| stem[i]).collect()
 }
 
-/// How far a place is from the frustum between two others, in its own radii.
+/// How far a place is from the frustum between two others, over how far it may be.
 fn off(p: &Place, a: &Place, b: &Place) -> f32 {
     let t = (p.at.z - a.at.z) / (b.at.z - a.at.z).max(1e-6);
     let radius_m = a.radius_m + (b.radius_m - a.radius_m) * t;
-    (p.at.distance(a.at.lerp(b.at, t)) + (p.radius_m - radius_m).abs()) / p.radius_m.max(1e-6)
+    let off_m = p.at.distance(a.at.lerp(b.at, t)) + (p.radius_m - radius_m).abs();
+    off_m / (0.5 * p.radius_m).max(MINDED_M)
 }
 
 fn frustum(a: Place, b: Place) -> Surface {

@@ -35,7 +35,8 @@ pub struct Impostor {
     pub surface: Surface,
     /// sRGB with alpha, to be cut at [`CUTOFF`].
     pub colour: Picture,
-    /// Tangent-space normals, raw, y up as in OpenGL.
+    /// Tangent-space normals, raw, y up as in OpenGL; half as wide and high as `colour`. A leaf's own
+    /// normal is noise where the sheet is shown.
     pub normal: Picture,
     pub octahedral: Option<Octahedral>,
 }
@@ -307,10 +308,33 @@ impl Board {
 
     fn finish(mut self, surface: Surface, octahedral: Option<Octahedral>) -> Result<Impostor> {
         pad_transparent(&mut self.colour);
-        pad_transparent(&mut self.normal);
-        for p in &mut self.normal.data {
+        let mut normal = halved(&self.normal);
+        pad_transparent(&mut normal);
+        for p in &mut normal.data {
             p[3] = 255;
         }
-        Ok(Impostor { surface, colour: self.colour, normal: self.normal, octahedral })
+        Ok(Impostor { surface, colour: self.colour, normal, octahedral })
     }
+}
+
+/// Normals of 2 × 2 texels by their alpha, of which the mean is kept. Sides are even.
+fn halved(fine: &Picture) -> Picture {
+    let [w, h] = [fine.width / 2, fine.height / 2];
+    let mut out = Picture::filled(w, h, [128, 128, 255, 0]);
+    for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))) {
+        let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| fine.at(2 * x + i, 2 * y + j));
+        let alpha = four.map(|p| f32::from(p[3])).iter().sum::<f32>() / 4.0;
+        let sum: Vec3 = four
+            .iter()
+            .map(|p| {
+                let part = |c: u8| f32::from(c) / 127.5 - 1.0;
+                f32::from(p[3]) * Vec3::new(part(p[0]), part(p[1]), part(p[2]))
+            })
+            .sum();
+        if let Some(mean) = sum.try_normalize() {
+            let code = |c: f32| ((c * 0.5 + 0.5) * 255.0).round() as u8;
+            out.set(x, y, [code(mean.x), code(mean.y), code(mean.z), alpha.ceil() as u8]);
+        }
+    }
+    out
 }

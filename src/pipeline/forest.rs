@@ -833,5 +833,9 @@ pub fn terrain_scene(
 pub fn preview(scene: &ValidScene, [width, height]: [u32; 2]) -> Picture {
     let view = render::View::from(scene.as_scene());
     let camera = Camera::overview(&view, width as f32 / height as f32);
-    render::picture(&view, &camera, &RenderOptions { width, height, ..RenderOptions::default() })
+    // What is drawn is laid out anew: of trees that all differ no more than a share of the scene.
+    const TRIANGLES: usize = 2_000_000;
+    let options =
+        RenderOptions { width, height, triangle_budget: TRIANGLES, ..RenderOptions::default() };
+    render::picture(&view, &camera, &options)
 }

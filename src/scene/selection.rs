@@ -12,6 +12,9 @@ use super::{Apart, Collider, Instance, Material, Octahedral, Part, Texture, Vali
 pub enum Forms {
     /// All, and colliders.
     All,
+    /// The finest, those whose silhouette no coarser one equals or betters, and colliders: where forms
+    /// are chosen by error the others would never be shown.
+    Drawn,
     /// One: 0 is the finest, which brings the terrain and colliders, others come without.
     One(usize),
 }
@@ -206,10 +209,25 @@ fn model(prototype: &super::Prototype, forms: Forms) -> Model<'_> {
         name: &prototype.name,
         forms: match forms {
             Forms::All => all.collect(),
+            Forms::Drawn => drawn(all.collect()),
             Forms::One(k) => all.skip(k).take(1).collect(),
         },
         colliders: if has_bodies { &prototype.colliders } else { &[] },
     }
+}
+
+fn drawn(mut forms: Vec<Form<'_>>) -> Vec<Form<'_>> {
+    let mut least_m = f32::INFINITY;
+    let mut number = forms.len();
+    forms.reverse();
+    forms.retain(|form| {
+        number -= 1;
+        let is_drawn = number == 0 || form.silhouette.rms_m < least_m;
+        least_m = least_m.min(form.silhouette.rms_m);
+        is_drawn
+    });
+    forms.reverse();
+    forms
 }
 
 fn numbered(shown: &[bool]) -> Vec<u32> {
@@ -268,6 +286,27 @@ mod tests {
                 assert_eq!(coarsest.textures[coarsest.texture(texture) as usize], texture);
             }
         }
+    }
+
+    #[test]
+    fn forms_that_a_coarser_one_betters_are_not_drawn() {
+        let form = |rms_m| Form {
+            name: "",
+            parts: &[],
+            silhouette: Apart { worst_m: 1.0, rms_m },
+            octahedral: None,
+        };
+        let kept = |rms_m: &[f32]| -> Vec<f32> {
+            let forms = drawn(rms_m.iter().map(|&m| form(m)).collect());
+            forms.iter().map(|f| f.silhouette.rms_m).collect()
+        };
+        assert_eq!(kept(&[0.0, 0.1, 0.2, 0.3]), [0.0, 0.1, 0.2, 0.3]);
+        assert_eq!(kept(&[0.0, 0.05, 0.04, 0.12, 0.06]), [0.0, 0.04, 0.06]);
+        assert_eq!(kept(&[0.0, 0.1, 0.1]), [0.0, 0.1]);
+        assert_eq!(kept(&[0.0, 0.0]), [0.0, 0.0]);
+        let scene = with_levels();
+        assert_eq!(Selection::of(&scene, Forms::Drawn).models[0].forms.len(), 2);
+        assert!(kept(&[]).is_empty());
     }
 
     #[test]

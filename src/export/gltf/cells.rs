@@ -51,18 +51,16 @@ const PICTURE_ASPECT: f32 = 16.0 / 9.0;
 
 /// The share of the picture that a cell covers when the next form takes over, one value a form:
 /// each is shown until the silhouette of the next is off by less than a line (root mean square)
-/// of a picture of 1080. The last is 0: the coarsest form never vanishes.
+/// of a picture of 1080. The last is 0: the coarsest form never vanishes. Errors grow from the second
+/// form on ([`Forms::Drawn`](crate::scene::Forms::Drawn)), so that shares fall. More than 1 is a
+/// cell that reaches beyond the picture, as it does where the eye is near.
 pub(super) fn screen_coverage(forms: &[Form<'_>], diameter_m: f32) -> Vec<f32> {
-    let mut covers: Vec<f32> = Vec::with_capacity(forms.len());
-    for next in &forms[1..] {
+    let cover = |next: &Form<'_>| {
         // At the distance where a line is as high as the error, the cell is so many lines high.
         let height = diameter_m / (PICTURE_LINES * next.silhouette.rms_m.max(1e-6));
-        let area = std::f32::consts::FRAC_PI_4 * height * height / PICTURE_ASPECT;
-        let before = covers.last().copied().unwrap_or(1.0);
-        covers.push(area.min(before));
-    }
-    covers.push(0.0);
-    covers
+        std::f32::consts::FRAC_PI_4 * height * height / PICTURE_ASPECT
+    };
+    forms[1..].iter().map(cover).chain([0.0]).collect()
 }
 
 #[cfg(test)]
@@ -103,9 +101,7 @@ mod tests {
         let disc = std::f32::consts::FRAC_PI_4 * 0.01 * 9.0 / 16.0;
         assert!((covers[0] - disc).abs() < 1e-6 && (covers[1] - disc / 4.0).abs() < 1e-6);
         assert_eq!(covers[2], 0.0);
-        // A coarser form that is nearer than a finer one does not come before it.
-        let covers = screen_coverage(&[form(0.0), form(2.0), form(1.0)], 108.0);
-        assert_eq!(covers[0], covers[1]);
-        assert_eq!(screen_coverage(&[form(0.0), form(0.0)], 10.0), [1.0, 0.0]);
+        let near = screen_coverage(&[form(0.0), form(0.01), form(0.02)], 108.0);
+        assert!(near[0] > near[1] && near[1] > 1.0, "{near:?}");
     }
 }
