@@ -171,6 +171,11 @@ pub fn cell_m(density_per_sq_m: f64) -> f32 {
     canopy::cell_for_density(density_per_sq_m) as f32
 }
 
+/// The cell of the canopy surface of these points where none is asked for, metres.
+pub fn usual_cell_m(points: &[Vec3]) -> f32 {
+    cell_m(canopy::density_per_sq_m(points))
+}
+
 /// The tallest tree known stands 116 m high.
 const TALLEST_M: f32 = 120.0;
 
@@ -368,9 +373,7 @@ pub fn detect_within(
         return Ok(Found { crowns: Vec::new(), tally });
     };
 
-    let cell = f64::from(
-        options.cell_m.unwrap_or_else(|| cell_m(canopy::density_per_sq_m(&cloud.position))),
-    );
+    let cell = f64::from(options.cell_m.unwrap_or_else(|| usual_cell_m(&cloud.position)));
     let grid = |cell: f64| {
         let [low, high] = [low, high].map(|p| p.to_array().map(f64::from));
         canopy::geometry(low, high, cell, cloud.len())

@@ -187,6 +187,9 @@ pub fn calibrate() -> Result<f64> {
     Ok(least)
 }
 
+/// What a run may take longer than the front foretells without missing a stated time.
+const MARGIN: f64 = 1.15;
+
 /// A scan to a forest that meets the goal as far as any setting of the front does. The job's own
 /// effort, sharing, triangles and tolerance are not looked at.
 ///
@@ -266,7 +269,7 @@ fn choose_survey(
     let least_build = least_build.fold(f64::INFINITY, f64::min);
     let fits = |s: &&SurveyRate| match goal {
         Goal::Error(m) => s.terrain_error_m <= m,
-        Goal::Time(t) => pace * (s.seconds(points) + least_build) <= t,
+        Goal::Time(t) => MARGIN * pace * (s.seconds(points) + least_build) <= t,
     };
     let quick = |a: &&SurveyRate, b: &&SurveyRate| {
         a.seconds_per_million_points.total_cmp(&b.seconds_per_million_points)
@@ -291,7 +294,7 @@ fn choose_build(
     let seconds = |b: &BuildRate| pace * b.seconds(trees, species);
     let fits = |b: &&BuildRate| match goal {
         Goal::Error(m) => b.crown_error_m * harder <= m,
-        Goal::Time(t) => seconds(b) <= t,
+        Goal::Time(t) => MARGIN * seconds(b) <= t,
     };
     let quick = |a: &&BuildRate, b: &&BuildRate| seconds(a).total_cmp(&seconds(b));
     let right = |a: &&BuildRate, b: &&BuildRate| a.crown_error_m.total_cmp(&b.crown_error_m);

@@ -127,6 +127,8 @@ pub enum Truth {
     Simulated,
     /// Points of the scan that were not used.
     HeldOut,
+    /// What half of the scan's points give, beside the other half.
+    Halves,
     /// All points of the scan, those that were used among them.
     Cloud,
     /// A finer result of the same program.
@@ -142,6 +144,7 @@ impl Truth {
         match self {
             Truth::Simulated => "against the known truth of the simulated survey",
             Truth::HeldOut => "against points of the scan that were held out",
+            Truth::Halves => "of one half of the scan's points against the other half",
             Truth::Cloud => "against all points of the scan, those it was made from among them",
             Truth::Finer => "against a finer result of the program itself",
             Truth::Exact => "against what is known exactly",
@@ -301,7 +304,8 @@ pub struct Fit {
 
 /// Share of the stated order that a fitted one may be short of.
 const SHORT: f64 = 0.2;
-/// Errors this far off the fit, RMS, follow no single order.
+/// Errors this far off the fit, RMS, follow no single order; those that rise by this above the
+/// least converge no more.
 const LOOSE: f64 = 0.25;
 /// How many times the finest error the coarsest must be for an order to be seen.
 const SEEN: f64 = 2.0;
@@ -317,6 +321,10 @@ impl Ladder {
             off,
         });
         let least = self.rungs.iter().map(|r| r.error).fold(f64::INFINITY, f64::min);
+        // How far errors rise again below the step where they are least.
+        let best = self.rungs.iter().position(|r| r.error == least).unwrap_or(0);
+        let rises = |r: &Rung| r.error / least - 1.0;
+        let risen = self.rungs[best.min(self.rungs.len())..].iter().map(rises).fold(0.0, f64::max);
         let fall = self.rungs.first().map_or(0.0, |r| r.error / least);
         let unit = &self.error.unit;
         (self.converges, self.verdict) = match self.fit {
@@ -327,6 +335,17 @@ impl Ladder {
             }
             Some(f) if f.order < (1.0 - SHORT) * self.stated_order => {
                 (false, format!("falls with order {:.2}, not {}", f.order, self.stated_order))
+            }
+            Some(f) if risen > LOOSE => {
+                let step = super::significant(self.rungs[best].step);
+                let (order, from) = (f.order, &self.step.unit);
+                let rise = 100.0 * risen;
+                (
+                    false,
+                    format!(
+                        "falls with order {order:.2} to a step of {step} {from}, then rises by {rise:.0} %"
+                    ),
+                )
             }
             Some(f) => {
                 let floor = match f.floor {
@@ -493,6 +512,13 @@ mod tests {
         assert!(!slow.converges && slow.verdict.contains("order 1.00, not 2"), "{}", slow.verdict);
         let flat = ladder([1.0, 1.1, 0.9, 1.0, 1.0], 1.0);
         assert!(!flat.converges && flat.verdict.contains("does not fall"), "{}", flat.verdict);
+        let risen = ladder([16.0, 4.0, 1.0, 1.1, 1.4], 2.0);
+        assert!(
+            !risen.converges && risen.verdict.contains("then rises by 40 %"),
+            "{}",
+            risen.verdict
+        );
+        assert!(ladder([16.0, 4.0, 1.0, 1.1, 1.2], 2.0).converges);
         assert!(ladder([0.0; 5], 1.0).converges);
         assert!(!ladder([1.0, f64::NAN, 0.1, 0.1, 0.1], 1.0).converges);
     }

@@ -3,6 +3,7 @@
 //! how far the outcome is from what it should be, so that smaller is better and 0 is exact.
 
 use std::fmt::Write;
+use std::panic::catch_unwind;
 use std::time::Instant;
 
 use glam::{DMat3, DVec3, Vec3};
@@ -65,7 +66,8 @@ impl Finding {
 impl Case {
     pub fn run(&self) -> Finding {
         let start = Instant::now();
-        let outcome = (self.measure)();
+        // A panic is a miss of its own, and no end of the others.
+        let outcome = catch_unwind(self.measure).unwrap_or_else(|_| Err(Error::new("a panic")));
         let seconds = start.elapsed().as_secs_f64();
         let Case { name, expectation, unit, limit, .. } = *self;
         let (measured, ended_by) = match outcome {

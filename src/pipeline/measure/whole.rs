@@ -29,8 +29,19 @@ const BUILDS: [(usize, usize); 11] = [
     (0, 15_000),
 ];
 /// What goals choose among besides: too long for a report.
-const FINER_BUILDS: [(usize, usize); 7] =
-    [(2, 1_500), (20, 1_500), (20, 15_000), (0, 8_000), (0, 25_000), (0, 40_000), (0, 60_000)];
+const FINER_BUILDS: [(usize, usize); 11] = [
+    (2, 1_500),
+    (5, 25_000),
+    (5, 40_000),
+    (5, 60_000),
+    (20, 1_500),
+    (20, 15_000),
+    (20, 40_000),
+    (0, 8_000),
+    (0, 25_000),
+    (0, 40_000),
+    (0, 60_000),
+];
 const QUICK_BUILDS: [(usize, usize); 4] = [(2, 500), (5, 1_500), (5, 5_000), (0, 1_500)];
 /// Small, that drawing them does not hide what the settings cost.
 const TEXTURE_PX: u32 = 128;
