@@ -22,6 +22,11 @@ pub struct Voxel {
 pub trait Source: Sync {
     /// Voxels along x, y and z.
     fn voxels(&self) -> [u32; 3];
+    /// Columns along x and y whose heights and colours are known: no fewer than there are voxels.
+    fn known(&self) -> [u32; 2] {
+        let [cols, rows, _] = self.voxels();
+        [cols, rows]
+    }
     /// Vegetation in column (x, y), each z once.
     fn column(&self, x: u32, y: u32) -> &[Voxel];
     /// The ground at the centre of column (x, y), in voxels from the centre of the lowest.
@@ -203,8 +208,9 @@ impl Heights {
     fn build(source: &impl Source, stride: u32) -> Heights {
         let [cols, rows, _] = source.voxels().map(|side| side.saturating_sub(1));
         let (width, height) = (cols.div_ceil(stride) as usize, rows.div_ceil(stride) as usize);
+        let last = source.known().map(|side| side.saturating_sub(1));
         let at = |i: usize, j: usize| {
-            let (x, y) = ((i as u32 * stride).min(cols), (j as u32 * stride).min(rows));
+            let (x, y) = ((i as u32 * stride).min(last[0]), (j as u32 * stride).min(last[1]));
             source.height(x, y).filter(|h| h.is_finite())
         };
         let samples =
@@ -240,11 +246,13 @@ impl Colours {
         let [cols, rows, _] = source.voxels().map(|side| side.saturating_sub(1));
         let (mut width, mut height) =
             (cols.div_ceil(stride) as usize, rows.div_ceil(stride) as usize);
+        let last = source.known().map(|side| side.saturating_sub(1));
         let mut samples: Vec<u32> = (0..=height)
             .into_par_iter()
             .flat_map_iter(|j| {
                 (0..=width).map(move |i| {
-                    let (x, y) = ((i as u32 * stride).min(cols), (j as u32 * stride).min(rows));
+                    let (x, y) =
+                        ((i as u32 * stride).min(last[0]), (j as u32 * stride).min(last[1]));
                     let [ground, above] = source.colours(x, y).map(packed);
                     u32::from(ground) | u32::from(above) << 16
                 })

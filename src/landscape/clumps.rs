@@ -11,8 +11,9 @@ use super::build::Voxel;
 
 /// Voxels that touch each other are kept from so many on.
 const FEWEST: u32 = 3;
-/// Voxels above the ground up to which all are kept.
-const NEAR_GROUND: f32 = 4.0;
+/// Metres above the ground up to which all are kept, and how many voxels at least.
+const NEAR_GROUND_M: f32 = 1.6;
+const NEAR_GROUND: f32 = 2.0;
 
 /// Share of a clump's height above the ground within which something that stands holds it.
 const HELD: f32 = 0.15;
@@ -33,14 +34,15 @@ pub(super) struct Clumps<'a> {
 }
 
 impl<'a> Clumps<'a> {
-    /// Of columns, `cols` in a row, the voxels that are at least `half` full.
+    /// Of columns, `cols` in a row, the voxels of this edge that are at least `half` full.
     pub fn new(
         column: &'a [Voxel],
         start: &'a [u32],
         height: &'a [f32],
         cols: usize,
-        half: u8,
+        (half, voxel_m): (u8, f32),
     ) -> Clumps<'a> {
+        let near_ground = (NEAR_GROUND_M / voxel_m).max(NEAR_GROUND);
         let mut root: Vec<u32> = (0..column.len() as u32).collect();
         let range = |i: usize| start[i] as usize..start[i + 1] as usize;
         let dense = |i: &usize| column[*i].density >= half;
@@ -79,7 +81,7 @@ impl<'a> Clumps<'a> {
             for i in range(at) {
                 let Some(of) = of[i] else { continue };
                 count[of as usize] += 1;
-                is_low[of as usize] |= f32::from(column[i].z) < ground + NEAR_GROUND;
+                is_low[of as usize] |= f32::from(column[i].z) < ground + near_ground;
             }
         }
         Clumps { column, start, height, cols, of, count, is_low }
@@ -164,7 +166,7 @@ mod tests {
         }
         let column: Vec<Voxel> =
             voxels.iter().map(|[_, _, z]| Voxel { z: *z as u16, density: 3 }).collect();
-        look(Clumps::new(&column, &start, &[0.0; COLS * COLS], COLS, 2))
+        look(Clumps::new(&column, &start, &[0.0; COLS * COLS], COLS, (2, 0.4)))
     }
 
     fn scraps(mut voxels: Vec<[u32; 3]>) -> Vec<[u32; 3]> {

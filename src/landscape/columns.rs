@@ -26,7 +26,10 @@ use crate::terrain::Terrain;
 /// A scan as columns, in memory.
 #[derive(Debug)]
 pub struct Columns {
+    /// As far as the scan reaches.
     voxels: [u32; 3],
+    /// Columns along x and y that are known: whole patches of heights and colours.
+    known: [u32; 2],
     /// The centre of the first voxel, local metres.
     pub first_m: Vec3,
     /// Where the voxels of each column begin, and their end.
@@ -88,7 +91,6 @@ impl Columns {
         if !(low.is_finite() && high.is_finite()) {
             return Err(Error::new("no points to make voxels of"));
         }
-        // Whole bricks and patches, so that equal parts of scans fall on equal voxels.
         let tile = detail.height_stride.max(detail.colour_stride);
         let across = |extent: f32| (f64::from(extent) / f64::from(voxel_m)).ceil() + 2.0;
         let size = [across(high.x - low.x), across(high.y - low.y)];
@@ -103,7 +105,8 @@ impl Columns {
         {
             return Err(too_many(format!("{} × {}", size[0], size[1])));
         }
-        let [cols, rows] = size.map(|side| (side as u32).next_multiple_of(tile) + 1);
+        let cut = size.map(|side| side as u32);
+        let [cols, rows] = cut.map(|side| side.next_multiple_of(tile) + 1);
         let place = |x: u32, y: u32| first + Vec2::new(x as f32, y as f32) * voxel_m;
         let heights: Vec<f32> = (0..rows)
             .into_par_iter()
@@ -159,7 +162,7 @@ impl Columns {
         voxels.retain(|(_, density)| *density > 0);
         let column = layers_of(&voxels);
         let start = starts(&voxels, height.len());
-        let clumps = Clumps::new(&column, &start, &height, cols as usize, half as u8);
+        let clumps = Clumps::new(&column, &start, &height, cols as usize, (half as u8, voxel_m));
         let (is_scrap, stems) = (clumps.scraps(), clumps.stems());
         let mut kept = is_scrap.into_iter().map(|is| !is);
         voxels.retain(|_| kept.next().unwrap_or(true));
@@ -173,7 +176,8 @@ impl Columns {
         let start = starts(&voxels, height.len());
         let column = layers_of(&voxels);
         let mut columns = Columns {
-            voxels: [cols, rows, layers],
+            voxels: [cut[0], cut[1], layers],
+            known: [cols, rows],
             first_m,
             start,
             column,
@@ -201,13 +205,13 @@ impl Columns {
     }
 
     fn range(&self, x: u32, y: u32) -> Range<usize> {
-        let i = y as usize * self.voxels[0] as usize + x as usize;
+        let i = y as usize * self.known[0] as usize + x as usize;
         self.start[i] as usize..self.start[i + 1] as usize
     }
 
     /// The terrain under a column, in voxels.
     pub fn ground(&self, x: u32, y: u32) -> f32 {
-        self.height[y as usize * self.voxels[0] as usize + x as usize]
+        self.height[y as usize * self.known[0] as usize + x as usize]
     }
 
     fn paint(
@@ -220,8 +224,8 @@ impl Columns {
         let stride = self.paint.stride;
         let cell = f64::from(stride) * f64::from(voxel_m);
         let (cols, rows) = (
-            (self.voxels[0].div_ceil(stride)) as usize + 1,
-            (self.voxels[1].div_ceil(stride)) as usize + 1,
+            (self.known[0].div_ceil(stride)) as usize + 1,
+            (self.known[1].div_ceil(stride)) as usize + 1,
         );
         // Cell centres are where samples are; row 0 is the southernmost here.
         let west = f64::from(self.first_m.x) - 0.5 * cell;
@@ -404,6 +408,10 @@ fn filled(
 impl Source for Columns {
     fn voxels(&self) -> [u32; 3] {
         self.voxels
+    }
+
+    fn known(&self) -> [u32; 2] {
+        self.known
     }
 
     fn column(&self, x: u32, y: u32) -> &[Voxel] {

@@ -115,7 +115,9 @@ impl Sheet<'_> {
             }
         }
         if child.has(Ref::GROUND) {
-            for (x, y) in (0..4).flat_map(|y| (0..4).map(move |x| (low[0] + x, low[1] + y))) {
+            let [wide, deep, _] = self.scene.sides;
+            let all = (0..4).flat_map(|y| (0..4).map(move |x| (low[0] + x, low[1] + y)));
+            for (x, y) in all.filter(|(x, y)| *x <= wide && *y <= deep) {
                 let (x, y) = (f64::from(x), f64::from(y));
                 let Some(z) = self.scene.height(x, y) else { continue };
                 if (f64::from(low[2])..f64::from(low[2] + 4)).contains(&z)

@@ -31,6 +31,8 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
             100.0 "bytes a tree", many_instances;
         landscape: "a slope of 45° in voxels of 1 m" => "its ground within a voxel, at its border too",
             1.0 "m", sloping_voxels;
+        landscape: "a scan of 39.5 m in voxels of 1.7 m" => "a block that ends within 1.5 voxels of it",
+            1.5 "voxels", snug_landscape;
         landscape: "voxels of 10⁻⁶ m, 0 and NaN" => "an error before memory is taken",
             0.0 "answers without one", tiny_landscape;
     }
@@ -185,6 +187,17 @@ fn sloping_voxels() -> Result<f64> {
     let (first_m, frame) = (columns.first_m, Frame::local(DVec3::ZERO));
     let (scene, _) = Landscape::build(&columns, &DETAIL, frame, first_m, 1.0)?;
     Ok(landscape::surface_error(&scene, &columns).ground_worst_m)
+}
+
+fn snug_landscape() -> Result<f64> {
+    const VOXEL_M: f32 = 1.7;
+    let columns = columns(VOXEL_M)?;
+    let frame = Frame::local(DVec3::ZERO);
+    let (scene, _) = Landscape::build(&columns, &DETAIL, frame, columns.first_m, VOXEL_M)?;
+    let [low, high] = scene.bounds_m().map(|corner| corner.truncate());
+    let beyond = low.abs().max(high - Vec2::splat(39.5));
+    let short = (low.max(Vec2::splat(39.5) - high)).max_element() > 0.0;
+    Ok(if short { f64::INFINITY } else { f64::from(beyond.max_element() / VOXEL_M) })
 }
 
 fn tiny_landscape() -> Result<f64> {
