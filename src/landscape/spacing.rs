@@ -36,9 +36,9 @@ pub fn connected_voxel_m(classified: &Classified, terrain: &Terrain, least_m: f3
 }
 
 fn least_connected(points: &[Vec3], least_m: f32) -> f32 {
-    let edges = (0..=STEPS).map(|step| least_m * (1.0 + STEP * f32::from(step)));
+    let edge = |step: u16| least_m * (1.0 + STEP * f32::from(step));
     let is_wide = |edge: &f32| beside(points, *edge).is_none_or(|mean| mean >= BESIDE);
-    edges.clone().find(is_wide).or(edges.last()).unwrap_or(least_m)
+    (0..STEPS).map(edge).find(is_wide).unwrap_or(edge(STEPS))
 }
 
 /// All points, or those of plots drawn by lot.
