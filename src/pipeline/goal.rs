@@ -376,12 +376,15 @@ mod tests {
     #[test]
     fn the_front_of_the_program_is_whole() {
         let f = reference().unwrap();
-        let error = |models: usize| {
-            let of = f.builds.iter().filter(|b| b.models_a_species == models);
-            of.map(|b| b.crown_error_m).fold(f64::INFINITY, f64::min)
+        let error = |models: usize, triangles: usize| {
+            let is_it = |b: &&BuildRate| (b.models_a_species, b.triangles) == (models, triangles);
+            f.builds.iter().find(is_it).map_or(f64::NAN, |b| b.crown_error_m)
         };
         assert!(f.unit_s > 0.0 && f.surveys.len() == Effort::ALL.len());
-        assert!(error(0) < 0.7 * error(5), "{} {}", error(0), error(5));
+        for [coarse, fine] in [[5_000, 15_000], [15_000, 40_000], [40_000, 60_000]] {
+            assert!(error(0, fine) < error(0, coarse) && error(5, fine) < error(5, coarse));
+            assert!(error(0, fine) < 0.95 * error(5, fine), "{fine}");
+        }
         assert!(f.surveys.iter().all(|s| s.terrain_error_m < 0.05));
     }
 }
