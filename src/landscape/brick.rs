@@ -98,9 +98,15 @@ impl Brick {
 
     /// The density at `p`, in voxels from the brick's first voxel centre; 0…4 along each axis.
     pub fn density(&self, p: Vec3) -> f32 {
+        self.density_of(p).0
+    }
+
+    /// [`Brick::density`], and the greatest at the corners of the cell that it is of.
+    fn density_of(&self, p: Vec3) -> (f32, f32) {
         let cell = p.clamp(Vec3::ZERO, Vec3::splat(3.999)).floor();
         let slot = cell.x as u32 | (cell.y as u32) << 2 | (cell.z as u32) << 4;
-        trilinear(&self.corners(slot), p - cell)
+        let corners = self.corners(slot);
+        (trilinear(&corners, p - cell), corners.into_iter().fold(0.0, f32::max))
     }
 
     /// The first place on the ray `p + t·d`, `t` in `from..=to`, where the density reaches one half,
@@ -169,10 +175,13 @@ impl Brick {
         let mut t = self.first(p, d, 0.0, to)?;
         loop {
             let at = p + d * t;
-            let over = self.density(at) - ISO;
+            let (density, most) = self.density_of(at);
+            let over = density - ISO;
+            // Of a stem or twig, which is full nowhere, noise eats less, as it would leave dots.
+            let deep = (most - ISO).max(0.0).powi(2) / ISO;
             if over < 0.0 {
                 t = self.first(p, d, t, to)?;
-            } else if over >= ISO * crust.depth * gaps(corner + at.as_dvec3(), crust.fine) {
+            } else if over >= deep * crust.depth * gaps(corner + at.as_dvec3(), crust.fine) {
                 return Some(t);
             }
             t += step;
@@ -180,6 +189,73 @@ impl Brick {
                 return None;
             }
         }
+    }
+}
+
+impl Brick {
+    /// The mean of a cell's corners.
+    pub fn mean(&self, slot: u32) -> f32 {
+        self.corners(slot).iter().sum::<f32>() / 8.0
+    }
+}
+
+/// Shares of their voxels' full density that a brick and those around it have, x fastest.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Fills([f32; 27]);
+
+impl Fills {
+    /// About the brick whose first voxel is at `low`.
+    pub fn gather(dag: &Dag, low: [u32; 3]) -> Fills {
+        let near = |number: usize| {
+            let step = [number % 3, number / 3 % 3, number / 9];
+            let at = |a: usize| (low[a] + SIDE * step[a] as u32).checked_sub(SIDE);
+            let (x, y, z) = (at(0)?, at(1)?, at(2)?);
+            dag.brick([x, y, z]).map(|brick| dag.fill(brick.index()))
+        };
+        Fills(std::array::from_fn(|number| near(number).unwrap_or(0.0)))
+    }
+
+    pub fn most(&self) -> f32 {
+        self.0.into_iter().fold(0.0, f32::max)
+    }
+
+    /// At the middle of a cell, between the middles of the bricks.
+    pub fn at(&self, slot: u32) -> f32 {
+        let along = |cell: u32| {
+            // Middles of cells lie half a voxel up from their first corner, those of bricks 1.5.
+            let off = 1.0 + (cell as f32 - 1.0) / SIDE as f32;
+            ((off as usize).min(1), off - (off as usize).min(1) as f32)
+        };
+        let [x, y, z] = [slot & 3, slot >> 2 & 3, slot >> 4].map(along);
+        let at = |i: usize| {
+            let [i, j, k] = [x.0 + (i & 1), y.0 + (i >> 1 & 1), z.0 + (i >> 2)];
+            self.0[i + 3 * j + 9 * k]
+        };
+        trilinear(&std::array::from_fn(at), Vec3::new(x.1, y.1, z.1))
+    }
+}
+
+/// Takes a ray through the 4³ cells of a brick, from cell to cell, as long as `go` says so of where it
+/// enters each and of its number.
+pub(super) fn along_cells(p: Vec3, d: Vec3, to: f32, mut go: impl FnMut(f32, u32) -> bool) {
+    let (p, d) = (p.to_array(), d.to_array());
+    let mut cell = [0, 1, 2].map(|a| p[a].clamp(0.0, 3.0) as i32);
+    let inverse = d.map(|d| 1.0 / d);
+    let mut next =
+        [0, 1, 2].map(|a| ((cell[a] + i32::from(d[a] > 0.0)) as f32 - p[a]) * inverse[a]);
+    let mut t = 0.0f32;
+    while go(t, (cell[0] | cell[1] << 2 | cell[2] << 4) as u32) {
+        let axis = if next[0] <= next[1] && next[0] <= next[2] {
+            0
+        } else {
+            1 + usize::from(next[2] < next[1])
+        };
+        t = next[axis];
+        cell[axis] += if d[axis] > 0.0 { 1 } else { -1 };
+        if t > to || !(0..SIDE as i32).contains(&cell[axis]) {
+            return;
+        }
+        next[axis] += inverse[axis].abs();
     }
 }
 

@@ -26,6 +26,8 @@ pub(super) struct Clumps<'a> {
     /// Heights of the ground in voxels.
     height: &'a [f32],
     cols: usize,
+    /// Voxels above the ground up to which something is near it.
+    near_ground: f32,
     /// The first voxel of the clump that a voxel is in; none where it is less than half full.
     of: Vec<Option<u32>>,
     /// By first voxel: how many they are, and whether any is near the ground.
@@ -84,13 +86,27 @@ impl<'a> Clumps<'a> {
                 is_low[of as usize] |= f32::from(column[i].z) < ground + near_ground;
             }
         }
-        Clumps { column, start, height, cols, of, count, is_low }
+        Clumps { column, start, height, cols, near_ground, of, count, is_low }
     }
 
     /// Which voxels hang in the air with no more than one other.
     pub fn scraps(&self) -> Vec<bool> {
         let is_scrap = |of: u32| self.count[of as usize] < FEWEST && !self.is_low[of as usize];
         self.of.iter().map(|of| of.is_some_and(is_scrap)).collect()
+    }
+
+    /// What is below the lowest voxel of a column where that is near the ground: a column and its layers.
+    /// Of shrubs only the top returned pulses.
+    pub fn feet(&self) -> Vec<(usize, Range<u16>)> {
+        let foot = |at: usize| {
+            let mut voxels = self.start[at] as usize..self.start[at + 1] as usize;
+            let lowest = self.column[voxels.find(|i| self.of[*i].is_some())?].z;
+            let ground = self.height[at].max(0.0);
+            let is_near = f32::from(lowest) < ground + self.near_ground;
+            let layers = ground.ceil() as u16..lowest;
+            (is_near && !layers.is_empty()).then_some((at, layers))
+        };
+        (0..self.height.len()).filter_map(foot).collect()
     }
 
     /// What must stand below the other clumps in the air, of which no pulse came back: a column and the
@@ -187,6 +203,14 @@ mod tests {
         assert!(stems([&crown[..], &tree].concat()).is_empty());
         // Crumbs stand on nothing, as they are left out.
         assert!(stems(vec![[1, 1, 20], [1, 1, 21]]).is_empty());
+    }
+
+    #[test]
+    fn shrubs_reach_the_ground() {
+        let feet = |mut voxels: Vec<[u32; 3]>| of(&mut voxels, |clumps| clumps.feet());
+        // Up to 1.6 m in voxels of 0.4 m.
+        assert_eq!(feet(vec![[4, 4, 3], [4, 4, 4]]), [(4 * COLS + 4, 0..3)]);
+        assert!(feet(vec![[4, 4, 0], [4, 4, 3], [5, 4, 4], [6, 4, 9]]).is_empty());
     }
 
     #[test]

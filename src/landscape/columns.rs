@@ -15,9 +15,9 @@ use rayon::prelude::*;
 use super::build::{Detail, MOST_VOXELS, Source, Voxel};
 use super::clumps::Clumps;
 use super::paint::{
-    Brightness, Cell, Clear, DEEP, LEAST_HEIGHT_M, Lifted, SOIL, WATER, has_colour, ponds, shores,
-    soil, tint,
+    Brightness, Cell, Clear, DEEP, LEAST_HEIGHT_M, Lifted, SOIL, has_colour, soil, tint,
 };
+use super::water::Water;
 use crate::diagnostic::{Error, Result};
 use crate::ground::{Classified, Kind};
 use crate::raster::{Grid, GridGeometry, inpaint};
@@ -163,15 +163,18 @@ impl Columns {
         let column = layers_of(&voxels);
         let start = starts(&voxels, height.len());
         let clumps = Clumps::new(&column, &start, &height, cols as usize, (half as u8, voxel_m));
-        let (is_scrap, stems) = (clumps.scraps(), clumps.stems());
+        let (is_scrap, stems, feet) = (clumps.scraps(), clumps.stems(), clumps.feet());
         let mut kept = is_scrap.into_iter().map(|is| !is);
         voxels.retain(|_| kept.next().unwrap_or(true));
         // So full that the surface is about half a voxel wide.
         let slender = (2 * full).div_ceil(3);
-        let layers_in = |(at, layers): (usize, Range<u16>)| {
-            layers.map(move |z| ((at as u64) << 16 | u64::from(z), slender))
+        let layers_in = |density: u32| {
+            move |(at, layers): (usize, Range<u16>)| {
+                layers.map(move |z| ((at as u64) << 16 | u64::from(z), density))
+            }
         };
-        voxels.extend(stems.into_iter().flat_map(layers_in));
+        voxels.extend(stems.into_iter().flat_map(layers_in(slender)));
+        voxels.extend(feet.into_iter().flat_map(layers_in(full)));
         gather(&mut voxels);
         let start = starts(&voxels, height.len());
         let column = layers_of(&voxels);
@@ -245,10 +248,11 @@ impl Columns {
         };
         // What each cell shows: height of the highest point, sums of colour and intensity.
         let cloud = &classified.cloud;
+        let over = |p: Vec3| p.z - terrain.heights.bilinear(f64::from(p.x), f64::from(p.y));
         let mut seen = vec![Cell::default(); cols * rows];
         for (i, p) in cloud.position.iter().enumerate() {
             let cell = &mut seen[cell_of(*p)];
-            let over = p.z - terrain.heights.bilinear(f64::from(p.x), f64::from(p.y));
+            let over = over(*p);
             let of = usize::from(classified.kind[i] != Kind::Ground && over > LEAST_HEIGHT_M);
             cell.count[of] += 1.0;
             cell.intensity[of] += f32::from(cloud.intensity[i]);
@@ -278,14 +282,11 @@ impl Columns {
         let most = cloud.rgb.iter().flatten().flatten().copied().max().unwrap_or(0);
         let scale = if most > 255 { 255.0 / 65535.0 } else { 1.0 };
         let bright = Brightness::of(&seen);
-        let water: Vec<bool> = match from {
-            PaintedFrom::Heights => {
-                let is_pond = ponds(&seen, cols, cell as f32);
-                let is_water = |c: &Cell| c.count[0] > 0.0 && c.low == WATER;
-                seen.iter().zip(is_pond).map(|(c, is_pond)| is_pond || is_water(c)).collect()
-            }
-            _ => vec![false; seen.len()],
+        let water = match from {
+            PaintedFrom::Heights => Water::of(cloud, |i| over(cloud.position[i]) <= LEAST_HEIGHT_M),
+            _ => None,
         };
+        let wet = |i: usize| water.as_ref().map_or(0.0, |water| water.share(place(i)));
         let clear = Clear::of((0..cols * rows).step_by(7).filter_map(|i| match (from, photo) {
             (PaintedFrom::Photo, Some(photo)) => photo(place(i)).map(Vec3::from),
             (PaintedFrom::Points, _) => seen[i].mean().map(|c| c * scale),
@@ -303,7 +304,7 @@ impl Columns {
                     (cell.count[of] > 0.0).then(|| clear.seen(mean()))
                 }
                 // What lies under water is as its shores are.
-                _ if of == 0 && water[i] => None,
+                _ if of == 0 && wet(i) > 0.5 => None,
                 _ => (cell.count[of] > 0.0).then(|| {
                     let tint = if of == 0 { soil(cell.low) } else { tint(cell.class, cell.height) };
                     tint * bright.of_cell(cell, of)
@@ -337,10 +338,10 @@ impl Columns {
                 colour[of] = [0, 1, 2].map(|c: usize| channels[c].data[i].clamp(0.0, 255.0) as u8);
             }
         }
-        if water.contains(&true) {
-            for ([ground, _], share) in colours.iter_mut().zip(shores(&water, cols)) {
+        if water.is_some() {
+            for (i, [ground, _]) in colours.iter_mut().enumerate() {
                 let land = Vec3::from(ground.map(f32::from));
-                *ground = land.lerp(DEEP, share).to_array().map(|v| v as u8);
+                *ground = land.lerp(DEEP, wet(i)).to_array().map(|v| v as u8);
             }
         }
         self.paint = Paint { stride, cols, colours };

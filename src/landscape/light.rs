@@ -40,8 +40,10 @@ pub(super) struct Light<'a> {
     sun_colour: Vec3,
     /// Light of the sky from above.
     sky_colour: Vec3,
-    /// Share of the light lost a voxel of distance.
+    /// Share of the light lost a voxel of distance, from so many voxels off the eye on: at the nearest of
+    /// the scene.
     extinction: f32,
+    near: f64,
     /// Of the sky itself: grey in rain and fog.
     overcast: f32,
     pixel: f32,
@@ -56,6 +58,15 @@ pub(super) struct Light<'a> {
 const SUN_RADIUS: f32 = 0.012;
 /// Metres up to which leaves and ground dim the sky.
 const DIMMING_M: f32 = 18.0;
+/// Brightness of water over that of its colour, and the share of the sky that it mirrors from above.
+const STILL: f32 = 0.8;
+const WATER_GLOSS: f32 = 0.06;
+/// Depth of snow that leaves hold, metres.
+const LEAVES_HOLD_M: f32 = 0.05;
+/// Share of the sun that crowns let through.
+const THROUGH: f32 = 0.1;
+/// Light from leaves and ground all around, over that of the open sky.
+const CLOSED: f32 = 0.17;
 /// The scene stands on a sheet of the backdrop's own colour, on which only its shadow shows: softer
 /// than the sun's, and dimmed so far about it, over the scene's lesser side.
 const TABLE_SUN_RADIUS: f32 = 0.03;
@@ -70,6 +81,8 @@ impl<'a> Light<'a> {
         let overcast = rain.max(fog);
         let sun = shot.sun.try_normalize().unwrap_or(Vec3::Z);
         let [wide, deep, high] = scene.reach().map(|side| side as f32);
+        let far = Vec3::new(wide, deep, high).as_dvec3();
+        let near = (lens.eye - lens.eye.clamp(DVec3::ZERO, far)).length();
         let fall = high * sun.truncate().length() / sun.z.max(0.05);
         Light {
             scene,
@@ -79,6 +92,7 @@ impl<'a> Light<'a> {
             sun_colour: SUN_COLOUR * sun_share,
             sky_colour: SKY_COLOUR.lerp(Vec3::splat(0.92 - 0.25 * rain), overcast),
             extinction: (HAZE_PER_M + weather.extinction_per_m()) * scene.voxel_m,
+            near,
             overcast,
             pixel: lens.pixel as f32,
             drops: Drops::new(shot.seed, weather, shot.size),
@@ -203,9 +217,8 @@ impl<'a> Light<'a> {
             Some(hit) => {
                 let lit = self.lit(tracer, ray, &hit, at, number, sky_rays);
                 // Air is where the scene is: what is shown whole from afar is not lost on the way.
-                let inside = hit.t - tracer.entry(ray);
-                let distance = (inside * ray.direction.length()).max(0.0) as f32;
-                let clear = (-self.extinction * distance).exp();
+                let distance = hit.t * ray.direction.length() - self.near;
+                let clear = (-self.extinction * distance.max(0.0) as f32).exp();
                 lit * clear + self.air(direction) * (1.0 - clear)
             }
         };
@@ -237,16 +250,26 @@ impl<'a> Light<'a> {
         let toward_eye = -ray.direction.as_vec3().normalize_or(Vec3::NEG_Z);
         let [ground, above] = self.scene.colours(place.x, place.y, breadth);
         let is_leafy = hit.what == What::Vegetation;
+        let up = normal.z;
         if is_leafy {
             // Clumps of leaves are rounded, and mostly seen from their lit side.
             normal = (normal + 0.35 * Vec3::Z + 0.25 * toward_eye).normalize_or(Vec3::Z);
         }
         let narrow = ray.breadth[1] * hit.t as f32;
-        let (mut shade, bump) = match hit.what {
+        // Ground bluer than any soil is water.
+        let water = match hit.what {
+            What::Ground => {
+                (4.0 * (ground.z - ground.x) / (ground.z + ground.x + 1e-3)).clamp(0.0, 1.0)
+            }
+            _ => 0.0,
+        };
+        let (mut shade, mut bump) = match hit.what {
             What::Vegetation => clumps(place, narrow, self.scene.boughs_in_voxel()),
             What::Ground => litter(place, self.scene.voxel_m, narrow),
             What::Cut(_) => (1.0, Vec3::ZERO),
         };
+        shade += water * (STILL - shade);
+        bump *= 1.0 - water;
         if is_leafy && narrow < FINEST {
             // Between leaves it is darker.
             let deep = (2.0 * tracer.density(place.as_vec3()) - 1.0).clamp(0.0, 1.0);
@@ -269,10 +292,12 @@ impl<'a> Light<'a> {
             open += self.open(tracer, from, normal, breadth, reach, sample);
         }
         open /= sky_rays.max(1) as f32;
-        let skin = Skin { albedo, normal, gloss: if is_leafy { 0.02 } else { 0.0 } };
+        let gloss = if is_leafy { 0.02 } else { WATER_GLOSS * water };
+        let holds_m = if is_leafy { LEAVES_HOLD_M } else { f32::INFINITY };
+        let skin = Skin { albedo, normal, up: up + bump.z, holds_m, gloss };
         // Of what falls on leaves a part falls through.
         let caught = if is_leafy { 0.7 * open } else { open };
-        let Skin { albedo, normal, gloss } = self.shot.weather.settle(skin, caught);
+        let Skin { albedo, normal, gloss, .. } = self.shot.weather.settle(skin, caught);
 
         let facing = normal.dot(self.sun);
         let direct = if is_leafy {
@@ -286,9 +311,9 @@ impl<'a> Light<'a> {
         } else {
             0.0
         };
-        let up = 0.5 + 0.5 * normal.z;
+        let sky = 0.5 + 0.5 * normal.z;
         let ambient =
-            BOUNCE_COLOUR * ((1.0 - up) * (0.4 + 0.6 * open)) + self.sky_colour * (up * open);
+            BOUNCE_COLOUR * ((1.0 - sky) * (0.4 + 0.6 * open)) + self.sky_colour * (sky * open);
         let diffuse = albedo * (self.sun_colour * (direct * sunlit) + ambient);
         // Phong's highlight, and the sky in what is wet.
         let mirrored = normal * (2.0 * normal.dot(toward_eye)) - toward_eye;
@@ -315,7 +340,11 @@ impl<'a> Light<'a> {
         let towards = self.sun + (side * cos + self.sun.cross(side) * sin) * off;
         let ray =
             Ray { origin: from, direction: towards.as_dvec3(), breadth: [0.7 * breadth, 0.002] };
-        if tracer.trace(&ray, 0.0, f64::INFINITY).is_some() { 0.0 } else { 1.0 }
+        match tracer.trace(&ray, 0.0, f64::INFINITY).map(|hit| hit.what) {
+            None => 1.0,
+            Some(What::Vegetation) => THROUGH,
+            Some(_) => 0.0,
+        }
     }
 
     /// Share of the sky that a place sees, by a ray that widens, so that a few steps do.
@@ -338,7 +367,7 @@ impl<'a> Light<'a> {
         let ray =
             Ray { origin: from, direction: towards.as_dvec3(), breadth: [breadth.max(1.0), 0.12] };
         match tracer.trace(&ray, 0.0, f64::from(reach)) {
-            Some(hit) => 0.12 + 0.5 * (hit.t as f32 / reach).min(1.0),
+            Some(hit) => CLOSED + (0.62 - CLOSED) * (hit.t as f32 / reach).min(1.0),
             None => 1.0,
         }
     }

@@ -31,6 +31,7 @@ mod store;
 mod tests;
 mod trace;
 mod walk;
+mod water;
 mod weather;
 
 use glam::{DVec3, Vec3};
@@ -143,8 +144,15 @@ impl Landscape {
         self.dag.check()?;
         self.heights.samples.check()?;
         self.colours.levels.iter().try_for_each(Patchwork::check)?;
-        if !(self.voxel_m.is_finite() && self.voxel_m > 0.0 && self.first_m.is_finite()) {
+        // Of any survey on this planet.
+        let is_near = |p: DVec3| p.is_finite() && p.abs().max_element() < 1e9;
+        if !((1e-6..1e6).contains(&self.voxel_m) && is_near(self.first_m.as_dvec3())) {
             return Err(format!("voxels of {} m at {}", self.voxel_m, self.first_m));
+        }
+        let (origin, unit_m) = (self.frame.origin, self.frame.unit_m());
+        if !(is_near(origin * unit_m) && unit_m.cmpge(DVec3::splat(1e-6)).all() && is_near(unit_m))
+        {
+            return Err(format!("an origin at {origin} in units of {unit_m} m"));
         }
         let reach = 1u64 << (dag::BITS * self.dag.levels);
         if self.sides.iter().any(|side| *side == 0 || u64::from(*side) > reach)
@@ -157,8 +165,10 @@ impl Landscape {
         if !(dag::SIDE..=1 << 16).contains(&stride) || !stride.is_power_of_two() {
             return Err(format!("heights {stride} voxels apart"));
         }
-        if !(self.heights.base.is_finite() && self.heights.step.is_finite()) {
-            return Err("heights that are not finite".into());
+        let Heights { base, step, .. } = self.heights;
+        let most = f64::from(base) + f64::from(step) * f64::from(NO_GROUND);
+        if !(step > 0.0 && base.abs() < 1e6 && most.abs() < 1e6) {
+            return Err(format!("heights from {base} in steps of {step} voxels"));
         }
         if !(1..=1 << 16).contains(&self.colours.stride)
             || !(1..=24).contains(&self.colours.levels.len())

@@ -3,6 +3,8 @@
 
 use glam::Vec3;
 
+use super::water::WATER;
+
 /// A point lower than this over the terrain colours the ground.
 pub(super) const LEAST_HEIGHT_M: f32 = 1.0;
 pub(super) const SOIL: Vec3 = Vec3::new(126.0, 116.0, 88.0);
@@ -10,9 +12,6 @@ pub(super) const SOIL: Vec3 = Vec3::new(126.0, 116.0, 88.0);
 pub(super) fn has_colour(rgb: &Option<Vec<[u16; 3]>>) -> bool {
     rgb.iter().flatten().any(|c| *c != [0; 3])
 }
-
-/// ASPRS class of water.
-pub(super) const WATER: u8 = 9;
 
 /// Colour by class (ASPRS), or by height above the terrain.
 pub(super) fn tint(class: u8, height_m: f32) -> Vec3 {
@@ -188,101 +187,8 @@ impl Brightness {
     }
 }
 
-/// Metres from a return up to which nothing is missing.
-const HOLE_M: f32 = 2.5;
-
-/// Cells of ponds: still water returns no pulses, so that a hole in a scan that shows water beside it
-/// is water. Holes that reach the edge of the cells are none, as nobody flew there.
-pub(super) fn ponds(seen: &[Cell], cols: usize, cell_m: f32) -> Vec<bool> {
-    let rows = seen.len() / cols.max(1);
-    let reach = (HOLE_M / cell_m).ceil().max(1.0) as usize;
-    let holds: Vec<bool> = seen.iter().map(|c| c.count[0] + c.count[1] > 0.0).collect();
-    let water: Vec<bool> = seen.iter().map(|c| c.count[0] > 0.0 && c.low == WATER).collect();
-    if !water.contains(&true) {
-        return water;
-    }
-    let near = widened(&holds, cols, reach);
-    let beside = widened(&water, cols, reach + 1);
-    let mut is_known = near.clone();
-    let mut pond = vec![false; seen.len()];
-    for seed in (0..seen.len()).filter(|i| !near[*i]) {
-        if is_known[seed] {
-            continue;
-        }
-        is_known[seed] = true;
-        let (mut hole, mut next) = (vec![seed], 0);
-        while let Some(&i) = hole.get(next) {
-            next += 1;
-            let (x, y) = (i % cols, i / cols);
-            let sides = [
-                (x > 0).then(|| i - 1),
-                (x + 1 < cols).then_some(i + 1),
-                (y > 0).then(|| i - cols),
-                (y + 1 < rows).then_some(i + cols),
-            ];
-            for j in sides.into_iter().flatten() {
-                if !std::mem::replace(&mut is_known[j], true) {
-                    hole.push(j);
-                }
-            }
-        }
-        let is_edge = |i: &usize| {
-            let (x, y) = (i % cols, i / cols);
-            x == 0 || y == 0 || x + 1 == cols || y + 1 == rows
-        };
-        if hole.iter().any(|i| beside[*i]) && !hole.iter().any(is_edge) {
-            hole.iter().for_each(|i| pond[*i] = true);
-        }
-    }
-    let wide = widened(&pond, cols, reach);
-    (0..seen.len()).map(|i| wide[i] && !holds[i]).collect()
-}
-
 /// Deep, clear water from above.
 pub(super) const DEEP: Vec3 = Vec3::new(46.0, 63.0, 68.0);
-
-/// Share of water about each cell, 0…1, without the steps of cells.
-pub(super) fn shores(water: &[bool], cols: usize) -> Vec<f32> {
-    let rows = water.len() / cols.max(1);
-    let mut share: Vec<f32> = water.iter().map(|w| f32::from(u8::from(*w))).collect();
-    let mut line = Vec::new();
-    for _ in 0..3 {
-        for (count, step, lines, next) in [(cols, 1, rows, cols), (rows, cols, cols, 1)] {
-            for first in (0..lines).map(|i| i * next) {
-                line.clear();
-                line.extend((0..count).map(|i| share[first + i * step]));
-                for i in 0..count {
-                    let (before, after) = (line[i.saturating_sub(1)], line[(i + 1).min(count - 1)]);
-                    share[first + i * step] = 0.25 * (before + after) + 0.5 * line[i];
-                }
-            }
-        }
-    }
-    let sharp = |s: f32| {
-        let s = ((s - 0.3) / 0.4).clamp(0.0, 1.0);
-        s * s * (3.0 - 2.0 * s)
-    };
-    share.into_iter().map(sharp).collect()
-}
-
-/// Cells up to `reach` cells along x and y from one that is set.
-fn widened(set: &[bool], cols: usize, reach: usize) -> Vec<bool> {
-    let rows = set.len() / cols.max(1);
-    let mut wide = set.to_vec();
-    let mut along = |lines: usize, line: usize, count: usize, step: usize| {
-        for first in (0..lines).map(|i| i * line) {
-            let old: Vec<bool> = (0..count).map(|i| wide[first + i * step]).collect();
-            for i in (0..count).filter(|i| old[*i]) {
-                for j in i.saturating_sub(reach)..=(i + reach).min(count - 1) {
-                    wide[first + j * step] = true;
-                }
-            }
-        }
-    };
-    along(rows, cols, cols, 1);
-    along(cols, 1, rows, cols);
-    wide
-}
 
 #[cfg(test)]
 mod tests {
@@ -363,36 +269,5 @@ mod tests {
             assert!(rising.iter().all(|v| *v < BRIGHTEST_GROUND + 0.01), "{of}");
             assert!(rising.windows(2).all(|v| v[1] > v[0] - 1.5), "{of}: {rising:?}");
         }
-    }
-
-    #[test]
-    fn shores_have_no_steps() {
-        let cols = 40;
-        let water: Vec<bool> = (0..cols * cols).map(|i| i % cols + i / cols < cols).collect();
-        let share = shores(&water, cols);
-        assert!(share.iter().all(|s| (0.0..=1.0).contains(s)));
-        assert_eq!((share[0], share[cols * cols - 1]), (1.0, 0.0));
-        // Along the shore, which runs aslant, the share stays.
-        let along: Vec<f32> = (10..30).map(|x| share[(cols - 1 - x) * cols + x]).collect();
-        assert!(along.iter().all(|s| (s - along[0]).abs() < 1e-4), "{along:?}");
-    }
-
-    #[test]
-    fn a_hole_beside_water_is_a_pond_and_no_other_is() {
-        let (cols, rows) = (40, 20);
-        let mut seen = vec![Cell { count: [1.0, 0.0], low: 2, ..Cell::default() }; cols * rows];
-        let hole = |seen: &mut Vec<Cell>, x: std::ops::Range<usize>, low: u8| {
-            for i in (5..15).flat_map(|y| x.clone().map(move |x| y * cols + x)) {
-                seen[i] = Cell::default();
-            }
-            seen[10 * cols + x.start - 1].low = low;
-        };
-        hole(&mut seen, 4..14, WATER);
-        hole(&mut seen, 18..28, 2);
-        hole(&mut seen, 32..40, WATER);
-        let pond = ponds(&seen, cols, 1.0);
-        let at = |x: usize, y: usize| pond[y * cols + x];
-        assert!(at(4, 5) && at(8, 10) && at(13, 14));
-        assert!(!at(3, 10) && !at(22, 10) && !at(36, 10));
     }
 }

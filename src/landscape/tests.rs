@@ -653,14 +653,20 @@ fn snow_lies_on_what_is_level_and_open() {
     let skin = |slope: f32| weather::Skin {
         albedo: Vec3::splat(0.1),
         normal: Vec3::new(slope.sin(), 0.0, slope.cos()),
+        up: slope.cos(),
+        holds_m: f32::INFINITY,
         gloss: 0.0,
     };
     let snow = Weather { snow_m: 0.1, ..Weather::default() };
     let white = |slope: f32, open: f32| snow.settle(skin(slope), open).albedo.x;
-    assert!(white(0.0, 1.0) > 0.8);
+    assert!(white(0.0, 1.0) > 0.65);
     assert!(white(0.0, 1.0) > white(0.9, 1.0) && white(0.9, 1.0) > white(1.3, 1.0));
     assert!(white(0.0, 1.0) > white(0.0, 0.2));
     assert_eq!(white(1.6, 1.0), 0.1);
+    // Leaves hold little, however much falls.
+    let leaves = weather::Skin { holds_m: 0.02, ..skin(0.0) };
+    let much = Weather { snow_m: 2.0, ..snow };
+    assert!(much.settle(leaves, 1.0).albedo.x < white(0.0, 1.0) - 0.1);
     let none = Weather::default();
     assert_eq!(none.settle(skin(0.3), 1.0).albedo, Vec3::splat(0.1));
     assert_eq!(none.extinction_per_m(), 0.0);

@@ -10,7 +10,7 @@
 use glam::{DVec3, Vec3};
 
 use super::Landscape;
-use super::brick::{Brick, Crust};
+use super::brick::{Brick, Crust, Fills, along_cells};
 use super::dag::{BITS, Ref, SIDE};
 use super::pack::{LANES, Pack};
 use super::walk::{Begin, Cell, Way, greater, lesser, walk};
@@ -53,6 +53,8 @@ pub(super) struct Tracer<'a> {
     pub scene: &'a Landscape,
     keys: Vec<u64>,
     bricks: Vec<Brick>,
+    /// Of bricks and their neighbours, with their keys; none until they are asked for.
+    fills: Vec<(u64, Fills)>,
     /// Whether vegetation seen from near has gaps finer than voxels.
     is_leafy: bool,
     /// Whether the processor has what [`Tracer::first_by_bits`] needs.
@@ -66,6 +68,7 @@ impl<'a> Tracer<'a> {
             scene,
             keys: vec![u64::MAX; SHELF],
             bricks: vec![Brick::EMPTY; SHELF],
+            fills: Vec::new(),
             is_leafy: false,
             #[cfg(target_arch = "x86_64")]
             counts_bits: is_x86_feature_detected!("avx2")
@@ -83,9 +86,7 @@ impl<'a> Tracer<'a> {
 
     /// The brick whose first voxel is at `low`.
     fn brick(&mut self, low: [u32; 3], own: Option<Ref>) -> &Brick {
-        let (x, y, z) = (low[0] >> BITS, low[1] >> BITS, low[2] >> BITS);
-        let key = u64::from(x) | u64::from(y) << 21 | u64::from(z) << 42;
-        let place = (x ^ y << 3 ^ z << 6) as usize & (SHELF - 1);
+        let (key, place) = shelved(low);
         if self.keys[place] != key {
             self.keys[place] = key;
             self.bricks[place] = Brick::gather(&self.scene.dag, low, own);
@@ -133,17 +134,6 @@ impl<'a> Tracer<'a> {
             }
         }
         Ok([t, end])
-    }
-
-    /// Where a ray enters the box of the scene; 0 where it begins within.
-    pub fn entry(&self, ray: &Ray) -> f64 {
-        let way = Way::new(ray);
-        let near = |a: usize| {
-            let faces = [0.0, f64::from(self.scene.sides[a])];
-            let [low, high] = faces.map(|face| (face - way.o[a]) * way.inverse[a]);
-            low.min(high)
-        };
-        near(0).max(near(1)).max(near(2)).max(0.0)
     }
 
     /// The first thing that a ray meets between `from` and `to` of its direction's lengths.
@@ -211,22 +201,47 @@ impl<'a> Tracer<'a> {
         self.walk(ray, from, to, |tracer, way, cell| tracer.content(way, cell))
     }
 
-    /// The greatest share of its voxels' full density that a brick on the ray's way has, before the
-    /// ground.
+    /// The greatest density, 0 to 1, on the ray's way before the ground: the share of its voxels' full
+    /// density that the neighbourhood of a brick has, where the eight voxels about the way are full.
     pub fn densest(&mut self, ray: &Ray) -> (f32, Option<Hit>) {
         // As if it were narrow everywhere, so that it comes to every brick.
         let ray = Ray { breadth: [0.0; 2], ..*ray };
         let mut most = 0.0f32;
         let hit = self.walk(&ray, 0.0, f64::INFINITY, |tracer, way, cell| {
-            let dag = &tracer.scene.dag;
-            if cell.child.has(Ref::VEGETATION | Ref::CELLS) {
-                most = most.max(dag.fill(cell.child.index()));
-            }
+            let Way { o, d, .. } = way;
+            let [t, mut out] = cell.span;
             let ground = cell.child.has(Ref::GROUND);
-            let t = ground.then(|| tracer.ground(&way.o, &way.d, cell.low, cell.span))??;
+            let ground = ground.then(|| tracer.ground(o, d, cell.low, cell.span)).flatten();
+            out = ground.unwrap_or(out);
+            if cell.child.has(Ref::VEGETATION | Ref::CELLS) {
+                let fills = tracer.fills(cell.low);
+                if fills.most() > most {
+                    let at = |a: usize| (o[a] + d[a] * t - f64::from(cell.low[a])) as f32;
+                    let p = Vec3::new(at(0), at(1), at(2));
+                    let direction = Vec3::from(d.map(|d| d as f32));
+                    let brick = tracer.brick(cell.low, Some(cell.child));
+                    along_cells(p, direction, (out - t) as f32, |_, slot| {
+                        most = most.max(brick.mean(slot) * fills.at(slot));
+                        true
+                    });
+                }
+            }
+            let t = ground?;
             Some(Hit { t, what: What::Ground, size: 1, around: (0, 0) })
         });
         (most, hit)
+    }
+
+    /// How full the bricks around and at a place are.
+    fn fills(&mut self, low: [u32; 3]) -> Fills {
+        if self.fills.is_empty() {
+            self.fills = vec![(u64::MAX, Fills::default()); SHELF];
+        }
+        let (key, place) = shelved(low);
+        if self.fills[place].0 != key {
+            self.fills[place] = (key, Fills::gather(&self.scene.dag, low));
+        }
+        self.fills[place].1
     }
 
     /// Takes a ray from cell to cell until `meet` has something to give.
@@ -381,34 +396,24 @@ impl<'a> Tracer<'a> {
     }
 }
 
+/// A brick's key, and where it is on a shelf.
+fn shelved(low: [u32; 3]) -> (u64, usize) {
+    let [x, y, z] = low.map(|low| low >> BITS);
+    let key = u64::from(x) | u64::from(y) << 21 | u64::from(z) << 42;
+    (key, (x ^ y << 3 ^ z << 6) as usize & (SHELF - 1))
+}
+
 /// The first voxel of a brick that a ray meets, and how far along.
 fn first_voxel(solid: u64, p: Vec3, d: Vec3, to: f32) -> Option<(f32, u32)> {
-    if solid == 0 {
-        return None;
+    let is_full = |number: &u32| solid >> number & 1 != 0;
+    let mut met = None;
+    if solid != 0 {
+        along_cells(p, d, to, |t, number| {
+            met = is_full(&number).then_some((t, number));
+            met.is_none()
+        });
     }
-    let (p, d) = (p.to_array(), d.to_array());
-    let mut cell = [0, 1, 2].map(|a| p[a].clamp(0.0, 3.0) as i32);
-    let inverse = d.map(|d| 1.0 / d);
-    let mut next =
-        [0, 1, 2].map(|a| ((cell[a] + i32::from(d[a] > 0.0)) as f32 - p[a]) * inverse[a]);
-    let mut t = 0.0f32;
-    loop {
-        let number = (cell[0] | cell[1] << 2 | cell[2] << 4) as u32;
-        if solid >> number & 1 != 0 {
-            return Some((t, number));
-        }
-        let axis = if next[0] <= next[1] && next[0] <= next[2] {
-            0
-        } else {
-            1 + usize::from(next[2] < next[1])
-        };
-        t = next[axis];
-        cell[axis] += if d[axis] > 0.0 { 1 } else { -1 };
-        if t > to || !(0..SIDE as i32).contains(&cell[axis]) {
-            return None;
-        }
-        next[axis] += inverse[axis].abs();
-    }
+    met
 }
 
 /// From what is full around a child of a node to what is not.

@@ -22,7 +22,7 @@ pub struct Weather {
 const LEAST_CONTRAST: f32 = 0.05;
 /// Depth that hides most of what is under it.
 const HIDING_M: f32 = 0.06;
-const SNOW: Vec3 = Vec3::new(0.86, 0.89, 0.93);
+const SNOW: Vec3 = Vec3::new(0.70, 0.735, 0.79);
 
 /// A place as weather changes it.
 #[derive(Debug, Clone, Copy)]
@@ -30,6 +30,10 @@ pub(super) struct Skin {
     /// Linear.
     pub albedo: Vec3,
     pub normal: Vec3,
+    /// How far the surface itself faces up, whatever its normal is rounded to: −1…1.
+    pub up: f32,
+    /// Depth of snow that stays on it, at most, metres.
+    pub holds_m: f32,
     /// Share of the light of the sky that it mirrors.
     pub gloss: f32,
 }
@@ -150,7 +154,7 @@ impl Weather {
 
     /// What snow and rain make of a place that sees `open` of the sky.
     pub(super) fn settle(&self, skin: Skin, open: f32) -> Skin {
-        let Skin { mut albedo, mut normal, mut gloss } = skin;
+        let Skin { mut albedo, mut normal, mut gloss, up, holds_m } = skin;
         if self.rain_mm > 0.0 {
             let wet = (self.rain_mm / 4.0).min(1.0) * (0.35 + 0.65 * open);
             // Water between grains passes light on instead of scattering it back.
@@ -158,15 +162,16 @@ impl Weather {
             gloss = (0.22 * wet * normal.z.max(0.0)).max(gloss);
         }
         if self.snow_m > 0.0 {
-            let steep = ((normal.z - 0.15) / 0.5).clamp(0.0, 1.0);
+            let steep = ((up - 0.15) / 0.5).clamp(0.0, 1.0);
             let lies = steep * steep * (3.0 - 2.0 * steep) * open.clamp(0.0, 1.0);
-            let cover = 1.0 - (-self.snow_m * lies * 2.0 / HIDING_M).exp();
+            let deep = self.snow_m.min(holds_m);
+            let cover = 1.0 - (-deep * lies * 2.0 / HIDING_M).exp();
             albedo = albedo.lerp(SNOW, cover);
             // A deep layer rounds what is under it.
-            let round = cover * (self.snow_m / 0.5).min(0.6);
+            let round = cover * (deep / 0.5).min(0.6);
             normal = normal.lerp(Vec3::Z, round).normalize_or(Vec3::Z);
             gloss *= 1.0 - cover;
         }
-        Skin { albedo, normal, gloss }
+        Skin { albedo, normal, gloss, ..skin }
     }
 }

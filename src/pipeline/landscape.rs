@@ -14,6 +14,9 @@ use crate::report::{ErrorMeasure, Outcome, Recorder};
 /// What is kept of a scan where nothing else is asked for.
 pub const DETAIL: Detail = Detail { density_bits: 2, height_stride: 4, colour_stride: 2 };
 
+/// Voxels of an edge that is asked for, along a scan's greater side, at least.
+const FEWEST_ACROSS: f32 = 4.0;
+
 /// A scan in columns of voxels, and where it is.
 pub struct Voxelized {
     pub columns: Columns,
@@ -32,18 +35,35 @@ pub fn voxelize(job: &SurveyJob, detail: &Detail, run: &mut Recorder) -> Result<
     let (Whole { classified, density_per_m2, bounds }, terrain) = survey::classified(job, run)?;
     let frame = classified.cloud.frame.clone();
     let photo = survey::place_photo(job, run, raster, &frame, bounds)?;
-    let mut voxel_m = job.voxel_m.unwrap_or_else(|| {
-        let least_m = survey::voxel_m(job, density_per_m2);
-        landscape::connected_voxel_m(&classified, &terrain, least_m)
-    });
-    let least_m = Columns::least_voxel_m((bounds.max - bounds.min).truncate());
-    if job.voxel_m.is_none() && voxel_m < least_m {
+    let extent_m = (bounds.max - bounds.min).truncate();
+    let most_m = (extent_m.max_element() / FEWEST_ACROSS).max(1.0);
+    if let Some(voxel_m) = job.voxel_m.filter(|voxel_m| *voxel_m > most_m) {
+        return Err(Error::new(format!(
+            "voxels of {voxel_m} m over {:.0} × {:.0} m",
+            extent_m.x, extent_m.y
+        ))
+        .in_file(&job.scans[0])
+        .remedy(format!("give a --voxel of at most {most_m:.1}")));
+    }
+    let closest_m = survey::voxel_m(job, density_per_m2);
+    let mut voxel_m = job
+        .voxel_m
+        .unwrap_or_else(|| landscape::connected_voxel_m(&classified, &terrain, closest_m));
+    let least_m = Columns::least_voxel_m(extent_m);
+    let edge_from = if job.voxel_m.is_some() {
+        "as asked for".to_owned()
+    } else if voxel_m < least_m {
         run.warnings.push(format!(
             "voxels of {voxel_m:.2} m would be too many over so wide an area: they are {least_m:.2} m; \
              for finer ones give its parts in runs of their own"
         ));
         voxel_m = least_m;
-    }
+        "the least that are not too many".to_owned()
+    } else if voxel_m > closest_m {
+        format!("the density of the scan suggests {closest_m:.2}, in which crowns fall apart")
+    } else {
+        "from the density of the scan".to_owned()
+    };
     let colour_m = photo.as_ref().map_or(density_per_m2.max(1e-3).sqrt().recip(), |p| p.pixel_m());
     let within = |source_m: f32| {
         let voxels = (source_m / voxel_m).clamp(1.0, 64.0) as u32;
@@ -60,6 +80,7 @@ pub fn voxelize(job: &SurveyJob, detail: &Detail, run: &mut Recorder) -> Result<
         let (columns, from) = Columns::of_scan(&classified, &terrain, seen, voxel_m, detail)
             .map_err(|e| e.in_file(&job.scans[0]))?;
         let outcome = Outcome::items(classified.cloud.len(), "points", columns.len(), "voxels")
+            .note(format!("edge {voxel_m:.2} m: {edge_from}"))
             .note(format!("colours from {}", from.text()));
         Ok((Voxelized { columns, frame, voxel_m, detail: *detail }, outcome))
     })

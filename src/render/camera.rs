@@ -64,8 +64,32 @@ impl Camera {
         let (shift_x, shift_y) = ((right - left) * 0.5, (up - down) * 0.5);
         let on_axis = points[0] + basis.x_axis * shift_x + basis.y_axis * shift_y;
         let eye = on_axis - basis.z_axis * distance;
+        // Where there is room, as much on either side.
+        let seen: Vec<Vec3> = points.iter().map(|p| basis.transpose() * (*p - eye)).collect();
+        let eye = eye
+            + basis.x_axis * centring(seen.iter().map(|v| [v.x, v.z]))
+            + basis.y_axis * centring(seen.iter().map(|v| [v.y, v.z]));
         Camera { eye, target: eye + basis.z_axis * distance.abs().max(0.1), fov_y_rad }
     }
+}
+
+/// How far to shift across, so that points at these places across and depths are seen as far on one
+/// side as on the other.
+fn centring(points: impl Iterator<Item = [f32; 2]> + Clone) -> f32 {
+    let off = |shift: f32| {
+        let slopes = points.clone().map(|[across, depth]| (across - shift) / depth.max(1e-6));
+        let (low, high) =
+            slopes.fold((f32::MAX, f32::MIN), |(low, high), s| (low.min(s), high.max(s)));
+        low + high
+    };
+    let across = points.clone().map(|[across, _]| across);
+    let (mut low, mut high) =
+        across.fold((f32::MAX, f32::MIN), |(low, high), a| (low.min(a), high.max(a)));
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        (low, high) = if off(middle) > 0.0 { (middle, high) } else { (low, middle) };
+    }
+    0.5 * (low + high)
 }
 
 /// Corner `i` of 8 of a box.
@@ -331,14 +355,15 @@ mod tests {
                 let (h, w) = (1000usize, (1000.0 * aspect) as usize);
                 let camera = Camera::framing(&points, aspect, 140.0, 33.0, 0.6, 0.96);
                 let view = View::pinhole(&camera, w, h);
-                let mut reach = 0.0f32;
+                let (mut low, mut high) = (Vec2::MAX, Vec2::MIN);
                 for p in &points {
                     let at = view.project(view.view_from_scene(*p)).at;
-                    let u = (at / Vec2::new(w as f32, h as f32) * 2.0 - 1.0).abs();
-                    assert!(u.max_element() <= 0.97, "{u}");
-                    reach = reach.max(u.max_element());
+                    let u = at / Vec2::new(w as f32, h as f32) * 2.0 - 1.0;
+                    (low, high) = (low.min(u), high.max(u));
                 }
-                assert!(reach > 0.95, "the points fill only {reach}");
+                let reach = high.max(-low).max_element();
+                assert!((0.95..=0.97).contains(&reach), "the points fill {reach}");
+                assert!((low + high).abs().max_element() < 1e-3, "{low} {high}");
             }
         }
     }
