@@ -162,7 +162,7 @@ pub struct Front {
     pub title: String,
     pub error: Quantity,
     pub truth: Truth,
-    /// What a setting costs beside seconds.
+    /// What a setting costs beside seconds; the front is of this, where it is given.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub cost: Option<Quantity>,
     pub note: String,
@@ -185,7 +185,7 @@ pub struct Point {
     pub time: Timing,
     /// What the program does when nothing is asked for.
     pub is_default: bool,
-    /// No other setting is as quick and as right.
+    /// No other setting is as cheap and as right.
     pub is_on_front: bool,
 }
 
@@ -202,14 +202,19 @@ impl Front {
         subjects
     }
 
-    /// Marks the settings that none undercuts in seconds and error, and judges the default.
+    /// What a setting costs: seconds, or what the front has beside them.
+    fn costs(&self, p: &Point) -> f64 {
+        p.cost.filter(|_| self.cost.is_some()).unwrap_or(p.time.median_s)
+    }
+
+    /// Marks the settings that none undercuts in cost and error, and judges the default.
     pub fn marked(mut self) -> Front {
         let on: Vec<(String, String)> = self
             .subjects()
             .iter()
             .flat_map(|subject| {
                 let pairs: Vec<[f64; 2]> =
-                    subject.iter().map(|p| [p.time.median_s, p.error]).collect();
+                    subject.iter().map(|p| [self.costs(p), p.error]).collect();
                 let is_on = stats::pareto(&pairs);
                 let on = subject.iter().zip(is_on).filter(|(_, is_on)| *is_on);
                 on.map(|(p, _)| (p.group.clone(), p.setting.clone())).collect::<Vec<_>>()
@@ -227,15 +232,14 @@ impl Front {
         let mut said = Vec::new();
         for subject in self.subjects() {
             for default in subject.iter().filter(|p| p.is_default) {
-                let beats = |p: &&&Point| {
-                    p.time.median_s <= default.time.median_s && p.error <= default.error
-                };
+                let beats =
+                    |p: &&&Point| self.costs(p) <= self.costs(default) && p.error <= default.error;
                 let others = subject.iter().filter(|p| p.setting != default.setting);
                 let best = others.filter(beats).min_by(|a, b| a.error.total_cmp(&b.error));
                 said.push(match best {
                     _ if default.is_on_front => format!("{} is on the front.", default.setting),
                     Some(p) => format!(
-                        "{} is off the front: {} {} in {} instead of {} s{}.",
+                        "{} is off the front: {} {} {} {} instead of {}{}.",
                         default.setting,
                         p.setting,
                         match p.error < 0.99 * default.error {
@@ -246,9 +250,13 @@ impl Front {
                             ),
                             false => "is as right".into(),
                         },
-                        super::significant(p.time.median_s),
-                        super::significant(default.time.median_s),
-                        match p.time.most_s >= default.time.least_s {
+                        if self.cost.is_some() { "with" } else { "in" },
+                        super::significant(self.costs(p)),
+                        match &self.cost {
+                            Some(cost) => cost.with_unit(self.costs(default)),
+                            None => format!("{} s", super::significant(default.time.median_s)),
+                        },
+                        match p.time.most_s >= default.time.least_s && self.cost.is_none() {
                             true => ", which is within the spread",
                             false => "",
                         }
@@ -562,6 +570,44 @@ mod tests {
             apart.verdict,
             "The default: oak 0.5 is on the front. fir 9.5 is off the front: fir 9 has 9.00 instead of \
              9.50 m in 3.00 instead of 4.00 s."
+        );
+    }
+
+    #[test]
+    fn a_front_is_of_the_cost_that_is_given() {
+        let point = |setting: &str, error: f64, bytes: f64, s: f64| Point {
+            group: "file".into(),
+            setting: setting.into(),
+            error,
+            cost: Some(bytes),
+            time: Timing { median_s: s, least_s: s, most_s: s, runs: 3 },
+            is_default: setting == "large",
+            is_on_front: false,
+        };
+        let front = Front {
+            id: "x".into(),
+            stage: "x".into(),
+            title: "x".into(),
+            error: Quantity::new("error", "mm"),
+            truth: Truth::Exact,
+            cost: Some(Quantity::new("size", "MB")),
+            note: String::new(),
+            is_by_group: false,
+            points: vec![
+                point("large", 0.0, 9.0, 1.0),
+                point("small", 0.0, 3.0, 2.0),
+                point("tiny", 1.0, 1.0, 4.0),
+            ],
+            verdict: String::new(),
+        };
+        let front = front.marked();
+        assert_eq!(
+            front.points.iter().map(|p| p.is_on_front).collect::<Vec<_>>(),
+            [false, true, true]
+        );
+        assert_eq!(
+            front.verdict,
+            "The default: large is off the front: small is as right with 3.00 instead of 9.00 MB."
         );
     }
 

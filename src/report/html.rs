@@ -171,7 +171,9 @@ fn front(out: &mut String, front: &Front) {
     let mut heads = vec!["setting".into(), front.error.label()];
     heads.extend(front.cost.as_ref().map(super::document::Quantity::label));
     let at = heads.len();
-    heads.extend(["s, median", "least – most", "runs", "front"].map(String::from));
+    heads.extend(["s, median", "least – most", "runs"].map(String::from));
+    let of = front.cost.as_ref().map_or("seconds", |cost| &cost.name);
+    heads.push(format!("front of {of}"));
     let rows: Vec<(Vec<String>, &str)> = front
         .points
         .iter()
@@ -227,7 +229,7 @@ fn stability(out: &mut String, findings: &[Finding]) {
                 f.expected.clone(),
                 happened,
                 number(f.limit),
-                format!("{:.2}", f.seconds),
+                number(f.seconds),
             ];
             (cells, if f.passes { "" } else { "miss" })
         })

@@ -48,7 +48,8 @@ pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
     // Of a half it would be wider.
     let usual_cell_m = crown::usual_cell_m(&bench.place.classified.cloud.position);
     let (mut missed, mut heights) = (Vec::new(), Vec::new());
-    for mut s in settings() {
+    let is_bare = bench.place.stand.is_none() && bench.place.survey.trees.is_empty();
+    for mut s in settings().into_iter().filter(|_| !is_bare) {
         s.crown.cell_m.get_or_insert(usual_cell_m);
         let (found, time) = bench.timed(|| (), |()| find(&bench.place.classified, &s, bench))?;
         let (f1, rmse_m) = match &halves {

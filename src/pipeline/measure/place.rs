@@ -39,12 +39,16 @@ impl Place {
         match job.scans[..] {
             [] => Place::simulated(job, warnings),
             _ => {
-                let names: Vec<String> =
-                    job.scans.iter().map(|p| p.display().to_string()).collect();
+                // A report says nothing of the folders of the machine.
+                let name = |p: &PathBuf| {
+                    p.file_name()
+                        .map_or("a file".into(), |name| name.to_string_lossy().into_owned())
+                };
+                let names: Vec<String> = job.scans.iter().map(name).collect();
                 let photo = job
                     .photo
                     .as_ref()
-                    .map_or(String::new(), |p| format!(" with the photo {}", p.display()));
+                    .map_or(String::new(), |p| format!(" with the photo {}", name(p)));
                 let subject = format!("Measured on {}{photo}.", names.join(", "));
                 Place::read(job, subject, job.scans.clone(), job.photo.clone(), None, warnings)
             }

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::super::{Sharing, forest, survey::Survey};
 use super::Bench;
@@ -52,7 +52,7 @@ pub(super) fn all(bench: &mut Bench<'_>) -> Result<Vec<Scaling>> {
             "Points to trees",
             Quantity::new("points", ""),
             by_points,
-            "The scan laid side by side until there are so many points; ground, terrain and crowns. \
+            "The middle of the scan, or copies of it side by side, of so many points; ground, terrain and crowns. \
              Memory holds the points themselves.",
         ),
         scaling(
@@ -115,13 +115,24 @@ fn points(bench: &Bench<'_>, count: usize) -> Result<Scaled> {
     measured(bench, count, || cloud.clone(), work)
 }
 
-/// A scan in copies side by side, cut to so many points.
+/// So many points: of the middle of a scan, or of copies of it side by side.
 fn tiled(cloud: &PointCloud, count: usize) -> PointCloud {
-    let copies = count.div_ceil(cloud.len().max(1));
-    let across = (copies as f64).sqrt().ceil() as usize;
     let none = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     let (low, high) = cloud.position.iter().fold(none, |(a, b), p| (a.min(*p), b.max(*p)));
     let side = (high - low).with_z(0.0);
+    if count < cloud.len() {
+        let off = |p: &Vec3| {
+            let off = (*p - low).truncate() / side.truncate().max(Vec2::splat(1e-3)) - 0.5;
+            off.abs().max_element()
+        };
+        let mut offs: Vec<f32> = cloud.position.iter().map(off).collect();
+        let most = *offs.select_nth_unstable_by(count, f32::total_cmp).1;
+        let mut cut = PointCloud { rgb: None, ..cloud.clone() };
+        cut.retain(|i| off(&cloud.position[i]) < most);
+        return cut;
+    }
+    let copies = count.div_ceil(cloud.len().max(1));
+    let across = (copies as f64).sqrt().ceil() as usize;
     let shift =
         |k: usize| Vec3::new((k % across) as f32, (k / across) as f32, 0.0) * (side + Vec3::ONE);
     let mut out = PointCloud { position: Vec::with_capacity(count), rgb: None, ..cloud.clone() };
@@ -131,15 +142,7 @@ fn tiled(cloud: &PointCloud, count: usize) -> PointCloud {
     }
     out.intensity = cloud.intensity.iter().copied().cycle().take(count).collect();
     let all = (0..copies).flat_map(|k| cloud.position.iter().map(move |p| (k, p)));
-    // Fewer points than the scan has are spread over all of it.
-    let every = (cloud.len() / count.max(1)).max(1);
-    let all = all.step_by(if copies == 1 { every } else { 1 });
     out.position.extend(all.take(count).map(|(k, p)| *p + shift(k)));
-    out.intensity.truncate(out.position.len());
-    let n = out.position.len();
-    for column in [&mut out.return_number, &mut out.return_count, &mut out.class] {
-        column.truncate(n);
-    }
     out
 }
 

@@ -8,7 +8,6 @@ use crate::crown::{self, Crown, CrownOptions};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::ground::{self, Classified, Kind, Method};
-use crate::scan::PointCloud;
 use crate::seed::Seed;
 use crate::skeleton::stability::Case;
 use crate::terrain::{self, Terrain, TerrainOptions};
@@ -36,7 +35,10 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
         ground: "a hall of 60 m, wider than any window" => "around it the ground is right", 0.1 "m", hall;
         ground: "undergrowth of 1 m that no pulse passes, 30 m wide" => "lifts the ground by no more than that",
             1.05 "m", undergrowth;
+        ground: "a smooth mound of 2 m that no pulse passes, 30 m wide, by opening and by triangles" =>
+            "lifts the ground by no more than that", 2.05 "m", mound;
         ground: "terraces 4 m wide and 1 m high, by triangles" => "off by no more than a rise", 1.0 "m", terraces;
+        ground: "a bare slope of 45°, by rules of voxels" => "what is found lies on it", 0.1 "m", steep_by_rules;
         ground: "no returns from under a crown of 20 m, by rules of voxels" => "right beyond it", 0.5 "m", hidden;
         terrain: "10,000 points/m²" => "the plane they lie on", 0.01 "m", dense;
         terrain: "a plot of 24 m on a slope, 4 points/m²" => "the plane it lies on", 0.05 "m", small_plot;
@@ -45,6 +47,8 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
         terrain: "points on a line" => "their heights, finite everywhere", 0.05 "m", on_a_line;
         terrain: "three points" => "a surface through them", 0.05 "m", three_points;
         terrain: "a gap of 60 m in a slope" => "the slope goes on through it", 0.3 "m", gap;
+        terrain: "a strip of ground bowed to half a circle, with long triangles from end to end" =>
+            "the slope goes on across", 0.3 "m", bowed;
         terrain: "cells of 10⁻⁶ m, 0 and NaN" => "an error before memory is taken",
             0.0 "answers without one", tiny_cells;
         terrain: "heights of 8,848 m, local" => "millimetres kept", 2e-3 "m", high;
@@ -55,6 +59,7 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
             0.0 "trees off", lower_tree;
         crown: "a tree of 5 m under a crown of 14 m whose base is at 9 m, 10 to 100 returns/m²" =>
             "two trees, the lower marked", 0.0 "trees off", under_a_crown;
+        crown: "two level crowns 0.5 m apart, and 6 m" => "one tree, and two", 0.0 "trees off", level_crowns;
         crown: "1,000 points in one place, 10 m up" => "no crown that breaks its invariants",
             0.0 "unsound crowns", a_spot;
         crown: "voxels and cells that are no lengths" => "an error each", 0.0 "answers without one", no_lengths;
@@ -74,15 +79,15 @@ fn all_ground(position: Vec<Vec3>) -> Classified {
 }
 
 fn found(position: Vec<Vec3>) -> Result<Classified> {
-    let mut cloud = empty_cloud();
-    position.into_iter().for_each(|p| push(&mut cloud, p));
-    classify(cloud)
+    found_by(position, Method::Smrf)
 }
 
-fn classify(mut cloud: PointCloud) -> Result<Classified> {
+fn found_by(position: Vec<Vec3>, method: Method) -> Result<Classified> {
+    let mut cloud = empty_cloud();
+    position.into_iter().for_each(|p| push(&mut cloud, p));
     // So high that no heights are taken for heights above ground.
     cloud.frame = Frame::local(DVec3::new(0.0, 0.0, 5000.0));
-    Ok(ground::classify(cloud, Method::Smrf)?.value)
+    Ok(ground::classify(cloud, method)?.value)
 }
 
 fn built(classified: &Classified, cell_m: Option<f32>) -> Result<Terrain> {
@@ -258,21 +263,34 @@ fn undergrowth() -> Result<f64> {
     Ok(worst(&terrain, slope, 100.0, |_| true))
 }
 
+fn mound() -> Result<f64> {
+    let raised = |p: Vec2| {
+        let off = p.distance(Vec2::splat(50.0)) / 15.0;
+        slope(p) + 2.0 * (1.0 - off * off).max(0.0)
+    };
+    let mut most = 0.0f64;
+    for method in [Method::Smrf, Method::Tin] {
+        let terrain = built(&found_by(on(raised, 100.0, 40_000), method)?, Some(1.0))?;
+        most = most.max(worst(&terrain, slope, 100.0, |_| true));
+    }
+    Ok(most)
+}
+
+fn steep_by_rules() -> Result<f64> {
+    let steep = |p: Vec2| p.x;
+    let made = found_by(on(steep, 60.0, 20_000), Method::VoxelRules)?;
+    Ok(ground_off(&made, steep, |_| true))
+}
+
 fn terraces() -> Result<f64> {
     let steps = |p: Vec2| (p.x / 4.0).floor();
-    let mut cloud = empty_cloud();
-    on(steps, 60.0, 30_000).into_iter().for_each(|p| push(&mut cloud, p));
-    cloud.frame = Frame::local(DVec3::new(0.0, 0.0, 5000.0));
-    let terrain = built(&ground::classify(cloud, Method::Tin)?.value, Some(1.0))?;
+    let terrain = built(&found_by(on(steps, 60.0, 30_000), Method::Tin)?, Some(1.0))?;
     Ok(worst(&terrain, steps, 60.0, |p| (p.x / 4.0 - (p.x / 4.0).round()).abs() > 0.25))
 }
 
 fn hidden() -> Result<f64> {
     let seen = |p: Vec2| slope(p) + if is_within(p, 50.0, 10.0) { 15.0 } else { 0.0 };
-    let mut cloud = empty_cloud();
-    on(seen, 100.0, 40_000).into_iter().for_each(|p| push(&mut cloud, p));
-    cloud.frame = Frame::local(DVec3::new(0.0, 0.0, 5000.0));
-    let made = ground::classify(cloud, Method::VoxelRules)?.value;
+    let made = found_by(on(seen, 100.0, 40_000), Method::VoxelRules)?;
     Ok(ground_off(&made, slope, |p| !is_within(p, 50.0, 14.0)))
 }
 
@@ -319,6 +337,13 @@ fn gap() -> Result<f64> {
     points.retain(|p| p.truncate().distance(middle) > 30.0);
     let terrain = built(&all_ground(points), Some(1.0))?;
     Ok(worst(&terrain, slope, 120.0, |_| true))
+}
+
+fn bowed() -> Result<f64> {
+    let mut points = on(slope, 100.0, 60_000);
+    points.retain(|p| (40.0..44.0).contains(&p.truncate().distance(Vec2::new(50.0, 0.0))));
+    let terrain = built(&all_ground(points), Some(1.0))?;
+    Ok(worst(&terrain, slope, 100.0, |p| p.y < 40.0))
 }
 
 fn tiny_cells() -> Result<f64> {
@@ -405,6 +430,20 @@ fn under_a_crown() -> Result<f64> {
         off += crowns.len().abs_diff(2) + marked.abs_diff(1);
     }
     Ok(off as f64)
+}
+
+fn level_crowns() -> Result<f64> {
+    let trees = |gap_m: f32| -> Result<usize> {
+        let mut points = on(|_| 0.0, 50.0, 40_000);
+        for p in &mut points {
+            let (along, across) = ((p.x - 25.0).abs() - 0.5 * gap_m, (p.y - 25.0).abs());
+            if (0.0..5.0).contains(&along) && across < 2.5 {
+                p.z = 15.0 - 0.05 * along;
+            }
+        }
+        Ok(crowns_of(points, |p| p.z > 1.0)?.len())
+    };
+    Ok((trees(0.5)?.abs_diff(1) + trees(6.0)?.abs_diff(2)) as f64)
 }
 
 fn a_spot() -> Result<f64> {

@@ -26,6 +26,10 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
             0.0 "points off", clumps;
         scan: "a cliff of 100 m, a mast of 80 m with returns all the way up" => "every point kept",
             0.0 "points off", cliff_and_mast;
+        scan: "a line in the air 30 m over the ground, one 60 m" => "kept; left out, and nothing else",
+            0.0 "points off", lines_in_the_air;
+        scan: "a shaft 24 m wide and 70 m deep, one 2 m" => "kept; left out, and nothing else",
+            0.0 "points off", shafts;
         scan: "one point 1,000 km away" => "left out, the rest read", 0.0 "points off", stray;
         skeleton: "clouds of no point, one, 10⁴ alike, none that is a number, 100 m wide" => "an error each",
             0.0 "answers without one", no_clouds;
@@ -44,7 +48,9 @@ fn ten_million() -> Result<f64> {
     let mut draws = Seed::new(6).draws();
     let mut worst = 0.0f64;
     for _ in 0..10_000 {
-        let [x, y, z] = [2e3, 2e3, 100.0].map(|r| f64::from(draws.between(-r, r)));
+        // Not as f32 has them.
+        let mut fine = |r: f32| f64::from(draws.between(-r, r)) + 1e-4 * f64::from(draws.unit());
+        let [x, y, z] = [2e3, 2e3, 100.0].map(&mut fine);
         let world = frame.origin + DVec3::new(x, y, z);
         let back = frame.world_from_local(frame.local_from_world(world));
         worst = worst.max((back - world).abs().max_element());
@@ -126,6 +132,32 @@ fn cliff_and_mast() -> Result<f64> {
     }
     (0..160).for_each(|k| push(&mut cloud, Vec3::new(20.0, 20.0, 0.5 * k as f32)));
     Ok(read(&scan::encode_laz(&cloud)?)?.cloud.len().abs_diff(cloud.len()) as f64)
+}
+
+fn lines_in_the_air() -> Result<f64> {
+    let off = |z: f32, is_kept: bool| -> Result<usize> {
+        let mut cloud = plot(DVec3::ZERO, 40_000);
+        (0..200).for_each(|k| push(&mut cloud, Vec3::new(0.5 * k as f32, 50.0, z)));
+        let wanted = if is_kept { 40_200 } else { 40_000 };
+        Ok(read(&scan::encode_laz(&cloud)?)?.cloud.len().abs_diff(wanted))
+    };
+    Ok((off(30.0, true)? + off(60.0, false)?) as f64)
+}
+
+fn shafts() -> Result<f64> {
+    let off = |width_m: f32, is_kept: bool| -> Result<usize> {
+        let mut cloud = plot(DVec3::ZERO, 40_000);
+        let mut sunk = 0;
+        for p in &mut cloud.position {
+            if (p.truncate() - Vec2::splat(50.0)).abs().max_element() < 0.5 * width_m {
+                p.z -= 70.0;
+                sunk += 1;
+            }
+        }
+        let wanted = if is_kept { 40_000 } else { 40_000 - sunk };
+        Ok(read(&scan::encode_laz(&cloud)?)?.cloud.len().abs_diff(wanted))
+    };
+    Ok((off(24.0, true)? + off(2.0, false)?) as f64)
 }
 
 fn stray() -> Result<f64> {

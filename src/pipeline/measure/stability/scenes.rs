@@ -10,8 +10,9 @@ use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, Job, Pictures, Profile};
 use crate::frame::Frame;
 use crate::ground::{Classified, Kind};
-use crate::landscape::{self, Columns, Landscape};
+use crate::landscape::{self, Columns, Landscape, Shot};
 use crate::mesh::{Surface, TreeMesh};
+use crate::render::Camera;
 use crate::scene::{Instance, Scene, TreeFacts};
 use crate::seed::Seed;
 use crate::skeleton::stability::Case;
@@ -33,6 +34,8 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
             1.0 "m", sloping_voxels;
         landscape: "a scan of 39.5 m in voxels of 1.7 m" => "a block that ends within 1.5 voxels of it",
             1.5 "voxels", snug_landscape;
+        landscape: "a mast one voxel thick, seen where a pixel is 8 voxels broad" =>
+            "in every line of the picture, no wider than two pixels", 0.0 "lines off", far_mast;
         landscape: "voxels of 10⁻⁶ m, 0 and NaN" => "an error before memory is taken",
             0.0 "answers without one", tiny_landscape;
     }
@@ -198,6 +201,30 @@ fn snug_landscape() -> Result<f64> {
     let beyond = low.abs().max(high - Vec2::splat(39.5));
     let short = (low.max(Vec2::splat(39.5) - high)).max_element() > 0.0;
     Ok(if short { f64::INFINITY } else { f64::from(beyond.max_element() / VOXEL_M) })
+}
+
+fn far_mast() -> Result<f64> {
+    let mut classified = sloping();
+    for k in 0..1_200 {
+        push(&mut classified.cloud, Vec3::new(20.2, 20.2, 20.0 + 0.1 * k as f32));
+        classified.kind.push(Kind::Vegetation);
+    }
+    let terrain = terrain::build(&classified, &TerrainOptions::default())?.value;
+    let (columns, _) = Columns::of_scan(&classified, &terrain, None, 0.5, &DETAIL)?;
+    let frame = Frame::local(DVec3::ZERO);
+    let (scene, _) = Landscape::build(&columns, &DETAIL, frame, columns.first_m, 0.5)?;
+    // Pixels of 4 m, the middle ones on the mast.
+    let camera = Camera {
+        eye: Vec3::new(20.2, -4_000.0, 90.0),
+        target: Vec3::new(20.2, 20.2, 90.0),
+        fov_y_rad: 2.0 * (0.5 * 61.0 * 4.0 / 4_020.0f32).atan(),
+    };
+    let layers = landscape::layers(&scene, &Shot::new(camera, [61; 2]))?;
+    let wide = |row: &[u8]| row.iter().filter(|class| **class == 5).count();
+    let widths: Vec<usize> = layers.class.chunks_exact(61).map(wide).collect();
+    // From 50 to 130 m: pixels of a height of 4 m about the middle at 90.
+    let off = widths[21..40].iter().filter(|wide| !(1..=2).contains(*wide)).count();
+    Ok(off as f64)
 }
 
 fn tiny_landscape() -> Result<f64> {
