@@ -21,7 +21,7 @@ use super::survey::{self, Survey};
 use super::{Effort, ForestJob, Sharing};
 use crate::diagnostic::{Error, Result};
 use crate::report::document::Machine;
-use crate::report::{Recorder, significant};
+use crate::report::{Outcome, Recorder, significant};
 use crate::scan;
 use crate::seed::Seed;
 use crate::skeleton::{self, Detail, Target};
@@ -67,6 +67,8 @@ pub struct BuildRate {
     /// Of the picture, whose pixels are as many whatever stands in it.
     pub seconds_fixed: f64,
     pub seconds_per_model: f64,
+    /// Of GLB and USDA, pictures among them.
+    pub bytes_per_model: f64,
 }
 
 impl BuildRate {
@@ -77,12 +79,19 @@ impl BuildRate {
         }
     }
 
-    fn seconds(&self, trees: usize, species: usize) -> f64 {
-        let models = match self.models_a_species {
+    fn models(&self, trees: usize, species: usize) -> usize {
+        match self.models_a_species {
             0 => trees,
             n => (n * species).min(trees),
-        };
-        self.seconds_fixed + self.seconds_per_model * models as f64
+        }
+    }
+
+    fn seconds(&self, trees: usize, species: usize) -> f64 {
+        self.seconds_fixed + self.seconds_per_model * self.models(trees, species) as f64
+    }
+
+    fn bytes(&self, trees: usize, species: usize) -> f64 {
+        self.bytes_per_model * self.models(trees, species) as f64
     }
 
     pub fn text(&self) -> String {
@@ -218,6 +227,7 @@ pub fn forest(job: &ForestJob, goal: Goal, run: &mut Recorder) -> Result<(Forest
         };
         let build = choose_build(&front, left, harder, (pace, survey.trees.len(), species))?;
         let expected = run.seconds() + pace * build.seconds(survey.trees.len(), species);
+        foretell(build, (pace, survey.trees.len(), species), run)?;
         let made = raised(&job, build, &survey, run)?;
         let crown_error_m = made.crown_error_m;
         let reached = Reached {
@@ -237,6 +247,36 @@ pub fn forest(job: &ForestJob, goal: Goal, run: &mut Recorder) -> Result<(Forest
         }
     }
     last.ok_or_else(|| Error::new("the measured front in the program holds no setting"))
+}
+
+/// Files so large are warned of before they are made.
+const LARGE_BYTES: f64 = 2e9;
+
+/// Tells what a setting will take, before it is run.
+fn foretell(
+    build: &BuildRate,
+    (pace, trees, species): (f64, usize, usize),
+    run: &mut Recorder,
+) -> Result<()> {
+    run.stage("setting", |warnings| {
+        let (models, bytes) = (build.models(trees, species), build.bytes(trees, species));
+        let size = match bytes {
+            b if b < 1e9 => format!("{:.0} MB", b * 1e-6),
+            b => format!("{:.1} GB", b * 1e-9),
+        };
+        if bytes > LARGE_BYTES {
+            warnings.push(format!(
+                "what is asked for makes files of about {size}: each of {models} models has up to {} \
+                 triangles; a larger --error makes less, and --clip a part",
+                build.triangles
+            ));
+        }
+        let seconds = significant(pace * build.seconds(trees, species));
+        let outcome = Outcome::items(trees, "trees", models, "models")
+            .note(build.text())
+            .note(format!("foretold: {seconds} s more, {size} as GLB and USDA"));
+        Ok(((), outcome))
+    })
 }
 
 fn raised(
@@ -317,6 +357,7 @@ mod tests {
             crown_error_m,
             seconds_fixed: 1.0,
             seconds_per_model,
+            bytes_per_model: 1e6,
         };
         let survey = |effort: &str, terrain_error_m, seconds_per_million_points| SurveyRate {
             effort: effort.into(),

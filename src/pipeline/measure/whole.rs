@@ -55,7 +55,11 @@ struct Built {
 
 pub(super) fn front(bench: &mut Bench<'_>) -> Result<Front> {
     let bench = &*bench;
-    let builds: &[(usize, usize)] = if bench.job.is_quick { &QUICK_BUILDS } else { &BUILDS };
+    let builds: &[(usize, usize)] = match bench.job.is_quick {
+        _ if bench.place.survey.trees.is_empty() => &[],
+        true => &QUICK_BUILDS,
+        false => &BUILDS,
+    };
     let mut job = bench.place.forest_job(bench.job);
     job.texture_px = TEXTURE_PX;
     let runs = if bench.job.is_quick { 1 } else { 2 };
@@ -146,6 +150,7 @@ fn built(
             crown_error_m: 0.0,
             seconds_fixed: 0.0,
             seconds_per_model: 0.0,
+            bytes_per_model: 0.0,
         };
         let job =
             ForestJob { sharing: rate.sharing(), triangles, tells_fit: true, ..usual.clone() };
@@ -159,13 +164,14 @@ fn built(
                 let picture = forest::preview(&forest.scene, [1280, 720]).to_png()?;
                 Ok::<_, crate::diagnostic::Error>((picture, Outcome::default()))
             })?;
-            write(&forest.scene, scratch, &job.cache)?;
+            let bytes = write(&forest.scene, scratch, &job.cache)?;
             all.push(start.elapsed().as_secs_f64());
             let seconds = |stage: &str| -> f64 {
                 run.stages.iter().filter(|s| s.stage == stage).map(|s| s.seconds).sum()
             };
             fixed.push(seconds("texture") + seconds("preview"));
             models = forest.scene.prototypes().len().max(1);
+            rate.bytes_per_model = bytes as f64 / models as f64;
             rate.crown_error_m = forest.crown_error_m.unwrap_or(0.0);
         }
         let time = Timing::of(&all);
