@@ -454,6 +454,30 @@ fn broad_rays_that_slant_meet_columns_of_two_bricks_aside() {
 }
 
 #[test]
+fn the_fullest_place_of_a_ray_rises_voxel_by_voxel() {
+    let mut made = Made::empty([32, 32, 32]).over(|_, _| 1.0);
+    for k in 0..12 * 12 * 12 {
+        made = made.with([8 + k % 12, 8 + k / 12 % 12, 8 + k / 144], 3);
+    }
+    let scene = made.built();
+    let mut tracer = Tracer::new(&scene);
+    let mut densest = |x: f64| {
+        let ray =
+            Ray { origin: DVec3::new(x, 14.2, 60.0), direction: DVec3::NEG_Z, breadth: [0.0; 2] };
+        tracer.densest(&ray)
+    };
+    let (inside, ground) = densest(14.0);
+    assert!(inside > 0.999, "{inside}");
+    assert!(ground.is_some_and(|hit| hit.what == What::Ground && (hit.t - 59.0).abs() < 0.01));
+    assert_eq!(densest(3.0).0, 0.0);
+    let across: Vec<f32> = (12..56).map(|k| densest(0.25 + 0.5 * f64::from(k)).0).collect();
+    // A brick at a time they would step by 1.
+    assert!(across.windows(2).all(|w| (w[1] - w[0]).abs() < 0.55), "{across:?}");
+    let peak = across.iter().position(|d| *d > 0.999).unwrap();
+    assert!(across[..peak].windows(2).all(|w| w[1] >= w[0]), "{across:?}");
+}
+
+#[test]
 fn the_ground_is_cut_where_the_scene_ends() {
     let scene = Made::empty([33, 33, 33]).over(|_, _| 20.0).built();
     let below = first(&scene, &ray([16.0, 16.0, -5.0], [0.0, 0.0, 1.0])).expect("the bottom");
@@ -621,6 +645,14 @@ fn a_graph_that_is_not_sound_is_found_out() {
     broken(&|s| s.heights.stride = 3);
     broken(&|s| s.heights.samples.places[0] = 1 << 20);
     broken(&|s| s.colours.levels.clear());
+    broken(&|s| s.voxel_m = 4e9);
+    broken(&|s| s.frame.origin.x = 1e300);
+    broken(&|s| s.heights.step = 0.0);
+    broken(&|s| s.heights.base = 1e30);
+    for unit_m in [0.0, -1.0, f64::NAN, 1e30] {
+        let crs = Crs { horizontal_unit_m: unit_m, ..Crs::from_epsg(32647) };
+        broken(&|s| s.frame.crs = Some(crs.clone()));
+    }
     // Whatever the words are, a scene that passes can be seen through without harm.
     for _ in 0..300 {
         let mut changed = scene.clone();

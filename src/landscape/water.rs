@@ -169,6 +169,35 @@ mod tests {
     }
 
     #[test]
+    fn water_is_where_most_low_points_are_of_it() {
+        let mut cloud = crate::scan::PointCloud {
+            position: Vec::new(),
+            intensity: Vec::new(),
+            return_number: Vec::new(),
+            return_count: Vec::new(),
+            class: Vec::new(),
+            rgb: None,
+            frame: crate::frame::Frame::local(glam::DVec3::ZERO),
+        };
+        // West of 20 m water, with a tree over it, and one point of water on land.
+        for i in 0..1600u16 {
+            let p = Vec2::new(f32::from(i % 40) + 0.5, f32::from(i / 40) + 0.5);
+            cloud.position.push(p.extend(0.0));
+            cloud.class.push(if p.x < 20.0 || i == 30 { WATER } else { 2 });
+        }
+        for k in 0..50 {
+            cloud.position.push(glam::Vec3::new(10.5, 20.5, 4.0 + 0.1 * k as f32));
+            cloud.class.push(5);
+        }
+        let water = Water::of(&cloud, |i| cloud.position[i].z < 1.0).unwrap();
+        let share = |x: f32, y: f32| water.share(Vec2::new(x, y));
+        assert_eq!([share(5.0, 5.0), share(10.5, 20.5), share(35.0, 35.0)], [1.0, 1.0, 0.0]);
+        assert!((share(20.0, 20.0) - 0.5).abs() < 0.02 && share(30.5, 0.5) < 0.3);
+        cloud.class.fill(2);
+        assert!(Water::of(&cloud, |_| true).is_none());
+    }
+
+    #[test]
     fn shores_have_no_steps() {
         let cols = 40;
         let of = |i: usize| cell(if i % cols + i / cols < cols { 1 } else { -1 });

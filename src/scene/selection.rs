@@ -54,6 +54,15 @@ pub struct Form<'a> {
     pub octahedral: Option<Octahedral>,
 }
 
+#[cfg(test)]
+impl Form<'_> {
+    /// Of nothing, with a silhouette so far off.
+    pub fn off(rms_m: f32) -> Self {
+        let silhouette = Apart { worst_m: 1.0, rms_m };
+        Form { name: "", parts: &[], silhouette, octahedral: None }
+    }
+}
+
 /// A tree and the number of its model.
 #[derive(Debug, Clone, Copy)]
 pub struct Tree<'a> {
@@ -290,14 +299,8 @@ mod tests {
 
     #[test]
     fn forms_that_a_coarser_one_betters_are_not_drawn() {
-        let form = |rms_m| Form {
-            name: "",
-            parts: &[],
-            silhouette: Apart { worst_m: 1.0, rms_m },
-            octahedral: None,
-        };
         let kept = |rms_m: &[f32]| -> Vec<f32> {
-            let forms = drawn(rms_m.iter().map(|&m| form(m)).collect());
+            let forms = drawn(rms_m.iter().map(|&m| Form::off(m)).collect());
             forms.iter().map(|f| f.silhouette.rms_m).collect()
         };
         assert_eq!(kept(&[0.0, 0.1, 0.2, 0.3]), [0.0, 0.1, 0.2, 0.3]);

@@ -66,8 +66,8 @@ pub(super) fn screen_coverage(forms: &[Form<'_>], diameter_m: f32) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Forms;
     use crate::scene::sample::forest;
-    use crate::scene::{Apart, Forms};
 
     #[test]
     fn every_tree_is_in_one_cell_with_its_model() {
@@ -90,18 +90,12 @@ mod tests {
 
     #[test]
     fn a_form_is_shown_until_the_next_is_good_enough() {
-        let form = |rms_m| Form {
-            name: "",
-            parts: &[],
-            silhouette: Apart { worst_m: 1.0, rms_m },
-            octahedral: None,
-        };
         // 108 m cell, error 1 m: 0.1 of the picture's height when 1 m is a line.
-        let covers = screen_coverage(&[form(0.0), form(1.0), form(2.0)], 108.0);
+        let covers = screen_coverage(&[Form::off(0.0), Form::off(1.0), Form::off(2.0)], 108.0);
         let disc = std::f32::consts::FRAC_PI_4 * 0.01 * 9.0 / 16.0;
         assert!((covers[0] - disc).abs() < 1e-6 && (covers[1] - disc / 4.0).abs() < 1e-6);
         assert_eq!(covers[2], 0.0);
-        let near = screen_coverage(&[form(0.0), form(0.01), form(0.02)], 108.0);
+        let near = screen_coverage(&[Form::off(0.0), Form::off(0.01), Form::off(0.02)], 108.0);
         assert!(near[0] > near[1] && near[1] > 1.0, "{near:?}");
     }
 }

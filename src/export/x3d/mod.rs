@@ -402,18 +402,11 @@ fn ranges(forms: &[&Form<'_>]) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Apart;
 
     #[test]
     fn a_form_is_shown_until_the_next_is_good_enough() {
-        let form = |rms_m| Form {
-            name: "",
-            parts: &[],
-            silhouette: Apart { worst_m: 1.0, rms_m },
-            octahedral: None,
-        };
         let of = |all: &[f32]| {
-            let forms: Vec<_> = all.iter().map(|&rms_m| form(rms_m)).collect();
+            let forms: Vec<_> = all.iter().map(|&rms_m| Form::off(rms_m)).collect();
             ranges(&forms.iter().collect::<Vec<_>>())
         };
         // 45° are 1080 lines: at 1303.7 m a line is 2 · 1303.7 · tan 22.5° / 1080 = 1 m high.
