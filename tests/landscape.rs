@@ -121,6 +121,7 @@ fn what_cannot_be_done_is_refused_before_anything_is_written() {
         &["landscape", "scan.xyz", "-o", "kept.png", "--voxel", "1000"],
         &["scan.xyz", "voxels of 1000 m over", "give a --voxel of at most"],
     );
+    with(&["--snow", "1", "--mode", "mip"]);
     done(dir, &["landscape", "scan.xyz", "--save", "a.voxels", "--voxel", "1"]);
     let whole = fs::read(dir.join("a.voxels")).unwrap();
     fs::write(dir.join("cut.voxels"), &whole[..whole.len() - 40]).unwrap();

@@ -164,6 +164,12 @@ pub(super) fn run(a: &Landscape, run: &mut Recorder) -> Result<Told> {
         extension(save, &["voxels"])?;
         export::check_writable(&place(save)?.0)?;
     }
+    let weather = [("--snow", a.snow), ("--fog", a.fog), ("--rain", a.rain)];
+    let falling = weather.iter().find(|(_, amount)| *amount > 0.0);
+    if let Some((option, _)) = falling.filter(|_| a.mode == Shown::Mip) {
+        return Err(Error::new("--mode mip shows densities, which no weather changes")
+            .remedy(format!("leave out {option}, or --mode mip")));
+    }
     spare_inputs(a)?;
     let is_saved = landscape::is_saved(&a.scans)?;
     let of_scans = [

@@ -1,11 +1,13 @@
 //! Voxels in the air. One or two, of a twig, a bird or noise, met by one pulse, hang beside crowns as
-//! crumbs. More are a crown below which thin scans have no returns; it would float without a stem.
+//! crumbs. More are a crown below which thin scans have no returns; it would float without a stem. So
+//! would the crowns of a closed canopy, which hold on to each other.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
 use glam::Vec2;
+use rayon::prelude::*;
 
 use super::build::Voxel;
 
@@ -18,6 +20,13 @@ const NEAR_GROUND: f32 = 2.0;
 /// Share of a clump's height above the ground within which something that stands holds it.
 const HELD: f32 = 0.15;
 
+/// Metres above the ground from which on a top is a tree's, and shares of its height: within which it
+/// is the highest and what stands is its own, and of a gap below it that calls for a stem.
+const TALL_M: f32 = 4.0;
+const OWN: f32 = 0.1;
+const GAP: f32 = 0.15;
+const GAP_M: f32 = 2.0;
+
 /// Voxels of vegetation that touch each other, by faces, edges or corners.
 pub(super) struct Clumps<'a> {
     column: &'a [Voxel],
@@ -26,6 +35,7 @@ pub(super) struct Clumps<'a> {
     /// Heights of the ground in voxels.
     height: &'a [f32],
     cols: usize,
+    voxel_m: f32,
     /// Voxels above the ground up to which something is near it.
     near_ground: f32,
     /// The first voxel of the clump that a voxel is in; none where it is less than half full.
@@ -86,7 +96,7 @@ impl<'a> Clumps<'a> {
                 is_low[of as usize] |= f32::from(column[i].z) < ground + near_ground;
             }
         }
-        Clumps { column, start, height, cols, near_ground, of, count, is_low }
+        Clumps { column, start, height, cols, voxel_m, near_ground, of, count, is_low }
     }
 
     /// Which voxels hang in the air with no more than one other.
@@ -145,12 +155,54 @@ impl<'a> Clumps<'a> {
         stems
     }
 
-    /// Whether anything within `reach` columns of a place stands as high as `foot`.
-    fn is_held(&self, standing: &[u16], at: usize, foot: u16, reach: f32) -> bool {
+    /// Stems of trees, under tops that are the highest around, where of all that stands close by nothing
+    /// shows for long on the way to the ground.
+    pub fn trunks(&self) -> Vec<(usize, Range<u16>)> {
+        let dense = |at: usize| {
+            let voxels = self.start[at] as usize..self.start[at + 1] as usize;
+            voxels.filter(|i| self.of[*i].is_some()).map(|i| self.column[i].z)
+        };
+        let tops: Vec<u16> =
+            (0..self.height.len()).map(|at| dense(at).next_back().unwrap_or(0)).collect();
+        let trunk = |at: usize| {
+            let (top, ground) = (tops[at], self.height[at].max(0.0));
+            let tall = f32::from(top) - ground;
+            if tall * self.voxel_m < TALL_M {
+                return None;
+            }
+            let reach = (OWN * tall).round().max(1.0);
+            let is_higher = |i: usize| (tops[i], Reverse(i)) > (top, Reverse(at));
+            if self.around(at, reach).any(is_higher) {
+                return None;
+            }
+            let mut layers: Vec<u16> = self.around(at, reach).flat_map(dense).collect();
+            layers.sort_unstable();
+            let foot = ground.ceil() as u16;
+            let gap = (GAP * tall).max(GAP_M / self.voxel_m);
+            let mut below = foot;
+            let above_gap = layers.into_iter().filter(|z| *z >= foot).find(|z| {
+                let is_gap = f32::from(z - below) > gap;
+                below = *z;
+                is_gap
+            })?;
+            let own = dense(at).find(|z| *z >= above_gap)?;
+            Some((at, foot..own))
+        };
+        (0..self.height.len()).into_par_iter().filter_map(trunk).collect()
+    }
+
+    /// Columns up to so many from one along x and y.
+    fn around(&self, at: usize, reach: f32) -> impl Iterator<Item = usize> + use<'_> {
         let (rows, reach) = (self.height.len() / self.cols, reach.ceil() as usize);
         let near = |i: usize, most: usize| i.saturating_sub(reach)..(i + reach + 1).min(most);
-        let (x, y) = (at % self.cols, at / self.cols);
-        near(y, rows).any(|y| near(x, self.cols).any(|x| standing[y * self.cols + x] >= foot))
+        let (x, y) = (near(at % self.cols, self.cols), near(at / self.cols, rows));
+        let cols = self.cols;
+        y.flat_map(move |y| x.clone().map(move |x| y * cols + x))
+    }
+
+    /// Whether anything within `reach` columns of a place stands as high as `foot`.
+    fn is_held(&self, standing: &[u16], at: usize, foot: u16, reach: f32) -> bool {
+        self.around(at, reach).any(|i| standing[i] >= foot)
     }
 }
 
@@ -203,6 +255,21 @@ mod tests {
         assert!(stems([&crown[..], &tree].concat()).is_empty());
         // Crumbs stand on nothing, as they are left out.
         assert!(stems(vec![[1, 1, 20], [1, 1, 21]]).is_empty());
+    }
+
+    #[test]
+    fn a_crown_that_holds_on_to_another_has_a_trunk() {
+        let trunks = |mut voxels: Vec<[u32; 3]>| of(&mut voxels, |clumps| clumps.trunks());
+        let tree: Vec<[u32; 3]> = (0..20).map(|z| [0, 4, z]).collect();
+        let crown: Vec<[u32; 3]> = (15..19).flat_map(|z| [[5, 4, z], [6, 4, z]]).collect();
+        let bridge = [[1, 4, 17], [2, 4, 17], [3, 4, 17], [4, 4, 17]];
+        let canopy = [&tree[..], &bridge, &crown].concat();
+        assert_eq!(trunks(canopy.clone()), [(4 * COLS + 5, 0..15)]);
+        // Returns from the stem, at its side and with gaps, are enough.
+        let stem = [[6, 5, 4], [6, 5, 9], [6, 5, 12]];
+        assert!(trunks([&canopy[..], &stem].concat()).is_empty());
+        // Shrubs are none.
+        assert!(trunks(vec![[2, 2, 8], [2, 2, 9]]).is_empty());
     }
 
     #[test]

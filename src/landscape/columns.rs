@@ -163,7 +163,8 @@ impl Columns {
         let column = layers_of(&voxels);
         let start = starts(&voxels, height.len());
         let clumps = Clumps::new(&column, &start, &height, cols as usize, (half as u8, voxel_m));
-        let (is_scrap, stems, feet) = (clumps.scraps(), clumps.stems(), clumps.feet());
+        let (is_scrap, feet) = (clumps.scraps(), clumps.feet());
+        let stems = clumps.stems().into_iter().chain(clumps.trunks());
         let mut kept = is_scrap.into_iter().map(|is| !is);
         voxels.retain(|_| kept.next().unwrap_or(true));
         // So full that the surface is about half a voxel wide.
@@ -173,7 +174,7 @@ impl Columns {
                 layers.map(move |z| ((at as u64) << 16 | u64::from(z), density))
             }
         };
-        voxels.extend(stems.into_iter().flat_map(layers_in(slender)));
+        voxels.extend(stems.flat_map(layers_in(slender)));
         voxels.extend(feet.into_iter().flat_map(layers_in(full)));
         gather(&mut voxels);
         let start = starts(&voxels, height.len());

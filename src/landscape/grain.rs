@@ -61,6 +61,16 @@ pub(super) fn litter(p: DVec3, voxel_m: f32, breadth: f32) -> (f32, Vec3) {
     (0.4 + 0.6 * shade, bump.with_z(0.0))
 }
 
+/// How much of its snow wind leaves at a place, 0.3…1.
+pub(super) fn drift(p: DVec3, voxel_m: f32) -> f32 {
+    let metres = p * f64::from(voxel_m);
+    // Longer along the wind than across.
+    let along = DVec3::new(0.03 * metres.x + 0.05 * metres.y, 0.11 * metres.y, 0.0);
+    let noise =
+        0.5 * lattice(along).0 + 0.3 * lattice(along * 3.1).0 + 0.2 * lattice(along * 9.7).0;
+    0.3 + 0.7 * ((noise - 0.3) * 2.5).clamp(0.0, 1.0)
+}
+
 /// Noise of these frequencies, as far as it is not finer than a ray is broad.
 fn grain<const N: usize>(p: DVec3, breadth: f32, frequencies: [f32; N], steep: f32) -> (f32, Vec3) {
     let (mut shade, mut bump) = (1.0, Vec3::ZERO);

@@ -35,8 +35,8 @@ impl Landscape {
         };
         let corners: Vec<Vec3> = (0..8).map(corner).collect();
         match view {
-            View::North => Camera::framing(&corners, aspect, 180.0, 14.0, 0.5, 0.97),
-            View::Oblique => Camera::framing(&corners, aspect, 148.0, 36.0, 0.5, 0.97),
+            View::North => Camera::framing(&corners, aspect, 180.0, 14.0, 0.5, 0.93),
+            View::Oblique => Camera::framing(&corners, aspect, 148.0, 36.0, 0.5, 0.93),
             View::Top => {
                 let middle = (low + high) * 0.5;
                 let size = high - low;

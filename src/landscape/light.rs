@@ -2,14 +2,15 @@
 //!
 //! Rays of a pixel go through places spread evenly (the R2 sequence of Roberts 2018, begun elsewhere
 //! in every pixel). What they meet is lit by a ray to a place on the sun and a few widening ones to the
-//! sky. Known limits: light is not passed on from surface to surface; mirrors show the sky alone.
+//! sky. Known limits: light is not passed on from surface to surface; of mirrors water alone shows more
+//! than the sky.
 
 use std::ops::Range;
 
 use glam::{DVec2, DVec3, Vec3};
 
 use super::Landscape;
-use super::grain::{clumps, earth, litter, mottle};
+use super::grain::{clumps, drift, earth, litter, mottle};
 use super::lens::Lens;
 use super::pack::LANES;
 use super::picture::{Mode, Shot};
@@ -32,6 +33,27 @@ fn spread(number: u32, start: u64) -> DVec2 {
     (first + STEP * f64::from(number)).fract()
 }
 
+/// How far off the nearest of what a picture shows is, in voxels; 0 from within the scene.
+fn nearest(scene: &Landscape, lens: &Lens, size: [u32; 2]) -> f64 {
+    /// Rays across and down that tell it.
+    const RAYS: u32 = 48;
+    let far = Vec3::from(scene.reach().map(|side| side as f32)).as_dvec3();
+    let outside = (lens.eye - lens.eye.clamp(DVec3::ZERO, far)).length();
+    if outside <= 0.0 {
+        return 0.0;
+    }
+    let mut tracer = Tracer::new(scene);
+    let mut near = f64::INFINITY;
+    for (row, col) in (0..RAYS).flat_map(|row| (0..RAYS).map(move |col| (row, col))) {
+        let at = DVec2::new(f64::from(col) + 0.5, f64::from(row) + 0.5) / f64::from(RAYS);
+        let ray = lens.ray(at * DVec2::new(f64::from(size[0]), f64::from(size[1])), 1.0);
+        if let Some(hit) = tracer.trace(&ray, 0.0, f64::INFINITY) {
+            near = near.min(hit.t * ray.direction.length());
+        }
+    }
+    if near.is_finite() { near } else { outside }
+}
+
 /// What lights the scene.
 pub(super) struct Light<'a> {
     scene: &'a Landscape,
@@ -40,8 +62,8 @@ pub(super) struct Light<'a> {
     sun_colour: Vec3,
     /// Light of the sky from above.
     sky_colour: Vec3,
-    /// Share of the light lost a voxel of distance, from so many voxels off the eye on: at the nearest of
-    /// the scene.
+    /// Share of the light lost a voxel of distance, from so many voxels off the eye on: at the nearest
+    /// that is seen.
     extinction: f32,
     near: f64,
     /// Of the sky itself: grey in rain and fog.
@@ -58,11 +80,11 @@ pub(super) struct Light<'a> {
 const SUN_RADIUS: f32 = 0.012;
 /// Metres up to which leaves and ground dim the sky.
 const DIMMING_M: f32 = 18.0;
-/// Brightness of water over that of its colour, and the share of the sky that it mirrors from above.
+/// Brightness of water over that of its colour.
 const STILL: f32 = 0.8;
-const WATER_GLOSS: f32 = 0.06;
-/// Depth of snow that leaves hold, metres.
-const LEAVES_HOLD_M: f32 = 0.05;
+/// Depth of snow that leaves hold, and that wind leaves on ice at most, metres.
+const LEAVES_HOLD_M: f32 = 0.035;
+const ICE_HOLDS_M: f32 = 0.08;
 /// Share of the sun that crowns let through.
 const THROUGH: f32 = 0.1;
 /// Light from leaves and ground all around, over that of the open sky.
@@ -81,8 +103,7 @@ impl<'a> Light<'a> {
         let overcast = rain.max(fog);
         let sun = shot.sun.try_normalize().unwrap_or(Vec3::Z);
         let [wide, deep, high] = scene.reach().map(|side| side as f32);
-        let far = Vec3::new(wide, deep, high).as_dvec3();
-        let near = (lens.eye - lens.eye.clamp(DVec3::ZERO, far)).length();
+        let near = nearest(scene, lens, shot.size);
         let fall = high * sun.truncate().length() / sun.z.max(0.05);
         Light {
             scene,
@@ -273,7 +294,7 @@ impl<'a> Light<'a> {
         if is_leafy && narrow < FINEST {
             // Between leaves it is darker.
             let deep = (2.0 * tracer.density(place.as_vec3()) - 1.0).clamp(0.0, 1.0);
-            shade *= 1.0 + (1.0 - narrow / FINEST) * (0.15 - 0.6 * deep);
+            shade *= 1.0 + (1.0 - narrow / FINEST) * (0.15 - 0.4 * deep);
         }
         normal = (normal + bump).normalize_or(Vec3::Z);
         let albedo = match hit.what {
@@ -292,8 +313,16 @@ impl<'a> Light<'a> {
             open += self.open(tracer, from, normal, breadth, reach, sample);
         }
         open /= sky_rays.max(1) as f32;
-        let gloss = if is_leafy { 0.02 } else { WATER_GLOSS * water };
-        let holds_m = if is_leafy { LEAVES_HOLD_M } else { f32::INFINITY };
+        // Schlick's approximation, of water.
+        let slant = 1.0 - normal.dot(toward_eye).clamp(0.0, 1.0);
+        let gloss = if is_leafy { 0.02 } else { water * (0.02 + 0.98 * slant.powi(5)) };
+        // Wind bares the ice.
+        let ice_m = || ICE_HOLDS_M * drift(place, self.scene.voxel_m) / water.max(1e-3);
+        let holds_m = match is_leafy {
+            true => LEAVES_HOLD_M,
+            false if water > 0.0 => ice_m(),
+            false => f32::INFINITY,
+        };
         let skin = Skin { albedo, normal, up: up + bump.z, holds_m, gloss };
         // Of what falls on leaves a part falls through.
         let caught = if is_leafy { 0.7 * open } else { open };
@@ -318,7 +347,24 @@ impl<'a> Light<'a> {
         // Phong's highlight, and the sky in what is wet.
         let mirrored = normal * (2.0 * normal.dot(toward_eye)) - toward_eye;
         let spark = mirrored.dot(self.sun).max(0.0).powi(24) * sunlit;
-        diffuse + (self.sun_colour * spark + self.above(mirrored) * open) * gloss
+        let shown = match water > 0.0 && gloss > 0.0 {
+            true => self.mirrored(tracer, from, mirrored, breadth),
+            false => self.above(mirrored) * open,
+        };
+        diffuse * (1.0 - gloss * water) + (self.sun_colour * spark + shown) * gloss
+    }
+
+    /// What still water shows: the shore in its own colours, as bright as from all sides, or the sky.
+    fn mirrored(&self, tracer: &mut Tracer<'_>, from: DVec3, towards: Vec3, breadth: f32) -> Vec3 {
+        let direction = towards.with_z(towards.z.abs()).as_dvec3();
+        let ray = Ray { origin: from, direction, breadth: [breadth, 0.01] };
+        let Some(hit) = tracer.trace(&ray, 0.0, f64::INFINITY) else {
+            return self.above(direction.as_vec3());
+        };
+        let place = from + direction * hit.t;
+        let [ground, above] = self.scene.colours(place.x, place.y, breadth);
+        let colour = if hit.what == What::Vegetation { above } else { ground };
+        colour * (0.3 * self.sun_colour + 0.5 * self.sky_colour)
     }
 
     /// Share of the sun's disc that a place sees, by one ray.

@@ -187,6 +187,20 @@ impl Landscape {
         Some((height * f64::from(self.voxel_m)) as f32 + self.first_m.z)
     }
 
+    /// How far above a place within vegetation the air is free, metres; `None` where it is free there.
+    pub fn within_m(&self, p: Vec3) -> Option<f32> {
+        let at = self.to_voxels(p);
+        let last = self.sides.map(f64::from);
+        let is_within = (0..3).all(|a| (0.0..=last[a]).contains(&at[a]));
+        let mut tracer = trace::Tracer::new(self);
+        let mut is_leafy = |up: u32| {
+            let place = (at + DVec3::Z * f64::from(up)).as_vec3();
+            place.z <= last[2] as f32 && tracer.density(place) >= brick::ISO
+        };
+        let up = (0..=self.sides[2]).take_while(|up| is_leafy(*up)).count();
+        (is_within && up > 0).then_some(up as f32 * self.voxel_m)
+    }
+
     /// Whether rays may meet anything.
     pub fn is_empty(&self) -> bool {
         self.dag.root.is_none()

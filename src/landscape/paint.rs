@@ -81,6 +81,8 @@ const SPREAD: Vec3 = Vec3::new(1.15, 1.0, 0.9);
 const GREENEST: Vec3 = Vec3::new(0.62, 1.0, 0.36);
 /// Share of the air's blue light that it has in red, green and blue: (0.45 µm / λ)².
 const SCATTERED: Vec3 = Vec3::new(0.48, 0.67, 1.0);
+/// Share of the darkest's light that is the air's: the rest comes off leaves in the shade.
+const AIR: f32 = 0.5;
 /// sRGB of leaves in the sun after that: of the upper quartile, whether shade takes half of the photo
 /// or little.
 const SUNLIT: f32 = 104.0;
@@ -106,7 +108,7 @@ impl Clear {
         }
         // Deep shade is not black.
         let least = (quantiles(&colours, 0.01) - 8.0).max(Vec3::ZERO);
-        let dark = (SCATTERED * least.z).min(least);
+        let dark = (SCATTERED * least.z).min(least) * AIR;
         let clear = || colours.iter().map(|v| (*v - dark).max(Vec3::ZERO));
         let sunlit = quantile(&mut clear().map(grey), 0.75);
         let gain = (SUNLIT / sunlit.max(1.0)).clamp(0.3, 3.0);

@@ -92,8 +92,10 @@ impl Shot {
 
 /// Pixels along the side of the squares that threads take.
 const TILE: usize = 16;
-/// Pixels a side for one ray of the first pass.
+/// Pixels a side for one ray of the first pass, at least, and rays of it at most, so that it is there
+/// at once.
 const ROUGH: usize = 4;
+const ROUGH_RAYS: usize = 60_000;
 
 /// Counts of a finished picture.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -135,21 +137,23 @@ pub fn draw(
         return Ok((developed(&sums, shot, 1.0), rays));
     }
     if shot.effort > 1 {
-        let (across, down) = (width.div_ceil(ROUGH), height.div_ceil(ROUGH));
+        let side = ((width * height).div_ceil(ROUGH_RAYS) as f64).sqrt().ceil() as usize;
+        let side = side.max(ROUGH);
+        let (across, down) = (width.div_ceil(side), height.div_ceil(side));
         let rough: Vec<Vec3> = (0..down)
             .into_par_iter()
             .flat_map_iter(|row| {
                 let mut tracer = Tracer::of_leaves(scene);
                 let (light, lens) = (&light, &lens);
                 (0..across).map(move |col| {
-                    let at = (DVec2::new(col as f64, row as f64) + 0.5) * ROUGH as f64;
-                    light.along(&mut tracer, &lens.ray(at, ROUGH as f64), at, 0, 1)
+                    let at = (DVec2::new(col as f64, row as f64) + 0.5) * side as f64;
+                    light.along(&mut tracer, &lens.ray(at, side as f64), at, 0, 1)
                 })
             })
             .collect();
         rays.primary += rough.len() as u64;
         for (i, sum) in sums.iter_mut().enumerate() {
-            *sum = rough[i / width / ROUGH * across + i % width / ROUGH];
+            *sum = rough[i / width / side * across + i % width / side];
         }
         if !progress(&developed(&sums, shot, 1.0), 0)? {
             return Ok((developed(&sums, shot, 1.0), rays));

@@ -22,7 +22,7 @@ pub struct Weather {
 const LEAST_CONTRAST: f32 = 0.05;
 /// Depth that hides most of what is under it.
 const HIDING_M: f32 = 0.06;
-const SNOW: Vec3 = Vec3::new(0.70, 0.735, 0.79);
+const SNOW: Vec3 = Vec3::new(0.52, 0.555, 0.61);
 
 /// A place as weather changes it.
 #[derive(Debug, Clone, Copy)]

@@ -128,7 +128,7 @@ pub fn load(path: &Path, run: &mut Recorder) -> Result<Landscape> {
 /// A camera in the scan's own coordinates, in those of the landscape, for pictures of `size` pixels.
 ///
 /// # Errors
-/// A camera below the ground, or that sees nothing of the landscape.
+/// A camera below the ground or within a crown, or that sees nothing of the landscape.
 pub fn camera(scene: &Landscape, eye: &Eye, size: [u32; 2]) -> Result<Camera> {
     /// Pixels a side by which it is told whether anything is seen.
     const ENOUGH: u32 = 2000;
@@ -140,6 +140,11 @@ pub fn camera(scene: &Landscape, eye: &Eye, size: [u32; 2]) -> Result<Camera> {
             "the camera at {x},{y},{z} is below the ground, which is {height:.2} high there"
         ))
         .remedy(format!("give --camera a third number above {height:.2}")));
+    }
+    if let Some(up_m) = scene.within_m(camera.eye) {
+        let free = scene.frame.world_from_local(camera.eye + glam::Vec3::Z * up_m).z;
+        return Err(Error::new(format!("the camera at {x},{y},{z} is within a crown"))
+            .remedy(format!("give --camera another place, or a third number above {free:.2}")));
     }
     let shot = Shot::new(camera, size.map(|side| side.min(ENOUGH)));
     if !scene.is_empty() && landscape::count_hits(scene, &shot) == 0 {
