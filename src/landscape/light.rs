@@ -33,8 +33,9 @@ fn spread(number: u32, start: u64) -> DVec2 {
     (first + STEP * f64::from(number)).fract()
 }
 
-/// How far off the nearest of what a picture shows is, in voxels; 0 from within the scene.
-fn nearest(scene: &Landscape, lens: &Lens, size: [u32; 2]) -> f64 {
+/// How far off the nearest fiftieth of what a picture shows is, in voxels, so that no single mast
+/// decides; 0 from within the scene.
+pub(super) fn nearest(scene: &Landscape, lens: &Lens, size: [u32; 2]) -> f64 {
     /// Rays across and down that tell it.
     const RAYS: u32 = 48;
     let far = Vec3::from(scene.reach().map(|side| side as f32)).as_dvec3();
@@ -43,15 +44,16 @@ fn nearest(scene: &Landscape, lens: &Lens, size: [u32; 2]) -> f64 {
         return 0.0;
     }
     let mut tracer = Tracer::new(scene);
-    let mut near = f64::INFINITY;
+    let mut off = Vec::new();
     for (row, col) in (0..RAYS).flat_map(|row| (0..RAYS).map(move |col| (row, col))) {
         let at = DVec2::new(f64::from(col) + 0.5, f64::from(row) + 0.5) / f64::from(RAYS);
         let ray = lens.ray(at * DVec2::new(f64::from(size[0]), f64::from(size[1])), 1.0);
         if let Some(hit) = tracer.trace(&ray, 0.0, f64::INFINITY) {
-            near = near.min(hit.t * ray.direction.length());
+            off.push(hit.t * ray.direction.length());
         }
     }
-    if near.is_finite() { near } else { outside }
+    off.sort_unstable_by(f64::total_cmp);
+    off.get(off.len() / 50).copied().unwrap_or(outside)
 }
 
 /// What lights the scene.

@@ -755,6 +755,30 @@ fn what_is_shown_whole_is_not_lost_in_the_air_before_it() {
 }
 
 #[test]
+fn fog_begins_at_what_is_seen_and_not_at_a_mast_or_the_corner_of_the_box() {
+    let mut made = Made::wood(48, 2000, 8);
+    made.voxels[2] = 400;
+    for z in 0..400 {
+        made = made.with([44, 44, z], 3);
+    }
+    let scene = made.built();
+    let near =
+        |view| light::nearest(&scene, &scene.lens(&scene.camera(view, 1.5), [48, 32]), [48, 32]);
+    let eye = |view| scene.lens(&scene.camera(view, 1.5), [48, 32]).eye;
+    // From above the wood is some 370 voxels below the top of the mast and of the box.
+    let below = near(View::Top) - (eye(View::Top).z - 400.0);
+    assert!((350.0..400.0).contains(&below), "{below}");
+    // From the south it is beyond the box's nearer face.
+    assert!(near(View::North) > -eye(View::North).y);
+    let within = crate::render::Camera {
+        eye: Vec3::new(10.0, 10.0, 100.0),
+        target: Vec3::ZERO,
+        fov_y_rad: 1.0,
+    };
+    assert_eq!(light::nearest(&scene, &scene.lens(&within, [48, 32]), [48, 32]), 0.0);
+}
+
+#[test]
 fn cameras_and_sizes_out_of_range_are_refused() {
     let scene = Made::wood(24, 100, 2).built();
     let good = shot(&scene, Weather::default());
