@@ -82,6 +82,9 @@ pub(super) struct Light<'a> {
 const SUN_RADIUS: f32 = 0.012;
 /// Metres up to which leaves and ground dim the sky.
 const DIMMING_M: f32 = 18.0;
+/// How far waves turn what water mirrors, and how much further in heavy rain.
+const RIPPLES: f32 = 0.05;
+const RIPPLES_IN_RAIN: f32 = 0.35;
 /// Brightness of water over that of its colour.
 const STILL: f32 = 0.8;
 /// Depth of snow that leaves hold, and that wind leaves on ice at most, metres.
@@ -347,10 +350,17 @@ impl<'a> Light<'a> {
             BOUNCE_COLOUR * ((1.0 - sky) * (0.4 + 0.6 * open)) + self.sky_colour * (sky * open);
         let diffuse = albedo * (self.sun_colour * (direct * sunlit) + ambient);
         // Phong's highlight, and the sky in what is wet.
+        let weather = &self.shot.weather;
         let mirrored = normal * (2.0 * normal.dot(toward_eye)) - toward_eye;
         let spark = mirrored.dot(self.sun).max(0.0).powi(24) * sunlit;
         let shown = match water > 0.0 && gloss > 0.0 {
-            true => self.mirrored(tracer, from, mirrored, breadth),
+            true => {
+                // Breath of wind, and drops.
+                let ripples = RIPPLES + RIPPLES_IN_RAIN * (weather.rain_mm / 10.0).min(1.0);
+                let off = (spread(number, start ^ other) - 0.5).as_vec2() * ripples;
+                let towards = mirrored + Vec3::new(0.3 * off.y, 0.3 * off.y, off.x);
+                self.mirrored(tracer, from, towards, breadth)
+            }
             false => self.above(mirrored) * open,
         };
         diffuse * (1.0 - gloss * water) + (self.sun_colour * spark + shown) * gloss
