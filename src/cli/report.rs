@@ -109,6 +109,7 @@ fn summary(document: &Document) -> Vec<String> {
         missed.len(),
         document.about.seconds
     )];
+    lines.extend(document.about.warnings.iter().map(|w| format!("warning: {w}")));
     lines.extend(missed);
     lines.extend(short.map(|l| format!("{}: {}", l.title, l.verdict)));
     lines

@@ -91,7 +91,10 @@ fn head(out: &mut String, document: &Document) {
         tally(
             short,
             document.convergence.len(),
-            ["errors fall at their stated order", "errors do not fall at their stated order",]
+            [
+                "errors fall at least at their stated order, until a floor",
+                "errors do not fall at their stated order"
+            ]
         ),
         tally(
             unproved,
@@ -252,7 +255,8 @@ fn omissions(out: &mut String, omissions: &Omissions) {
     ]
     .map(String::from);
     let row = |o: &Omission| {
-        let megabytes = |b: i64| format!("{:.1}", b as f64 * 1e-6);
+        // Without the sign of what rounds to nothing.
+        let megabytes = |b: i64| format!("{:.1}", (b as f64 * 1e-5).round() / 10.0 + 0.0);
         let seconds = |t: &Timing| {
             format!("{} ({}–{})", number(t.median_s), number(t.least_s), number(t.most_s))
         };

@@ -169,7 +169,7 @@ fn steps(bench: &Bench<'_>) -> Result<Ladder> {
         "{BALL} attractors in a ball of 3 m. They are removed within d_k = D of a node, and the wood \
          comes no nearer than that takes."
     );
-    ladder.truth = Truth::Cloud;
+    ladder.truth = Truth::Drawn;
     ladder.rungs = rungs.collect();
     Ok(ladder)
 }

@@ -85,12 +85,13 @@ fn point(
     }))
 }
 
-/// Of two tasks one after the other.
+/// Of two tasks one after the other, each run so often by itself: `runs` of the more often run, as its
+/// spread is in the sum.
 pub(super) fn sum(a: Timing, b: Timing) -> Timing {
     Timing {
         median_s: a.median_s + b.median_s,
         least_s: a.least_s + b.least_s,
         most_s: a.most_s + b.most_s,
-        runs: a.runs.min(b.runs),
+        runs: a.runs.max(b.runs),
     }
 }
