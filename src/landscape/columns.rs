@@ -284,7 +284,10 @@ impl Columns {
         let scale = if most > 255 { 255.0 / 65535.0 } else { 1.0 };
         let bright = Brightness::of(&seen);
         let water = match from {
-            PaintedFrom::Heights => Water::of(cloud, |i| over(cloud.position[i]) <= LEAST_HEIGHT_M),
+            PaintedFrom::Heights => {
+                let is_low = |i: usize| over(cloud.position[i]) <= LEAST_HEIGHT_M;
+                Water::of(&cloud.position, &cloud.class, is_low)
+            }
             _ => None,
         };
         let wet = |i: usize| water.as_ref().map_or(0.0, |water| water.share(place(i)));

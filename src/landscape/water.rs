@@ -4,10 +4,9 @@
 //! cells of their own, so that voxels of any edge show the same ponds. Known limit: holes that reach the
 //! end of the scan are none, as nobody may have flown there.
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
 use crate::raster::{Grid, GridGeometry};
-use crate::scan::PointCloud;
 
 /// ASPRS class of water.
 pub(super) const WATER: u8 = 9;
@@ -24,24 +23,24 @@ pub(super) struct Water(Grid<f32>);
 impl Water {
     /// By the points of which `is_low` says that they are no higher than shrubs; `None` where the scan
     /// shows no water.
-    pub fn of(cloud: &PointCloud, is_low: impl Fn(usize) -> bool) -> Option<Water> {
-        if !cloud.class.contains(&WATER) {
+    pub fn of(position: &[Vec3], class: &[u8], is_low: impl Fn(usize) -> bool) -> Option<Water> {
+        if !class.contains(&WATER) {
             return None;
         }
         let fold = |(low, high): (Vec2, Vec2), p: Vec2| (low.min(p), high.max(p));
-        let plane = cloud.position.iter().map(|p| p.truncate());
+        let plane = position.iter().map(|p| p.truncate());
         let (low, high) = plane.fold((Vec2::INFINITY, Vec2::NEG_INFINITY), fold);
         let (low, high) = (low.as_dvec2(), high.as_dvec2());
         let area = (high - low + CELL_M).element_product();
         let cell = CELL_M.max((area / MOST_CELLS).sqrt());
         let geometry = GridGeometry::covering(low.to_array(), high.to_array(), cell);
         let mut cells = vec![Cell::default(); geometry.len()];
-        for (i, p) in cloud.position.iter().enumerate() {
+        for (i, p) in position.iter().enumerate() {
             if let Some((col, row)) = geometry.cell_of(f64::from(p.x), f64::from(p.y)) {
                 let cell = &mut cells[geometry.index(col, row)];
                 cell.holds = true;
                 if is_low(i) {
-                    cell.votes += if cloud.class[i] == WATER { 1 } else { -1 };
+                    cell.votes += if class[i] == WATER { 1 } else { -1 };
                 }
             }
         }
@@ -170,31 +169,23 @@ mod tests {
 
     #[test]
     fn water_is_where_most_low_points_are_of_it() {
-        let mut cloud = crate::scan::PointCloud {
-            position: Vec::new(),
-            intensity: Vec::new(),
-            return_number: Vec::new(),
-            return_count: Vec::new(),
-            class: Vec::new(),
-            rgb: None,
-            frame: crate::frame::Frame::local(glam::DVec3::ZERO),
-        };
+        let (mut position, mut class) = (Vec::new(), Vec::new());
         // West of 20 m water, with a tree over it, and one point of water on land.
         for i in 0..1600u16 {
             let p = Vec2::new(f32::from(i % 40) + 0.5, f32::from(i / 40) + 0.5);
-            cloud.position.push(p.extend(0.0));
-            cloud.class.push(if p.x < 20.0 || i == 30 { WATER } else { 2 });
+            position.push(p.extend(0.0));
+            class.push(if p.x < 20.0 || i == 30 { WATER } else { 2 });
         }
         for k in 0..50 {
-            cloud.position.push(glam::Vec3::new(10.5, 20.5, 4.0 + 0.1 * k as f32));
-            cloud.class.push(5);
+            position.push(Vec3::new(10.5, 20.5, 4.0 + 0.1 * k as f32));
+            class.push(5);
         }
-        let water = Water::of(&cloud, |i| cloud.position[i].z < 1.0).unwrap();
+        let water = Water::of(&position, &class, |i| position[i].z < 1.0).unwrap();
         let share = |x: f32, y: f32| water.share(Vec2::new(x, y));
         assert_eq!([share(5.0, 5.0), share(10.5, 20.5), share(35.0, 35.0)], [1.0, 1.0, 0.0]);
         assert!((share(20.0, 20.0) - 0.5).abs() < 0.02 && share(30.5, 0.5) < 0.3);
-        cloud.class.fill(2);
-        assert!(Water::of(&cloud, |_| true).is_none());
+        class.fill(2);
+        assert!(Water::of(&position, &class, |_| true).is_none());
     }
 
     #[test]
