@@ -41,7 +41,7 @@ pub struct Report {
 }
 
 /// Seconds that it takes on two cores, in full and quick.
-const USUAL_S: [f64; 2] = [190.0, 30.0];
+const USUAL_S: [f64; 2] = [240.0, 40.0];
 
 pub(super) fn run(a: &Report, is_quiet: bool) -> Result<Told> {
     if a.write_front.is_none() {
