@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Renders the contact sheets of all species: states.jpg and bark.jpg of output/gallery.
+"""Renders contact sheets: states.jpg, bark.jpg, lods.jpg and species.jpg of output/gallery.
 
     tools/gallery.py -o output/gallery [--larix target/release/larix] [--only bark]
 
-states: three seeds in leaf, autumn, winter, and the conditions III and VI. bark: the stem at its foot,
-at a quarter and at 0.7 of the height, as close as two metres. Needs Pillow beside Blender, which
+Of all species, states: three seeds in leaf, autumn, winter, and the conditions III and VI; bark: the
+stem at its foot, at a quarter and at 0.7 of the height, as close as two metres. Of some, lods: LOD0 to
+LOD4 and the cross impostor; species: the program's own sheets. Needs Pillow beside Blender, which
 tools/contact_sheet.py needs too.
 """
 
@@ -26,7 +27,9 @@ STATES = [
     ["--condition", "III"],
     ["--condition", "VI"],
 ]
-STATE_PX, BARK_PX = 240, 230
+LEVELS = ["larix_sibirica", "betula_pendula"]
+SHEETS = ["larix_sibirica", "picea_obovata", "betula_pendula", "pinus_sylvestris"]
+STATE_PX, BARK_PX, LEVEL_PX, SHEET_PX = 240, 230, 480, 480
 BARK_AT, BARK_M = [0.02, 0.25, 0.7], 2.0
 WIDTH_PX = 1600
 GAP_PX = 4
@@ -70,6 +73,22 @@ def bark(larix, name, folder):
     return whole
 
 
+def levels(larix, name, folder):
+    file = folder / f"{name}.glb"
+    options = ["--lods", 4, "--impostor", "cross", "--texture", 512]
+    run(larix, "tree", name, *options, "-o", file, "--quiet")
+    steps = [f"LOD{k}" for k in range(1, 5)] + ["impostor"]
+    files = [file] + [file.with_name(f"{name}_{step}.glb") for step in steps]
+    return sheet(files, folder / f"{name}.png", "--columns", len(files), "--height", LEVEL_PX)
+
+
+def own_sheet(larix, name, folder):
+    file = folder / f"{name}.png"
+    run(larix, "species", "show", name, "-o", file, "--quiet")
+    picture = Image.open(file).convert("RGB")
+    return picture.resize((round(picture.width * SHEET_PX / picture.height), SHEET_PX), Image.LANCZOS)
+
+
 def label(picture, text):
     ImageDraw.Draw(picture).text((6, 3), text, (20, 20, 20), ImageFont.load_default(14))
     return picture
@@ -109,16 +128,23 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
     parser.add_argument("--larix", type=Path, default=ROOT / "target/release/larix")
-    parser.add_argument("--only", choices=["states", "bark"])
+    parser.add_argument("--only", choices=["states", "bark", "lods", "species"])
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     listed = run(args.larix, "species", "list", "--quiet").split()
     names = [name for name in listed if "/" not in name]
-    for kind, draw in [("states", states), ("bark", bark)]:
+    kinds = [
+        ("states", states, names),
+        ("bark", bark, names),
+        ("lods", levels, LEVELS),
+        ("species", own_sheet, SHEETS),
+    ]
+    for kind, draw, of in kinds:
         if args.only in (None, kind):
             with tempfile.TemporaryDirectory() as folder:
-                titled = lambda n: n.replace("_", " ").capitalize()
-                drawn = [label(draw(args.larix, n, Path(folder)), titled(n)) for n in names]
+                drawn = [draw(args.larix, n, Path(folder)) for n in of]
+            if draw is not own_sheet:
+                drawn = [label(p, n.replace("_", " ").capitalize()) for p, n in zip(drawn, of)]
             rows(drawn).save(args.output / f"{kind}.jpg", quality=82, optimize=True)
 
 

@@ -2,9 +2,10 @@
 //!
 //! Both are drawn from eight sides and from above on one grid; the error is the Hausdorff
 //! distance of the covered samples: the farthest that any place covered by one is from what the
-//! other covers. Distances are exact Euclidean (Felzenszwalb & Huttenlocher 2012). Known limit:
+//! other covers. Distances are exact Euclidean (Felzenszwalb & Huttenlocher 2012). Known limits:
 //! nothing below one sample of the grid is seen, so errors are stated to that, and a gap in a
-//! crown counts only where it is farther than that from any leaf.
+//! crown counts only where it is farther than that from any leaf; a lone leaf no larger than a
+//! sample may show in one model and not in another, which counts as far as the next leaf.
 
 use glam::Vec3;
 use rayon::prelude::*;

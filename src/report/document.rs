@@ -545,24 +545,20 @@ mod tests {
         assert!(bent.converges && bent.verdict.contains("no single order"), "{}", bent.verdict);
     }
 
-    #[test]
-    fn groups_that_are_things_of_their_own_have_fronts_of_their_own() {
-        let point = |group: &str, error: f64, median_s: f64, is_default: bool| Point {
-            group: group.into(),
-            setting: format!("{group} {error}"),
+    fn point(setting: &str, error: f64, median_s: f64) -> Point {
+        Point {
+            group: "x".into(),
+            setting: setting.into(),
             error,
             cost: None,
             time: Timing { median_s, least_s: 0.9 * median_s, most_s: 1.1 * median_s, runs: 3 },
-            is_default,
+            is_default: false,
             is_on_front: false,
-        };
-        let points = vec![
-            point("oak", 1.0, 1.0, false),
-            point("oak", 0.5, 2.0, true),
-            point("fir", 9.0, 3.0, false),
-            point("fir", 9.5, 4.0, true),
-        ];
-        let front = |is_by_group: bool| Front {
+        }
+    }
+
+    fn front(points: Vec<Point>) -> Front {
+        Front {
             id: "x".into(),
             stage: "x".into(),
             title: "x".into(),
@@ -570,10 +566,25 @@ mod tests {
             truth: Truth::Exact,
             cost: None,
             note: String::new(),
-            is_by_group,
-            points: points.clone(),
+            is_by_group: false,
+            points,
             verdict: String::new(),
+        }
+    }
+
+    #[test]
+    fn groups_that_are_things_of_their_own_have_fronts_of_their_own() {
+        let point = |group: &str, error: f64, median_s: f64, is_default: bool| {
+            let setting = format!("{group} {error}");
+            Point { group: group.into(), is_default, ..point(&setting, error, median_s) }
         };
+        let points = vec![
+            point("oak", 1.0, 1.0, false),
+            point("oak", 0.5, 2.0, true),
+            point("fir", 9.0, 3.0, false),
+            point("fir", 9.5, 4.0, true),
+        ];
+        let front = |is_by_group: bool| Front { is_by_group, ..front(points.clone()) };
         let on = |f: &Front| f.points.iter().map(|p| p.is_on_front).collect::<Vec<_>>();
         let (apart, together) = (front(true).marked(), front(false).marked());
         assert_eq!(on(&apart), [true, true, true, false]);
@@ -587,34 +598,17 @@ mod tests {
 
     #[test]
     fn a_verdict_names_first_what_is_quicker_for_certain() {
-        let point =
-            |setting: &str, error: f64, [least_s, median_s, most_s]: [f64; 3], runs| Point {
-                group: "x".into(),
-                setting: setting.into(),
-                error,
-                cost: None,
-                time: Timing { median_s, least_s, most_s, runs },
-                is_default: setting == "usual",
-                is_on_front: false,
-            };
+        let point = |setting: &str, error: f64, [least_s, median_s, most_s]: [f64; 3], runs| {
+            let time = Timing { median_s, least_s, most_s, runs };
+            Point { time, is_default: setting == "usual", ..point(setting, error, median_s) }
+        };
         let verdict = |runs: usize| {
-            let front = Front {
-                id: "x".into(),
-                stage: "x".into(),
-                title: "x".into(),
-                error: Quantity::new("error", "m"),
-                truth: Truth::Exact,
-                cost: None,
-                note: String::new(),
-                is_by_group: false,
-                points: vec![
-                    point("usual", 2.0, [1.0, 1.2, 1.4], runs),
-                    point("best", 0.5, [0.9, 1.1, 1.3], runs),
-                    point("sure", 1.0, [0.5, 0.6, 0.7], runs),
-                ],
-                verdict: String::new(),
-            };
-            front.marked().verdict
+            let points = vec![
+                point("usual", 2.0, [1.0, 1.2, 1.4], runs),
+                point("best", 0.5, [0.9, 1.1, 1.3], runs),
+                point("sure", 1.0, [0.5, 0.6, 0.7], runs),
+            ];
+            front(points).marked().verdict
         };
         assert!(
             verdict(3).ends_with("sure has 1.00 instead of 2.00 m in 0.600 instead of 1.20 s.")
@@ -625,31 +619,17 @@ mod tests {
 
     #[test]
     fn a_front_is_of_the_cost_that_is_given() {
-        let point = |setting: &str, error: f64, bytes: f64, s: f64| Point {
-            group: "file".into(),
-            setting: setting.into(),
-            error,
+        let point = |setting: &str, error: f64, bytes: f64, median_s: f64| Point {
             cost: Some(bytes),
-            time: Timing { median_s: s, least_s: s, most_s: s, runs: 3 },
             is_default: setting == "large",
-            is_on_front: false,
+            ..point(setting, error, median_s)
         };
-        let front = Front {
-            id: "x".into(),
-            stage: "x".into(),
-            title: "x".into(),
-            error: Quantity::new("error", "mm"),
-            truth: Truth::Exact,
-            cost: Some(Quantity::new("size", "MB")),
-            note: String::new(),
-            is_by_group: false,
-            points: vec![
-                point("large", 0.0, 9.0, 1.0),
-                point("small", 0.0, 3.0, 2.0),
-                point("tiny", 1.0, 1.0, 4.0),
-            ],
-            verdict: String::new(),
-        };
+        let points = vec![
+            point("large", 0.0, 9.0, 1.0),
+            point("small", 0.0, 3.0, 2.0),
+            point("tiny", 1.0, 1.0, 4.0),
+        ];
+        let front = Front { cost: Some(Quantity::new("size", "MB")), ..front(points) };
         let front = front.marked();
         assert_eq!(
             front.points.iter().map(|p| p.is_on_front).collect::<Vec<_>>(),

@@ -8,6 +8,7 @@ use crate::crown::{self, Crown, CrownOptions};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::ground::{self, Classified, Kind, Method};
+use crate::raster::{Grid, GridGeometry, inpaint};
 use crate::seed::Seed;
 use crate::skeleton::stability::Case;
 use crate::terrain::{self, Terrain, TerrainOptions};
@@ -49,6 +50,8 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
         terrain: "a gap of 60 m in a slope" => "the slope goes on through it", 0.3 "m", gap;
         terrain: "a strip of ground bowed to half a circle, with long triangles from end to end" =>
             "the slope goes on across", 0.3 "m", bowed;
+        terrain: "a slope known on one half, the other filled by a membrane" => "level there, no height that is not known",
+            1e-3 "m beyond", half_known;
         terrain: "cells of 10⁻⁶ m, 0 and NaN" => "an error before memory is taken",
             0.0 "answers without one", tiny_cells;
         terrain: "heights of 8,848 m, local" => "millimetres kept", 2e-3 "m", high;
@@ -344,6 +347,19 @@ fn bowed() -> Result<f64> {
     points.retain(|p| (40.0..44.0).contains(&p.truncate().distance(Vec2::new(50.0, 0.0))));
     let terrain = built(&all_ground(points), Some(1.0))?;
     Ok(worst(&terrain, slope, 100.0, |p| p.y < 40.0))
+}
+
+fn half_known() -> Result<f64> {
+    let geometry = GridGeometry::covering([0.0; 2], [59.5; 2], 1.0);
+    let mut grid = Grid::filled(geometry, 0.0f32);
+    let mut is_known = vec![false; geometry.len()];
+    for (row, col) in (0..geometry.rows).flat_map(|row| (0..30).map(move |col| (row, col))) {
+        grid.set(col, row, col as f32);
+        is_known[geometry.index(col, row)] = true;
+    }
+    inpaint::fill(&mut grid, &is_known);
+    let beyond = |z: &f32| f64::from((-z).max(z - 29.0).max(0.0));
+    Ok(grid.data.iter().map(beyond).fold(0.0, f64::max))
 }
 
 fn tiny_cells() -> Result<f64> {

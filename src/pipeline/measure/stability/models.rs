@@ -37,6 +37,8 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
         levels: "a silhouette beside itself" => "no distance", 0.0 "m", same_silhouette;
         levels: "a silhouette beside itself shifted by 1 m" => "1 m, to one sample",
             1.0 "samples off", shifted_silhouette;
+        levels: "a silhouette beside itself shifted by a quarter of a sample" => "a few samples, by leaves no larger than one",
+            4.0 "samples", nearly_same_silhouette;
         texture: "textures of 1 and 3 pixels asked for" => "64 drawn", 0.0 "pixels off", texture_sizes;
     }
 }
@@ -239,6 +241,12 @@ fn shifted_silhouette() -> Result<f64> {
     let (worst_m, sample_m) = beside(1.0)?;
     // Leaves beside the way may be nearer than the place moved from, but the foot is alone.
     Ok(f64::from((worst_m - 1.0).abs() / sample_m))
+}
+
+fn nearly_same_silhouette() -> Result<f64> {
+    let (_, sample_m) = beside(0.0)?;
+    let (worst_m, sample_m) = beside(0.25 * sample_m)?;
+    Ok((worst_m / sample_m).into())
 }
 
 fn texture_sizes() -> Result<f64> {

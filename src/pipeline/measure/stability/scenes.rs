@@ -10,7 +10,7 @@ use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, Job, Pictures, Profile};
 use crate::frame::Frame;
 use crate::ground::{Classified, Kind};
-use crate::landscape::{self, Columns, Landscape, Shot};
+use crate::landscape::{self, Columns, Landscape, Layers, Shot, Source};
 use crate::mesh::{Surface, TreeMesh};
 use crate::render::Camera;
 use crate::scene::{Instance, Scene, TreeFacts};
@@ -36,6 +36,12 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
             1.5 "voxels", snug_landscape;
         landscape: "a mast one voxel thick, seen where a pixel is 8 voxels broad" =>
             "in every line of the picture, no wider than two pixels", 0.0 "lines off", far_mast;
+        landscape: "a hill of 15 m, 4 m wide, seen from above by pixels of 4 m" => "no height that the ground has not",
+            0.5 "m beyond", far_hill;
+        landscape: "a cube of 5 m in voxels of 0.5 m, its sides touched by rays" => "as wide, to a voxel",
+            0.5 "m", touched_cube;
+        landscape: "a hole beside water amid a scan, and one at its end" => "a pond; land",
+            0.0 "taken wrongly", holes;
         landscape: "voxels of 10⁻⁶ m, 0 and NaN" => "an error before memory is taken",
             0.0 "answers without one", tiny_landscape;
     }
@@ -203,28 +209,106 @@ fn snug_landscape() -> Result<f64> {
     Ok(if short { f64::INFINITY } else { f64::from(beyond.max_element() / VOXEL_M) })
 }
 
+/// Voxels of 0.5 m of a cloud, and the terrain from it.
+fn half_metre(classified: &Classified) -> Result<Landscape> {
+    let options = TerrainOptions { cell_m: Some(0.5), ..TerrainOptions::default() };
+    let terrain = terrain::build(classified, &options)?.value;
+    let (columns, _) = Columns::of_scan(classified, &terrain, None, 0.5, &DETAIL)?;
+    let frame = Frame::local(DVec3::ZERO);
+    Ok(Landscape::build(&columns, &DETAIL, frame, columns.first_m, 0.5)?.0)
+}
+
+/// A picture of so many pixels across and down, each so wide where the camera looks at.
+fn seen(
+    scene: &Landscape,
+    [eye, target]: [Vec3; 2],
+    (pixels, pixel_m): (u32, f32),
+) -> Result<Layers> {
+    let half_m = 0.5 * pixels as f32 * pixel_m;
+    let camera = Camera { eye, target, fov_y_rad: 2.0 * (half_m / eye.distance(target)).atan() };
+    landscape::layers(scene, &Shot::new(camera, [pixels; 2]))
+}
+
+/// Ground of 40 m, a point every quarter metre.
+fn ground_of(height: impl Fn(Vec2) -> f32) -> Classified {
+    let mut cloud = empty_cloud();
+    for i in 0..25_600 {
+        let p = 0.25 * Vec2::new((i % 160) as f32, (i / 160) as f32);
+        push(&mut cloud, p.extend(height(p)));
+    }
+    let kind = vec![Kind::Ground; cloud.len()];
+    Classified { cloud, kind, is_normalised: false }
+}
+
 fn far_mast() -> Result<f64> {
     let mut classified = sloping();
     for k in 0..1_200 {
         push(&mut classified.cloud, Vec3::new(20.2, 20.2, 20.0 + 0.1 * k as f32));
         classified.kind.push(Kind::Vegetation);
     }
-    let terrain = terrain::build(&classified, &TerrainOptions::default())?.value;
-    let (columns, _) = Columns::of_scan(&classified, &terrain, None, 0.5, &DETAIL)?;
-    let frame = Frame::local(DVec3::ZERO);
-    let (scene, _) = Landscape::build(&columns, &DETAIL, frame, columns.first_m, 0.5)?;
-    // Pixels of 4 m, the middle ones on the mast.
-    let camera = Camera {
-        eye: Vec3::new(20.2, -4_000.0, 90.0),
-        target: Vec3::new(20.2, 20.2, 90.0),
-        fov_y_rad: 2.0 * (0.5 * 61.0 * 4.0 / 4_020.0f32).atan(),
-    };
-    let layers = landscape::layers(&scene, &Shot::new(camera, [61; 2]))?;
+    // The middle pixels on the mast.
+    let ends = [Vec3::new(20.2, -4_000.0, 90.0), Vec3::new(20.2, 20.2, 90.0)];
+    let layers = seen(&half_metre(&classified)?, ends, (61, 4.0))?;
     let wide = |row: &[u8]| row.iter().filter(|class| **class == 5).count();
     let widths: Vec<usize> = layers.class.chunks_exact(61).map(wide).collect();
     // From 50 to 130 m: pixels of a height of 4 m about the middle at 90.
-    let off = widths[21..40].iter().filter(|wide| !(1..=2).contains(*wide)).count();
-    Ok(off as f64)
+    Ok(widths[21..40].iter().filter(|wide| !(1..=2).contains(*wide)).count() as f64)
+}
+
+fn far_hill() -> Result<f64> {
+    let hill = |p: Vec2| 15.0 * (-p.distance_squared(Vec2::splat(20.0)) / 4.0).exp();
+    let eye = Vec3::new(20.0, 20.0, 4_000.0);
+    let layers = seen(&half_metre(&ground_of(hill))?, [eye, eye.with_z(0.0)], (16, 4.0))?;
+    let ground = layers.depth_m.iter().zip(&layers.class).filter(|(_, class)| **class == 2);
+    let beyond = |depth: &f32| {
+        let z = eye.z - depth;
+        f64::from((-z).max(z - 15.0).max(0.0))
+    };
+    let all: Vec<f64> = ground.map(|(depth, _)| beyond(depth)).collect();
+    match all.is_empty() {
+        true => Err(Error::new("no ground was seen")),
+        false => Ok(all.into_iter().fold(0.0, f64::max)),
+    }
+}
+
+fn touched_cube() -> Result<f64> {
+    let mut classified = ground_of(|_| 0.0);
+    for k in 0..8_000 {
+        let at = Vec3::new((k % 20) as f32, (k / 20 % 20) as f32, (k / 400) as f32);
+        push(&mut classified.cloud, Vec3::new(17.6, 17.6, 10.1) + 0.25 * at);
+        classified.kind.push(Kind::Vegetation);
+    }
+    // Its near side is 17.5 m north.
+    let ends = [Vec3::new(20.0, -40.0, 12.5), Vec3::new(20.0, 17.5, 12.5)];
+    let layers = seen(&half_metre(&classified)?, ends, (400, 0.05))?;
+    let row = &layers.class[200 * 400..201 * 400];
+    let wide_m = 0.05 * row.iter().filter(|class| **class == 5).count() as f64;
+    Ok((wide_m - 5.0).abs())
+}
+
+fn holes() -> Result<f64> {
+    let mut classified = ground_of(|_| 0.0);
+    let is_hole =
+        |p: Vec3, west_m: f32| (west_m..west_m + 12.0).contains(&p.x) && (p.y - 20.0).abs() < 6.0;
+    for (p, class) in classified.cloud.position.iter().zip(&mut classified.cloud.class) {
+        let is_shore = [5.0, 27.0]
+            .iter()
+            .any(|west_m| is_hole(*p + Vec3::X, *west_m) || is_hole(*p - Vec3::X, *west_m));
+        *class = if is_shore { 9 } else { 2 };
+    }
+    // The second reaches the eastern end at 40 m.
+    let kept: Vec<bool> = (classified.cloud.position.iter())
+        .map(|p| !is_hole(*p, 5.0) && !is_hole(*p, 28.0))
+        .collect();
+    classified.cloud.retain(|i| kept[i]);
+    classified.kind.truncate(classified.cloud.len());
+    let terrain = terrain::build(&classified, &TerrainOptions::default())?.value;
+    let (columns, _) = Columns::of_scan(&classified, &terrain, None, 0.5, &DETAIL)?;
+    let is_blue = |x: u32| {
+        let [red, _, blue] = columns.colours(x, 40)[0];
+        blue > red
+    };
+    Ok(f64::from(u8::from(!is_blue(22)) + u8::from(is_blue(70))))
 }
 
 fn tiny_landscape() -> Result<f64> {
