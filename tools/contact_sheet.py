@@ -161,7 +161,7 @@ def main():
         sheet[bottom : bottom + row.shape[0], : row.shape[1]] = row
     out = bpy.data.images.new("sheet", width, sheet.shape[0])
     out.pixels = sheet.ravel()
-    out.filepath_raw, out.file_format = str(args.output), "PNG"
+    out.filepath_raw, out.file_format = str(args.output.resolve()), "PNG"
     out.save()
 
 

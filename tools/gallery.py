@@ -28,8 +28,8 @@ STATES = [
     ["--condition", "VI"],
 ]
 LEVELS = ["larix_sibirica", "betula_pendula"]
-SHEETS = ["larix_sibirica", "picea_obovata", "betula_pendula", "pinus_sylvestris"]
-STATE_PX, BARK_PX, LEVEL_PX, SHEET_PX = 240, 230, 480, 480
+SHEETS = ["larix_sibirica", "picea_obovata", "betula_pendula", "quercus_robur"]
+STATE_PX, BARK_PX, LEVEL_PX, SHEET_PX = 240, 230, 480, 600
 BARK_AT, BARK_M = [0.02, 0.25, 0.7], 2.0
 WIDTH_PX = 1600
 GAP_PX = 4
