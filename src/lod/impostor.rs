@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use crate::diagnostic::Result;
 use crate::mesh::Surface;
 use crate::raster::{Picture, pad_transparent};
-use crate::render::capture::{Sitter, Texel, Window};
+use crate::render::capture::{self, Sitter, Texel, Window};
 use crate::render::srgb_from_linear;
 use crate::scene::Octahedral;
 use crate::work::{self, Work};
@@ -145,30 +145,51 @@ fn octahedral(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Result<Im
         (0..FRAMES).flat_map(|row| (0..FRAMES).map(move |col| (col, row))).collect();
     let views: Vec<Frame> = cells
         .par_iter()
-        .map(|&(col, row)| Frame::take(of, centre, -direction(col, row), texel_m, [side, side]))
+        .map(|&(col, row)| {
+            Frame::take(of, centre, -direction(col, row, FRAMES), texel_m, [side, side])
+        })
         .collect::<Result<_>>()?;
     let whole = side * FRAMES as usize;
     let mut board = Board::new(whole, whole);
     for (&(col, row), view) in cells.iter().zip(&views) {
         board.paste(view, [col as usize * side, row as usize * side]);
     }
+    let octahedral = Octahedral { frames: FRAMES, centre, radius_m };
     // The view from the south, whose plane is upright.
-    let (col, row) = cells
-        .iter()
-        .copied()
-        .max_by(|a, b| (-direction(a.0, a.1).y).total_cmp(&-direction(b.0, b.1).y))
-        .unwrap_or((0, 0));
-    let mut surface = Surface::default();
-    let uv = |s: usize, t: usize| {
-        Vec2::new((col as usize + s) as f32, (row as usize + t) as f32) / FRAMES as f32
-    };
-    quad(&mut surface, centre, [Vec3::X * radius_m, Vec3::Z * radius_m], -Vec3::Y, uv);
-    board.finish(surface, Some(Octahedral { frames: FRAMES, centre, radius_m }))
+    let surface = sheet_towards(&octahedral, -Vec3::Y);
+    board.finish(surface, Some(octahedral))
 }
 
-/// Towards the eye of a view of the hemi-octahedral map.
-pub(super) fn direction(col: u32, row: u32) -> Vec3 {
-    let e = Vec2::new(col as f32, row as f32) * (2.0 / (FRAMES - 1) as f32) - 1.0;
+/// The view nearest to an eye in this direction (unit): its column, row and own direction.
+fn nearest(frames: u32, eye: Vec3) -> (u32, u32, Vec3) {
+    (0..frames * frames)
+        .map(|k| (k % frames, k / frames, direction(k % frames, k / frames, frames)))
+        .max_by(|a, b| a.2.dot(eye).total_cmp(&b.2.dot(eye)))
+        .unwrap_or((0, 0, Vec3::Z))
+}
+
+/// The sheet that a shader shows to an eye in this direction (unit) where it takes one view: the
+/// nearest, in its own plane.
+pub fn sheet_towards(octahedral: &Octahedral, eye: Vec3) -> Surface {
+    let Octahedral { frames, centre, radius_m } = *octahedral;
+    let (col, row, view) = nearest(frames, eye);
+    let sides = capture::sides(-view).map(|side| side * radius_m);
+    let mut surface = Surface::default();
+    let uv = |s: usize, t: usize| {
+        Vec2::new((col as usize + s) as f32, (row as usize + t) as f32) / frames as f32
+    };
+    quad(&mut surface, centre, sides, view, uv);
+    surface
+}
+
+/// How far what [`sheet_towards`] shows may lie beside what it stands for, metres.
+pub fn aside_m(octahedral: &Octahedral, eye: Vec3) -> f32 {
+    octahedral.radius_m * nearest(octahedral.frames, eye).2.cross(eye).length()
+}
+
+/// Towards the eye of a view of the hemi-octahedral map of so many views along a side.
+pub(super) fn direction(col: u32, row: u32, frames: u32) -> Vec3 {
+    let e = Vec2::new(col as f32, row as f32) * (2.0 / (frames.max(2) - 1) as f32) - 1.0;
     let p = Vec2::new(e.x + e.y, e.x - e.y) * 0.5;
     p.extend(1.0 - p.x.abs() - p.y.abs()).normalize_or(Vec3::Z)
 }
@@ -219,7 +240,7 @@ impl Frame {
         let n = PER_TEXEL;
         let window =
             Window { centre, forward, sample_m: texel_m / n as f32, size: [width * n, height * n] };
-        let [right, up] = window.sides();
+        let [right, up] = capture::sides(forward);
         let sample = of.sitter.portrait(of.model, &window)?;
         let texel = (0..width * height)
             .map(|i| {

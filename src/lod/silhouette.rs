@@ -52,10 +52,24 @@ impl Silhouettes {
         bounds: (Vec3, Vec3),
         views: Views,
     ) -> Result<Silhouettes> {
+        Silhouettes::turning(sitter, |_| model, bounds, views)
+    }
+
+    /// Of what turns to the eye: `model` of each of [`looks`], by its number.
+    ///
+    /// # Errors
+    /// Bounds that are not finite.
+    pub fn turning(
+        sitter: &Sitter<'_>,
+        model: impl Fn(usize) -> u32 + Sync,
+        bounds: (Vec3, Vec3),
+        views: Views,
+    ) -> Result<Silhouettes> {
         let windows = windows(bounds, views, SIDES, SAMPLES);
         let masks = windows
             .par_iter()
-            .map(|w| Ok(Mask::new(w.size[0], sitter.silhouette(model, w)?)))
+            .enumerate()
+            .map(|(k, w)| Ok(Mask::new(w.size[0], sitter.silhouette(model(k), w)?)))
             .collect::<Result<_>>()?;
         Ok(Silhouettes { sample_m: windows.first().map_or(0.0, |w| w.sample_m), masks })
     }
@@ -82,6 +96,17 @@ impl Silhouettes {
     }
 }
 
+/// Unit; the ways that [`Silhouettes`] look: from the sides, then from above.
+pub fn looks() -> impl Iterator<Item = Vec3> {
+    (0..SIDES).map(|k| sideways(k, SIDES)).chain([-Vec3::Z])
+}
+
+/// Off the axes, along which cards and walls may lie.
+fn sideways(k: usize, sides: usize) -> Vec3 {
+    let (sin, cos) = ((k as f32 + 0.37) / sides as f32 * std::f32::consts::TAU).sin_cos();
+    Vec3::new(cos, sin, 0.0)
+}
+
 /// Windows on what is within bounds, from sides about Z and from above; so many samples along the
 /// longer side.
 fn windows((lo, hi): (Vec3, Vec3), views: Views, sides: usize, samples: usize) -> Vec<Window> {
@@ -91,11 +116,7 @@ fn windows((lo, hi): (Vec3, Vec3), views: Views, sides: usize, samples: usize) -
     let samples = |m: f32| (m / sample_m).ceil() as usize + 2;
     let level = [samples(wide_m), samples(span.z)];
     let centre = 0.5 * (lo + hi);
-    let side = |k: usize| {
-        // Off the axes, along which cards and walls may lie.
-        let (sin, cos) = ((k as f32 + 0.37) / sides as f32 * std::f32::consts::TAU).sin_cos();
-        Window { centre, forward: Vec3::new(cos, sin, 0.0), sample_m, size: level }
-    };
+    let side = |k: usize| Window { centre, forward: sideways(k, sides), sample_m, size: level };
     let above = Window { centre, forward: -Vec3::Z, sample_m, size: [samples(wide_m); 2] };
     (0..sides).map(side).chain((views == Views::All).then_some(above)).collect()
 }

@@ -1,6 +1,7 @@
 //! Coarser forms of every model, from one skeleton: meshes of fewer triangles, then an impostor,
 //! each with how far its silhouette is from the finest form's. What nobody asked for is not made.
 
+use glam::Vec2;
 use rayon::prelude::*;
 
 use super::cover::{self, Subject};
@@ -234,14 +235,30 @@ fn bake(
         .collect()
 }
 
-/// How far each form's silhouette is from the finest's.
+/// How far each form's silhouette is from the finest's; of octahedral impostors, as a shader shows
+/// them that takes the nearest view.
 fn measure(scene: &mut Scene) -> Result<()> {
+    let turned: Vec<Vec<Part>> = (scene.prototypes.iter().flat_map(|p| &p.levels))
+        .filter_map(|level| Some((level.octahedral.as_ref()?, level.parts.first()?)))
+        .flat_map(|(octahedral, part)| {
+            let sheet = |eye| impostor::sheet_towards(octahedral, eye);
+            lod::looks().map(move |look| vec![Part { surface: sheet(-look), ..part.clone() }])
+        })
+        .collect();
     let mut models: Vec<&[Part]> = Vec::new();
     let mut first = Vec::new();
+    let mut sheets = turned.iter();
     for p in &scene.prototypes {
         first.push(models.len() as u32);
         models.push(&p.parts);
-        models.extend(p.levels.iter().map(|l| &l.parts[..]));
+        for level in &p.levels {
+            match level.octahedral {
+                Some(_) => {
+                    models.extend(sheets.by_ref().take(lod::looks().count()).map(|s| &s[..]))
+                }
+                None => models.push(&level.parts),
+            }
+        }
     }
     let sitter = Sitter::outlines(&models, &scene.materials, &scene.textures);
     let apart: Vec<Vec<Apart>> = scene
@@ -249,16 +266,32 @@ fn measure(scene: &mut Scene) -> Result<()> {
         .par_iter()
         .zip(&first)
         .map(|(p, &first)| {
-            let all = p.levels.iter().map(|l| bounds(&l.parts)).fold(bounds(&p.parts), union);
+            let around = |level: &Level| match &level.octahedral {
+                None => bounds(&level.parts),
+                Some(octahedral) => {
+                    let aside_m = lod::looks().map(|look| impostor::aside_m(octahedral, -look));
+                    let aside = Vec2::splat(aside_m.fold(0.0, f32::max)).extend(0.0);
+                    let (low, high) = bounds(&p.parts);
+                    (low - aside, high + aside)
+                }
+            };
+            let all = p.levels.iter().map(around).fold(bounds(&p.parts), union);
             let finest = Silhouettes::of(&sitter, first, all, Views::All)?;
-            (first + 1..)
-                .zip(&p.levels)
-                .map(|(model, level)| {
-                    let is_sheets = level.name == IMPOSTOR;
-                    let views = if is_sheets { Views::Sides } else { Views::All };
-                    Ok(finest.apart(&Silhouettes::of(&sitter, model, all, views)?))
-                })
-                .collect()
+            let mut model = first + 1;
+            let each = p.levels.iter().map(|level| {
+                let one = model;
+                let shown = if level.octahedral.is_some() {
+                    model += lod::looks().count() as u32;
+                    Silhouettes::turning(&sitter, |look| one + look as u32, all, Views::All)
+                } else {
+                    model += 1;
+                    let is_cross = level.name == IMPOSTOR;
+                    let views = if is_cross { Views::Sides } else { Views::All };
+                    Silhouettes::of(&sitter, one, all, views)
+                };
+                Ok(finest.apart(&shown?))
+            });
+            each.collect()
         })
         .collect::<Result<_>>()?;
     for (p, apart) in scene.prototypes.iter_mut().zip(apart) {

@@ -153,12 +153,12 @@ impl<'a> Sitter<'a> {
     }
 }
 
-impl Window {
-    /// Right and up of what is seen, unit.
-    pub fn sides(&self) -> [Vec3; 2] {
-        camera::sides(self.forward)
-    }
+/// Right and up of what is seen by an eye that looks this way, unit.
+pub fn sides(forward: Vec3) -> [Vec3; 2] {
+    camera::sides(forward)
+}
 
+impl Window {
     fn eye(&self) -> Result<camera::View> {
         let [width, height] = self.size;
         let is_sound = self.centre.is_finite()
