@@ -69,9 +69,43 @@ fn put<T: bytemuck::NoUninit>(values: &[T], out: &mut impl Write) -> io::Result<
 
 /// Values of one array, at most.
 const MOST_VALUES: usize = 1 << 29;
+/// What is equal is kept once, so that little is left to deflate: bytes unpacked from one, at most,
+/// and those that are free of this.
+const MOST_UNPACKED: u64 = 64;
+const FREE: u64 = 1 << 26;
+
+/// Counts the bytes taken from a reader.
+struct Counted<R> {
+    from: R,
+    taken: u64,
+}
+
+impl<R: BufRead> Read for Counted<R> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let count = self.from.read(into)?;
+        self.taken += count as u64;
+        Ok(count)
+    }
+}
+
+impl<R: BufRead> BufRead for Counted<R> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        self.from.fill_buf()
+    }
+
+    fn consume(&mut self, count: usize) {
+        self.taken += count as u64;
+        self.from.consume(count);
+    }
+}
+
+type Packed<R> = BufReader<GzDecoder<Counted<R>>>;
 
 /// Reads as many values as the head says, without asking for their room before they are there.
-fn get<T: bytemuck::AnyBitPattern>(count: usize, from: &mut impl Read) -> io::Result<Vec<T>> {
+fn get<T: bytemuck::AnyBitPattern>(
+    count: usize,
+    from: &mut Packed<impl BufRead>,
+) -> io::Result<Vec<T>> {
     let mut values = Vec::new();
     let mut bytes = vec![0u8; (1 << 20) / size_of::<T>() * size_of::<T>()];
     if count > MOST_VALUES {
@@ -85,6 +119,11 @@ fn get<T: bytemuck::AnyBitPattern>(count: usize, from: &mut impl Read) -> io::Re
             bytes[..part].chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned::<T>),
         );
         left -= part;
+        let unpacked = (values.len() * size_of::<T>()) as u64;
+        if unpacked > FREE + MOST_UNPACKED * from.get_ref().get_ref().taken {
+            let why = "it unpacks to more than a landscape of its size holds";
+            return Err(io::Error::new(io::ErrorKind::InvalidData, why));
+        }
     }
     values.shrink_to_fit();
     Ok(values)
@@ -177,7 +216,7 @@ impl Landscape {
             });
         }
         let mut line = Vec::new();
-        let mut packed = BufReader::new(GzDecoder::new(from));
+        let mut packed = BufReader::new(GzDecoder::new(Counted { from, taken: 0 }));
         packed.by_ref().take(LONGEST).read_until(b'\n', &mut line).map_err(cut)?;
         let head: Head = serde_json::from_slice(&line)
             .map_err(|_| broken("its description can't be understood"))?;
@@ -206,7 +245,7 @@ impl Landscape {
         // The checksum is looked at when the end is reached.
         let mut rest = [0u8; 1];
         if packed.read(&mut rest).map_err(cut)? != 0
-            || !packed.into_inner().into_inner().fill_buf().map_err(cut)?.is_empty()
+            || !packed.into_inner().into_inner().from.fill_buf().map_err(cut)?.is_empty()
         {
             return Err(broken("there is more than it describes"));
         }

@@ -1,3 +1,5 @@
+use std::io::{Read, Write};
+
 use glam::{DVec2, DVec3, Vec3};
 
 use super::brick::{Brick, ISO};
@@ -626,6 +628,28 @@ fn broken_files_are_refused_in_words() {
         }
     }
     assert!(refusal(&[&file[..], b"more"].concat()).contains("more than it describes"));
+}
+
+#[test]
+fn a_file_that_unpacks_to_far_more_than_it_is_is_refused_early() {
+    let scene = Made::wood(24, 300, 10).built();
+    let mut file = Vec::new();
+    scene.write(&mut file).unwrap();
+    let (name, packed) = file.split_at(file.iter().position(|b| *b == b'\n').unwrap() + 1);
+    let mut whole = Vec::new();
+    flate2::read::GzDecoder::new(packed).read_to_end(&mut whole).unwrap();
+    let end = whole.iter().position(|b| *b == b'\n').unwrap();
+    let words = format!("\"words\":{}", scene.dag.words.len());
+    let head = String::from_utf8_lossy(&whole[..=end]).replace(&words, "\"words\":60000000");
+    let bomb = |zeros: usize| {
+        let fast = flate2::Compression::fast();
+        let mut packed = flate2::write::GzEncoder::new(name.to_vec(), fast);
+        packed.write_all(head.as_bytes()).unwrap();
+        packed.write_all(&vec![0; zeros]).unwrap();
+        refusal(&packed.finish().unwrap())
+    };
+    assert!(bomb(1 << 20).contains("cut short"));
+    assert!(bomb(100 << 20).contains("unpacks to more"));
 }
 
 #[test]

@@ -189,7 +189,8 @@ pub fn layers(scene: &Landscape, shot: &Shot, run: &mut Recorder) -> Result<Laye
     run.stage("layers", |_| {
         let layers = landscape::layers(scene, shot)?;
         let seen = layers.class.iter().filter(|class| **class != 0).count();
-        Ok((layers, Outcome::items(seen, "pixels", 3, "layers")))
+        let pixels = layers.class.len();
+        Ok((layers, Outcome::items(pixels, "pixels", seen, "pixels of something")))
     })
 }
 
