@@ -517,6 +517,9 @@ fn a_box_and_a_camera_leave_out_what_they_do_not_show() {
     let none = small_demo(dir.path(), &["--camera", &format!("{},{}", place(far), place(behind))]);
     assert_eq!(saved(&none, "trees the camera does not see"), trees(&whole));
     assert_eq!((trees(&none), &none["camera"]["hidden"]), (0, &serde_json::json!(0)));
+    let warned = none["warnings"].to_string();
+    assert!(warned.contains("the camera sees none of the"), "{warned}");
+    assert!(warned.contains(&format!("{:.0},{:.0},", low[0], low[1])), "{warned}");
 
     let elsewhere =
         ["demo", "--trees", "12", "--clip", "0,0,1,1", "-o", dir.path().to_str().unwrap()];

@@ -56,10 +56,15 @@ impl Circles {
 const DENSITY: [f32; 2] = [0.7, 1.4];
 /// Tiles around change where the density is off by more than this factor.
 const OFF: f32 = 1.45;
+/// Where a tube flares, its radius grows towards its foot by more than this share of the way; and
+/// times the girth above that it may have there.
+const FLARES: f32 = 0.1;
+const FLARED: f32 = 1.8;
 
 /// Lays bark along a tube: whole tiles around, so that it closes on itself, and as many along as
 /// there are around a metre, so that a taper does not stretch it. Where the number around changes,
-/// a band shears the bark by half a tile at its seam. Where bark is folded (see `young`) it lies to
+/// a band shears the bark by half a tile at its seam; not so over the flare of a foot, which has the
+/// tiles of the tube above, wider. Where bark is folded (see `young`) it lies to
 /// scale; thin tubes begin anywhere in the tile, by `key`.
 pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
     // Of the polygon: N sin(π / N) / π of the circle's.
@@ -72,17 +77,19 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
     let Some(&first) = rings.first() else { return };
     let mut below = first;
     below.girth = around(&first);
-    below.repeats = whole(below.girth);
+    let flare = rings.iter().take_while(|r| r.slope < -FLARES);
+    let flare = flare.take_while(|r| around(r) * FLARED > below.girth).count();
+    below.repeats = whole(rings.get(flare).map_or(below.girth, around));
     if below.girth < FOLDED_GIRTH[1] {
         // Multiples of the plastic number's inverses lie evenly on a square.
         let share = |inverse: f64| (f64::from(key) * inverse).fract() as f32;
         (below.u, below.v) = (share(0.754_877_666), share(0.569_840_291));
     }
-    for ring in rings {
+    for (i, ring) in rings.iter_mut().enumerate() {
         (ring.u, ring.girth) = (below.u, around(ring));
         let off = below.repeats / ring.girth;
         // The apex is a point.
-        let stays = ring.radius_m == 0.0 || off.max(1.0 / off) < OFF;
+        let stays = i <= flare || ring.radius_m == 0.0 || off.max(1.0 / off) < OFF;
         ring.repeats = if stays { below.repeats } else { whole(ring.girth) };
         let girth = 0.5 * (below.girth + ring.girth);
         let repeats = 0.5 * (below.repeats + ring.repeats);

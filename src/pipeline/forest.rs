@@ -206,9 +206,12 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     }
     let mut chosen = None;
     if let Some(eye) = &job.eye {
-        chosen = Some(run.stage("camera", |_| {
+        chosen = Some(run.stage("camera", |warnings| {
             let chosen = view::choose(&mut scene, eye, job.wood.tolerance_m.unwrap_or(0.0));
             let shown = scene.instances.len();
+            if shown == 0 && !survey.trees.is_empty() {
+                warnings.push(view::blind(&survey));
+            }
             let outcome = Outcome::items(survey.trees.len(), "trees", shown, "shown")
                 .note(format!("{} outside the picture, {} hidden", chosen.outside, chosen.hidden));
             Ok((chosen, outcome))

@@ -153,6 +153,28 @@ fn forms(prototype: &Prototype) -> Vec<Form> {
     [finest].into_iter().chain(coarser).collect()
 }
 
+/// West, south, east and north end of the terrain, in the scan's coordinates.
+fn extent(survey: &Survey) -> String {
+    let g = &survey.terrain.heights.geometry;
+    let corner = |x: f64, y: f64| survey.frame.world_from_local(Vec3::new(x as f32, y as f32, 0.0));
+    let (a, b) = (corner(g.west, g.south()), corner(g.east(), g.north));
+    format!("{:.0},{:.0},{:.0},{:.0}", a.x, a.y, b.x, b.y)
+}
+
+/// What to tell where the camera sees no tree.
+pub fn blind(survey: &Survey) -> String {
+    let heights = survey.terrain.heights.data.iter().filter(|z| z.is_finite());
+    let (low, high) =
+        heights.fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), z| (a.min(*z), b.max(*z)));
+    let [low, high] = [low, high].map(|z| survey.frame.world_from_local(Vec3::Z * z).z);
+    format!(
+        "the camera sees none of the {} trees: the scan reaches from {} (west, south, east, north), its \
+         ground from {low:.0} to {high:.0}",
+        survey.trees.len(),
+        extent(survey)
+    )
+}
+
 /// Cuts terrain and trees to the box; gives how many trees stood outside.
 ///
 /// # Errors
@@ -161,15 +183,8 @@ pub fn clip(survey: &mut Survey, clip: &Clip) -> Result<usize> {
     let world = |x, y| survey.frame.local_from_world(survey.frame.origin.with_x(x).with_y(y));
     let (low, high) = (world(clip.west, clip.south), world(clip.east, clip.north));
     let Some(terrain) = survey.terrain.cropped(low.truncate(), high.truncate()) else {
-        let g = &survey.terrain.heights.geometry;
-        let corner = |x: f64, y: f64| {
-            survey.frame.world_from_local(Vec3::new(x as f32, y as f32, 0.0)).truncate()
-        };
-        let (a, b) = (corner(g.west, g.south()), corner(g.east(), g.north));
-        return Err(Error::new("the box to clip to lies outside the scan").remedy(format!(
-            "give --clip WEST,SOUTH,EAST,NORTH within {:.0},{:.0},{:.0},{:.0}",
-            a.x, a.y, b.x, b.y
-        )));
+        return Err(Error::new("the box to clip to lies outside the scan")
+            .remedy(format!("give --clip WEST,SOUTH,EAST,NORTH within {}", extent(survey))));
     };
     let is_inside = |p: Vec2| (p.cmpge(low.truncate()) & p.cmplt(high.truncate())).all();
     let before = survey.trees.len();
