@@ -484,6 +484,28 @@ fn levels_lie_beside_the_scene_and_say_how_far_off_they_are() {
 }
 
 #[test]
+fn an_octahedral_impostor_is_measured_as_its_shader_shows_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let rms_m = |kind: &str| {
+        let file = dir.path().join(kind).join("tree.glb");
+        let o = file.to_str().unwrap();
+        let of = ["tree", "larix_sibirica", "--texture", "512", "--profile", "engine"];
+        let out =
+            larix(&[&of[..], &["--impostor", kind, "--lods", "1", "--json", "-o", o]].concat());
+        assert!(out.status.success(), "{}", text(&out.stderr));
+        let told: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+        let last = told["levels"].as_array().unwrap().last().unwrap().clone();
+        assert_eq!(last["level"], "impostor");
+        // Readers without that shader show the sheet alone, and from farther away than LOD1.
+        let file = text(&fs::read(&file).unwrap());
+        assert!(file.contains("LOD1") && file.contains("MSFT_lod"), "{kind}");
+        last["silhouette_rms_m"].as_f64().unwrap()
+    };
+    let (cross_m, octahedral_m) = (rms_m("cross"), rms_m("octahedral"));
+    assert!(octahedral_m < cross_m, "{octahedral_m} {cross_m}");
+}
+
+#[test]
 fn a_box_and_a_camera_leave_out_what_they_do_not_show() {
     let dir = tempfile::tempdir().unwrap();
     let whole = small_demo(dir.path(), &[]);

@@ -57,6 +57,8 @@ pub(super) const FRAMES: u32 = 8;
 /// along the longer side of a sheet and its gutters, or along the side of an octahedral picture;
 /// powers of two are best.
 ///
+/// How far an octahedral one's sheet is off is left to be measured.
+///
 /// # Errors
 /// Bounds that are not finite.
 pub fn bake(
@@ -154,7 +156,7 @@ fn octahedral(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Result<Im
     for (&(col, row), view) in cells.iter().zip(&views) {
         board.paste(view, [col as usize * side, row as usize * side]);
     }
-    let octahedral = Octahedral { frames: FRAMES, centre, radius_m };
+    let octahedral = Octahedral { frames: FRAMES, centre, radius_m, sheet_rms_m: f32::INFINITY };
     // The view from the south, whose plane is upright.
     let surface = sheet_towards(&octahedral, -Vec3::Y);
     board.finish(surface, Some(octahedral))
@@ -171,7 +173,7 @@ fn nearest(frames: u32, eye: Vec3) -> (u32, u32, Vec3) {
 /// The sheet that a shader shows to an eye in this direction (unit) where it takes one view: the
 /// nearest, in its own plane.
 pub fn sheet_towards(octahedral: &Octahedral, eye: Vec3) -> Surface {
-    let Octahedral { frames, centre, radius_m } = *octahedral;
+    let Octahedral { frames, centre, radius_m, .. } = *octahedral;
     let (col, row, view) = nearest(frames, eye);
     let sides = capture::sides(-view).map(|side| side * radius_m);
     let mut surface = Surface::default();

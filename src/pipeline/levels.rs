@@ -252,16 +252,15 @@ fn measure(scene: &mut Scene) -> Result<()> {
         first.push(models.len() as u32);
         models.push(&p.parts);
         for level in &p.levels {
-            match level.octahedral {
-                Some(_) => {
-                    models.extend(sheets.by_ref().take(lod::looks().count()).map(|s| &s[..]))
-                }
-                None => models.push(&level.parts),
+            models.push(&level.parts);
+            if level.octahedral.is_some() {
+                models.extend(sheets.by_ref().take(lod::looks().count()).map(|s| &s[..]));
             }
         }
     }
     let sitter = Sitter::outlines(&models, &scene.materials, &scene.textures);
-    let apart: Vec<Vec<Apart>> = scene
+    // As it is, and as its shader shows it.
+    let apart: Vec<Vec<(Apart, Option<Apart>)>> = scene
         .prototypes
         .par_iter()
         .zip(&first)
@@ -280,23 +279,26 @@ fn measure(scene: &mut Scene) -> Result<()> {
             let mut model = first + 1;
             let each = p.levels.iter().map(|level| {
                 let one = model;
-                let shown = if level.octahedral.is_some() {
-                    model += lod::looks().count() as u32;
-                    Silhouettes::turning(&sitter, |look| one + look as u32, all, Views::All)
-                } else {
-                    model += 1;
-                    let is_cross = level.name == IMPOSTOR;
-                    let views = if is_cross { Views::Sides } else { Views::All };
-                    Silhouettes::of(&sitter, one, all, views)
-                };
-                Ok(finest.apart(&shown?))
+                let views = if level.name == IMPOSTOR { Views::Sides } else { Views::All };
+                let plain = finest.apart(&Silhouettes::of(&sitter, one, all, views)?);
+                model += 1;
+                if level.octahedral.is_none() {
+                    return Ok((plain, None));
+                }
+                model += lod::looks().count() as u32;
+                let turned = |look| one + 1 + look as u32;
+                let shown = Silhouettes::turning(&sitter, turned, all, Views::All)?;
+                Ok((plain, Some(finest.apart(&shown))))
             });
             each.collect()
         })
         .collect::<Result<_>>()?;
     for (p, apart) in scene.prototypes.iter_mut().zip(apart) {
-        for (level, apart) in p.levels.iter_mut().zip(apart) {
-            level.silhouette = apart;
+        for (level, (plain, shown)) in p.levels.iter_mut().zip(apart) {
+            level.silhouette = shown.unwrap_or(plain);
+            if let Some(octahedral) = &mut level.octahedral {
+                octahedral.sheet_rms_m = plain.rms_m;
+            }
         }
     }
     Ok(())

@@ -9,7 +9,7 @@ use super::survey::Survey;
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::render::{self, Camera, RenderOptions};
-use crate::scene::{Prototype, Scene};
+use crate::scene::{Prototype, Scene, plain_rms_m};
 use crate::work::{self, Work};
 
 /// Where a picture will be taken from; the scan's own coordinates.
@@ -148,7 +148,7 @@ fn forms(prototype: &Prototype) -> Vec<Form> {
     let coarser = prototype.levels.iter().map(|l| Form {
         name: l.name.clone(),
         triangles: count(&l.parts),
-        error_m: l.silhouette.rms_m,
+        error_m: plain_rms_m(l.silhouette, l.octahedral),
     });
     [finest].into_iter().chain(coarser).collect()
 }

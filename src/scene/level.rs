@@ -11,10 +11,16 @@ pub struct Level {
     /// `LOD1`, `LOD2`, …, `impostor`: the same for every prototype of a scene.
     pub name: String,
     pub parts: Vec<Part>,
-    /// How far its silhouette is from that of the finest form, metres.
+    /// How far its silhouette is from that of the finest form, metres; that of an octahedral
+    /// impostor as its shader shows it.
     pub silhouette: Apart,
     /// Where the parts show views of an octahedral impostor.
     pub octahedral: Option<Octahedral>,
+}
+
+/// How far a form is off, root mean square, metres, for readers that know no shader of its own.
+pub fn plain_rms_m(silhouette: Apart, octahedral: Option<Octahedral>) -> f32 {
+    octahedral.map_or(silhouette.rms_m, |o| o.sheet_rms_m)
 }
 
 /// How far apart two silhouettes are.
@@ -37,6 +43,8 @@ pub struct Octahedral {
     pub centre: Vec3,
     /// Half the side of what every view shows, metres.
     pub radius_m: f32,
+    /// How far the sheet that comes with it is off where it is shown alone, root mean square, metres.
+    pub sheet_rms_m: f32,
 }
 
 /// A closed convex body that stands for a model in collisions.

@@ -16,7 +16,7 @@ mod statistics;
 pub mod turn;
 mod valid;
 
-pub use level::{Apart, Collider, ColliderShape, Level, Octahedral};
+pub use level::{Apart, Collider, ColliderShape, Level, Octahedral, plain_rms_m};
 pub use name::{identifier, is_identifier};
 pub use prune::LeftOut;
 pub use selection::{Form, Forms, Group, Model, Selection, Tree};

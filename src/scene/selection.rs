@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 
 use glam::Vec3;
 
-use super::{Apart, Collider, Instance, Material, Octahedral, Part, Texture, ValidScene, Wrap};
+use super::{
+    Apart, Collider, Instance, Material, Octahedral, Part, Texture, ValidScene, Wrap, plain_rms_m,
+};
 
 /// Which forms of the models are shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,6 +54,13 @@ pub struct Form<'a> {
     /// How far its silhouette is from that of the finest form, metres.
     pub silhouette: Apart,
     pub octahedral: Option<Octahedral>,
+}
+
+impl Form<'_> {
+    /// As [`plain_rms_m`].
+    pub fn plain_rms_m(&self) -> f32 {
+        plain_rms_m(self.silhouette, self.octahedral)
+    }
 }
 
 #[cfg(test)]
@@ -231,8 +240,8 @@ fn drawn(mut forms: Vec<Form<'_>>) -> Vec<Form<'_>> {
     forms.reverse();
     forms.retain(|form| {
         number -= 1;
-        let is_drawn = number == 0 || form.silhouette.rms_m < least_m;
-        least_m = least_m.min(form.silhouette.rms_m);
+        let is_drawn = number == 0 || form.plain_rms_m() < least_m;
+        least_m = least_m.min(form.plain_rms_m());
         is_drawn
     });
     forms.reverse();
@@ -307,6 +316,11 @@ mod tests {
         assert_eq!(kept(&[0.0, 0.05, 0.04, 0.12, 0.06]), [0.0, 0.04, 0.06]);
         assert_eq!(kept(&[0.0, 0.1, 0.1]), [0.0, 0.1]);
         assert_eq!(kept(&[0.0, 0.0]), [0.0, 0.0]);
+        // An octahedral impostor is no better than its sheet where nothing turns it to the eye.
+        let (centre, radius_m) = (Vec3::ZERO, 1.0);
+        let octahedral = Octahedral { frames: 8, centre, radius_m, sheet_rms_m: 0.5 };
+        let turning = Form { octahedral: Some(octahedral), ..Form::off(0.05) };
+        assert_eq!(drawn(vec![Form::off(0.0), Form::off(0.1), turning]).len(), 3);
         let scene = with_levels();
         assert_eq!(Selection::of(&scene, Forms::Drawn).models[0].forms.len(), 2);
         assert!(kept(&[]).is_empty());

@@ -57,7 +57,7 @@ const PICTURE_ASPECT: f32 = 16.0 / 9.0;
 pub(super) fn screen_coverage(forms: &[Form<'_>], diameter_m: f32) -> Vec<f32> {
     let cover = |next: &Form<'_>| {
         // At the distance where a line is as high as the error, the cell is so many lines high.
-        let height = diameter_m / (PICTURE_LINES * next.silhouette.rms_m.max(1e-6));
+        let height = diameter_m / (PICTURE_LINES * next.plain_rms_m().max(1e-6));
         std::f32::consts::FRAC_PI_4 * height * height / PICTURE_ASPECT
     };
     forms[1..].iter().map(cover).chain([0.0]).collect()
