@@ -113,9 +113,7 @@ impl Staged {
             let is_form = |form: &str| {
                 let number = |s: &str| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
                 matches!(form, "impostor" | "terrain")
-                    || ["LOD", "x", "y", ""]
-                        .iter()
-                        .any(|p| form.strip_prefix(p).is_some_and(number))
+                    || ["LOD", "x", "y"].iter().any(|p| form.strip_prefix(p).is_some_and(number))
             };
             let mut forms = forms.split('_');
             forms.next() == Some("")

@@ -529,9 +529,9 @@ fn forms_of_an_earlier_run_are_told_and_stay() {
     let before = tree(dir.path()).len();
     let mut staged = Staged::new(dir.path()).unwrap();
     staged.add(vec![file("tree.glb", "new"), file("tree_LOD1.glb", "new")]).unwrap();
+    // Another tree may well be `tree_2`.
     let told = staged.of_earlier_runs("tree");
     let left = [
-        "tree_2.glb",
         "tree_LOD2.glb",
         "tree_impostor.glb",
         "tree_terrain.glb",
