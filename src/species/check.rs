@@ -39,7 +39,7 @@ pub const MAX_FACTOR: f64 = 100.0;
 /// for each number in it. The schema shows the same.
 pub const RANGES: &[(&str, Range)] = &[
     ("luminance", Within(0.0, 255.0)),
-    ("size.height_m", AboveZero(130.0)),
+    ("size.height_m", Within(0.1, 130.0)),
     ("size.crown_diameter_m", AboveZero(100.0)),
     ("size.age_years", AboveZero(5000.0)),
     ("size.crown_base", Within(0.0, 0.95)),
