@@ -529,8 +529,8 @@ pub struct Tree {
     /// Most triangles; 20000 where absent, 1000000 with --foliage geometry.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
     pub triangles: Option<u32>,
-    /// Side of the textures in pixels.
-    #[arg(long, value_name = "PX", default_value_t = 1024, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
+    /// Side of the textures in pixels; 0 for none: bark and leaves in a colour each.
+    #[arg(long, value_name = "PX", default_value_t = 1024, allow_negative_numbers = true, value_parser = texture_px)]
     pub texture: u32,
     #[command(flatten)]
     pub state: StateArgs,
