@@ -506,6 +506,25 @@ fn an_octahedral_impostor_is_measured_as_its_shader_shows_it() {
 }
 
 #[test]
+fn a_tree_in_plain_colours_has_no_texture_coordinates() {
+    let dir = tempfile::tempdir().unwrap();
+    let made = |name: &str, px: &str| {
+        let o = dir.path().join(name);
+        let of = ["tree", "betula_pendula", "--triangles", "600", "--variants", "--texture", px];
+        let out = larix(&[&of[..], &["--quiet", "-o", o.to_str().unwrap()]].concat());
+        assert!(out.status.success(), "{}", text(&out.stderr));
+        text(&fs::read(o).unwrap())
+    };
+    for (name, coordinates) in
+        [("a.glb", "TEXCOORD_0"), ("a.usda", "primvars:st ="), ("a.obj", "\nvt ")]
+    {
+        assert!(made(name, "64").contains(coordinates), "{name}");
+        let plain = made(name, "0");
+        assert!(!plain.contains(coordinates) && !plain.contains(".png"), "{name}");
+    }
+}
+
+#[test]
 fn a_box_and_a_camera_leave_out_what_they_do_not_show() {
     let dir = tempfile::tempdir().unwrap();
     let whole = small_demo(dir.path(), &[]);

@@ -390,7 +390,7 @@ def gltf_scene(document, binary):
                     f"{mesh['name']}[{part}]",
                     z_up(get("POSITION")),
                     unit(z_up(get("NORMAL")), document, primitive["attributes"]["NORMAL"]),
-                    get("TEXCOORD_0"),
+                    get("TEXCOORD_0") if "TEXCOORD_0" in primitive["attributes"] else nowhere(get("POSITION")),
                     index,
                 )
             )
@@ -699,6 +699,11 @@ def check_usd(report, path):
     return scene
 
 
+def nowhere(points):
+    """Texture coordinates of a mesh that has none, as no texture covers it."""
+    return np.zeros((len(points), 2), np.float32)
+
+
 def usd_scene(report, path, stage):
     scene, at, extents, instancers = Scene(), {}, [], []
     cache = UsdGeom.XformCache()
@@ -716,7 +721,8 @@ def usd_scene(report, path, stage):
                 extents.append(f"{prim.GetName()}: a collider that renderers would draw")
             continue
         points = arrays(mesh.GetPointsAttr(), 3)
-        uv = arrays(UsdGeom.PrimvarsAPI(prim).GetPrimvar("st"), 2)
+        st = UsdGeom.PrimvarsAPI(prim).GetPrimvar("st")
+        uv = arrays(st, 2) if st.HasValue() else nowhere(points)
         index = np.array(mesh.GetFaceVertexIndicesAttr().Get() or [], np.int64)
         counts = np.array(mesh.GetFaceVertexCountsAttr().Get() or [])
         name = f"{prim.GetParent().GetName()}/{prim.GetName()}"

@@ -288,11 +288,14 @@ def check_obj(report, path):
     faults += [f"no material {name}" for name in sorted(used - materials)]
     report.check(f"{label} materials", faults, f"{len(materials)} materials")
     check_textures(report, label, path.parent, paths)
-    corners = np.array([c.split("/") for line in lines if line.startswith("f ") for c in line.split()[1:]], int)
+    # What no texture covers has no texture coordinate.
+    numbers = lambda corner: [number or min(1, counts["vt"]) for number in corner.split("/")]
+    corners = [numbers(c) for line in lines if line.startswith("f ") for c in line.split()[1:]]
+    corners = np.array(corners, int)
     faults = [
         f"{key}: {corners[:, k].min()}…{corners[:, k].max()} of {counts[key]}"
         for k, key in enumerate(("v", "vt", "vn"))
-        if corners[:, k].min() < 1 or corners[:, k].max() > counts[key]
+        if corners[:, k].min() < min(1, counts[key]) or corners[:, k].max() > counts[key]
     ]
     report.check(f"{label} indices", faults, f"{counts['v']} vertices, {counts['vt']} texture coordinates")
     if faults:

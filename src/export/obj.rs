@@ -19,7 +19,6 @@ use super::number;
 use super::pictures::{plain, texture_path};
 use super::{Content, GENERATOR, OutputFile, PictureFormat};
 use crate::diagnostic::{Error, Result, Warned};
-use crate::mesh::Surface;
 use crate::scene::{Alpha, Instance, Material, Part, Selection};
 
 /// The most vertices of a file, texture coordinates and normals counted each for themselves.
@@ -154,7 +153,7 @@ impl<'a> Writer<'_, 'a> {
         self.blocks.text(&head)?;
         if let Some(terrain) = self.selection.terrain {
             self.blocks.text("o terrain\n")?;
-            let first = self.uv(&terrain.surface)?;
+            let first = self.uv(terrain)?;
             self.part(terrain, "terrain", &Place::default(), first)?;
         }
         for &t in self.selection.groups.iter().flat_map(|group| &group.trees) {
@@ -168,7 +167,7 @@ impl<'a> Writer<'_, 'a> {
                     let first = self.texture_coordinates;
                     self.first_uv[tree.model as usize] = Some(first);
                     for part in parts {
-                        self.uv(&part.surface)?;
+                        self.uv(part)?;
                     }
                     first
                 }
@@ -176,17 +175,23 @@ impl<'a> Writer<'_, 'a> {
             let place = Place::of(tree.instance);
             for part in parts {
                 self.part(part, &format!("{name}_{}", part.name), &place, first_uv)?;
-                first_uv += part.surface.uv.len() as u64;
+                first_uv += self.uvs(part).len() as u64;
             }
         }
         self.blocks.finish()
     }
 
+    /// None where no texture needs them.
+    fn uvs(&self, part: &'a Part) -> &'a [Vec2] {
+        let material = self.selection.materials[self.selection.material(part) as usize];
+        if material.has_textures() { &part.surface.uv } else { &[] }
+    }
+
     /// Gives the number before the first.
-    fn uv(&mut self, surface: &'a Surface) -> io::Result<u64> {
-        let first = self.texture_coordinates;
-        self.texture_coordinates += surface.uv.len() as u64;
-        self.blocks.rows(&surface.uv, |out, uv| {
+    fn uv(&mut self, part: &'a Part) -> io::Result<u64> {
+        let (first, uvs) = (self.texture_coordinates, self.uvs(part));
+        self.texture_coordinates += uvs.len() as u64;
+        self.blocks.rows(uvs, |out, uv| {
             out.text(b"vt ");
             number::shortest_of(out, &uv.to_array());
             out.push(b'\n');
@@ -215,7 +220,7 @@ impl<'a> Writer<'_, 'a> {
         let first = self.vertices as i64;
         self.vertices += surface.position.len() as u64;
         let (triangles, _) = surface.index.as_chunks::<3>();
-        let first_uv = first_uv as i64;
+        let first_uv = (!self.uvs(part).is_empty()).then_some(first_uv as i64);
         self.blocks.rows(triangles, move |out, corners| {
             out.push(b'f');
             for &corner in corners {
@@ -225,7 +230,9 @@ impl<'a> Writer<'_, 'a> {
                 out.push(b' ');
                 number::integer(out, vertex);
                 out.push(b'/');
-                number::integer(out, first_uv + corner);
+                if let Some(first_uv) = first_uv {
+                    number::integer(out, first_uv + corner);
+                }
                 out.push(b'/');
                 number::integer(out, vertex);
             }

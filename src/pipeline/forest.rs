@@ -664,12 +664,8 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
     let (base_color, leaf) = colour(scene, &name, textures.leaf);
     let alpha = if leaf.is_some() { Alpha::Mask { cutoff: 0.5 } } else { Alpha::Opaque };
     let variants = textures.leaf_variants.into_iter().map(|(variant, image)| {
-        let texture = add_texture(scene, &format!("{name}_{variant}"), image, Colorspace::Srgb);
-        Variant {
-            name: variant.to_owned(),
-            base_color: [1.0; 3],
-            base_color_texture: Some(texture),
-        }
+        let (base_color, base_color_texture) = colour(scene, &format!("{name}_{variant}"), image);
+        Variant { name: variant.to_owned(), base_color, base_color_texture }
     });
     let variants = variants.collect();
     scene.materials.push(Material {

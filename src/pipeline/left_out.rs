@@ -66,6 +66,10 @@ pub fn table(told: &Told<'_>) -> Vec<Saved> {
     };
     let count = vertices(&flat);
     line("tangents where no normal map needs them", count, "vertices", count * TANGENT, 0.0);
+    let plain =
+        |p: &crate::scene::Part| !told.scene.materials()[p.material as usize].has_textures();
+    let count = vertices(&plain);
+    line("texture coordinates of what no texture covers", count, "vertices", count * UV, 0.0);
     let still = |p: &crate::scene::Part| p.surface.wind.is_empty() && p.name != "terrain";
     let count = vertices(&still);
     line("vertex colours of wind", count, "vertices", count * WIND, 0.0);

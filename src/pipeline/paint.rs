@@ -75,6 +75,9 @@ pub(super) fn leaf_variants(
 }
 
 fn leaf(species: &Species, size_px: u32, seed: Seed, cache: &Cache) -> Result<Image> {
+    if size_px == 0 {
+        return Ok(texture::plain(species).leaf);
+    }
     let mut decides = stored::decides(species, size_px, seed);
     decides.push("leaf".into());
     let key = Key::of(decides.iter().map(Vec::as_slice));

@@ -182,6 +182,11 @@ impl Material {
             .filter_map(|(slot, texture, colorspace)| Some((slot, texture?, colorspace)))
     }
 
+    /// Whether surfaces of it need texture coordinates.
+    pub fn has_textures(&self) -> bool {
+        self.textures().next().is_some()
+    }
+
     pub(super) fn textures_mut(&mut self) -> impl Iterator<Item = &mut u32> {
         [&mut self.base_color_texture, &mut self.normal_texture, &mut self.orm_texture]
             .into_iter()

@@ -77,6 +77,7 @@ pub(super) struct Piece<'a> {
     pub grid: Option<Grid>,
     /// Where there is one, texture coordinates are counted in it, and directions in 8 bits.
     pub uv_range: Option<UvRange>,
+    pub has_uvs: bool,
     pub has_tangents: bool,
 }
 
@@ -100,7 +101,7 @@ impl<'a> Piece<'a> {
         let all = [
             (Kind::Position, true),
             (Kind::Normal, !surface.normal.is_empty()),
-            (Kind::Uv, !surface.uv.is_empty()),
+            (Kind::Uv, self.has_uvs),
             (Kind::LightmapUv, !surface.lightmap_uv.is_empty()),
             (Kind::Tangent, self.has_tangents),
             (Kind::Wind, !surface.wind.is_empty()),

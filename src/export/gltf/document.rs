@@ -231,11 +231,13 @@ impl<'a, 's> Builder<'a, 's> {
     fn primitive(&mut self, part: &'a Part, grid: Option<Grid>) -> Primitive {
         let material = self.selection.material(part);
         let range = self.uv_ranges[material as usize];
+        let shown = self.selection.materials[material as usize];
         let at = self.plan.piece(Piece {
             surface: &part.surface,
             grid,
             uv_range: self.profile.is_quantized().then_some(range),
-            has_tangents: self.selection.materials[material as usize].normal_texture.is_some(),
+            has_uvs: shown.has_textures(),
+            has_tangents: shown.normal_texture.is_some(),
         });
         let extensions = variants::of_primitive(self.selection, material, &self.variant_names);
         Primitive {
@@ -264,6 +266,7 @@ impl<'a, 's> Builder<'a, 's> {
                     surface: &collider.body,
                     grid: self.models[m].grid,
                     uv_range: None,
+                    has_uvs: false,
                     has_tangents: false,
                 });
                 let primitive = Primitive {

@@ -180,8 +180,11 @@ pub(super) fn mesh<'a>(scene: &'a ValidScene, part: &'a Part, materials: &str) -
         .attribute("int[]", "faceVertexIndices", Value::indices(&surface.index))
         .relationship("material:binding", vec![format!("{materials}/{}", shown.name)])
         .varying("normal3f[]", "normals", Value::Float3s(surface.normal.as_slice().into()))
-        .attribute("point3f[]", "points", Value::Float3s(surface.position.as_slice().into()))
-        .varying("texCoord2f[]", "primvars:st", Value::Float2s(surface.uv.as_slice().into()));
+        .attribute("point3f[]", "points", Value::Float3s(surface.position.as_slice().into()));
+    if shown.has_textures() {
+        let places = Value::Float2s(surface.uv.as_slice().into());
+        prim = prim.varying("texCoord2f[]", "primvars:st", places);
+    }
     if !surface.lightmap_uv.is_empty() {
         let places = Value::Float2s(surface.lightmap_uv.as_slice().into());
         prim = prim.varying("texCoord2f[]", "primvars:st1", places);
