@@ -515,9 +515,12 @@ fn a_tree_in_plain_colours_has_no_texture_coordinates() {
         assert!(out.status.success(), "{}", text(&out.stderr));
         text(&fs::read(o).unwrap())
     };
-    for (name, coordinates) in
-        [("a.glb", "TEXCOORD_0"), ("a.usda", "primvars:st ="), ("a.obj", "\nvt ")]
-    {
+    for (name, coordinates) in [
+        ("a.glb", "TEXCOORD_0"),
+        ("a.usda", "primvars:st ="),
+        ("a.x3d", "<TextureCoordinate"),
+        ("a.obj", "\nvt "),
+    ] {
         assert!(made(name, "64").contains(coordinates), "{name}");
         let plain = made(name, "0");
         assert!(!plain.contains(coordinates) && !plain.contains(".png"), "{name}");

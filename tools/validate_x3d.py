@@ -169,11 +169,14 @@ class Drawn:
         self.high = np.maximum(self.high, points.max(0))
 
 
-def check_geometry(label, geometry, faults):
+def check_geometry(label, geometry, has_pictures, faults):
     """Gives its corners and how many triangles it has."""
     points = numbers(geometry.find("Coordinate"), "point").reshape(-1, 3)
     normals = numbers(geometry.find("Normal"), "vector").reshape(-1, 3)
-    uv = numbers(geometry.find("TextureCoordinate"), "point").reshape(-1, 2)
+    places = geometry.find("TextureCoordinate")
+    if (places is not None) != has_pictures:
+        faults.append(f"{label}: texture coordinates and pictures, one without the other")
+    uv = points if places is None else numbers(places, "point").reshape(-1, 2)
     if geometry.tag == "IndexedFaceSet":
         index = np.array(geometry.attrib["coordIndex"].split(), int)
         if len(index) % 4 or (index[3::4] != -1).any():
@@ -245,7 +248,10 @@ def check_x3d(report, path):
             defined[element.attrib["DEF"]] = element
         if element.tag == "Shape":
             geometry = next(c for c in element if c.tag.startswith("Indexed"))
-            shapes[element] = check_geometry(f"shape {len(shapes)}", geometry, faults)
+            look = element.find("Appearance")
+            look = defined.get(look.attrib.get("USE"), look)
+            has_pictures = any(e.tag == "ImageTexture" for e in look.iter())
+            shapes[element] = check_geometry(f"shape {len(shapes)}", geometry, has_pictures, faults)
     drawn = Drawn()
     report.check(f"{label} meshes", faults, f"{len(shapes)} shapes, {sum(n for _, n in shapes.values())} triangles")
     if faults:
@@ -351,6 +357,7 @@ DEFECTS = {
         "a normal of no length": (r're:vector="\S+ \S+ \S+', 'vector="0 0 0'),
         "a missing point": (r're:point="\S+ \S+ \S+', 'point="'),
         "a missing texture": ("textures/", "tekstures/"),
+        "no texture coordinates": (r"re:<TextureCoordinate [^>]*>", ""),
         "a fact lost": ('name="height_m"', 'name="hight_m"'),
         "a mode that is none": ('alphaMode="MASK"', 'alphaMode="MASQUE"'),
         "no place": ('name="origin"', 'name="orgin"'),

@@ -260,16 +260,17 @@ impl<'a> Writer<'_, 'a> {
         let material = self.selection.materials[number];
         self.appearance(number, material);
         let solid = if material.double_sided { "false" } else { "true" };
+        let uvs = if material.has_textures() { &part.surface.uv[..] } else { &[] };
         match places {
-            Some(places) => self.triangles(&part.surface, solid, places)?,
-            None => self.faces(&part.surface, solid)?,
+            Some(places) => self.triangles(&part.surface, uvs, solid, places)?,
+            None => self.faces(&part.surface, uvs, solid)?,
         }
         self.xml.close("Shape");
         Ok(())
     }
 
     /// As in P18.
-    fn faces(&mut self, surface: &'a Surface, solid: &str) -> io::Result<()> {
+    fn faces(&mut self, surface: &'a Surface, uvs: &'a [Vec2], solid: &str) -> io::Result<()> {
         let (triangles, _) = surface.index.as_chunks::<3>();
         let solid = [("solid", solid)];
         self.xml.open_list("IndexedFaceSet", &solid, "coordIndex", triangles, |out, corners| {
@@ -278,6 +279,7 @@ impl<'a> Writer<'_, 'a> {
         })?;
         self.columns(
             surface,
+            uvs,
             |out, p| number::shortest_of(out, &y_up(*p)),
             // X3D takes no part above 1, which rounding may bring.
             |out, n| number::shortest_of(out, &y_up(n.clamp(Vec3::NEG_ONE, Vec3::ONE))),
@@ -287,7 +289,13 @@ impl<'a> Writer<'_, 'a> {
         Ok(())
     }
 
-    fn triangles(&mut self, surface: &'a Surface, solid: &str, places: Places) -> io::Result<()> {
+    fn triangles(
+        &mut self,
+        surface: &'a Surface,
+        uvs: &'a [Vec2],
+        solid: &str,
+        places: Places,
+    ) -> io::Result<()> {
         let (triangles, _) = surface.index.as_chunks::<3>();
         let solid = [("solid", solid)];
         self.xml.open_list("IndexedTriangleSet", &solid, "index", triangles, |out, corners| {
@@ -298,6 +306,7 @@ impl<'a> Writer<'_, 'a> {
         };
         self.columns(
             surface,
+            uvs,
             move |out, p| round(out, &y_up(*p), places.of_trees),
             move |out, n| round(out, &y_up(n.clamp(Vec3::NEG_ONE, Vec3::ONE)), places.normal),
             move |out, c| round(out, &c.to_array(), places.uv),
@@ -309,13 +318,17 @@ impl<'a> Writer<'_, 'a> {
     fn columns(
         &mut self,
         surface: &'a Surface,
+        uvs: &'a [Vec2],
         position: impl Fn(&mut number::Pen, &Vec3) + Copy + Send + Sync + 'a,
         normal: impl Fn(&mut number::Pen, &Vec3) + Copy + Send + Sync + 'a,
         uv: impl Fn(&mut number::Pen, &Vec2) + Copy + Send + Sync + 'a,
     ) -> io::Result<()> {
         self.xml.list("Coordinate", "point", &surface.position, position)?;
         self.xml.list("Normal", "vector", &surface.normal, normal)?;
-        self.xml.list("TextureCoordinate", "point", &surface.uv, uv)
+        if uvs.is_empty() {
+            return Ok(());
+        }
+        self.xml.list("TextureCoordinate", "point", uvs, uv)
     }
 
     fn appearance(&mut self, number: usize, material: &Material) {
