@@ -12,7 +12,7 @@
 use rayon::prelude::*;
 
 use super::card::{self, Shape};
-use super::leaf::Twig;
+use super::leaf::{MOST_ENLARGED, Twig};
 use super::piece::fill;
 use super::spot::{Hull, Pose, Spot, spots, stance, thinned};
 use super::wind::Wind;
@@ -45,8 +45,7 @@ const MOST_TRIANGLES: usize = 40_000_000;
 /// Cards of the sparse level, and triangles of a shell, at most.
 const MOST_SPARSE: usize = 600;
 const MOST_SHELL: usize = 400;
-/// How far twigs may grow to make up for those left out: in general, and at the sparse level.
-const MOST_ENLARGED: f32 = 2.4;
+/// How far twigs may grow to make up for those left out at the sparse level.
 const MOST_ENLARGED_SPARSE: f32 = 6.0;
 /// … and whatever is asked for.
 const MOST_SCALE: f32 = 24.0;
@@ -69,11 +68,19 @@ pub struct Order<'a> {
     pub seed: Seed,
 }
 
-/// Foliage, and how much larger than in nature its twigs are (0 where there are none).
-#[derive(Debug, Default, PartialEq)]
+/// Foliage, how much larger than in nature its twigs are (0 where there are none), and what it
+/// hides over what the species' leaves do, where each stands for itself (1 elsewhere).
+#[derive(Debug, PartialEq)]
 pub struct Foliage {
     pub surface: Surface,
     pub twig_scale: f32,
+    pub cover: f32,
+}
+
+impl Default for Foliage {
+    fn default() -> Foliage {
+        Foliage { surface: Surface::default(), twig_scale: 0.0, cover: 1.0 }
+    }
 }
 
 /// Foliage for a tree.
@@ -106,7 +113,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         let margin_m = 0.5 * f.twig_length_m.min(hull.half.max_element());
         let most = budget.min(MOST_SHELL);
         let surface = shell::shell(&spots, &hull, margin_m, atlas.fill(), most);
-        return Ok(Foliage { surface, twig_scale: 0.0 });
+        return Ok(Foliage { surface, ..Foliage::default() });
     }
     let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);
     // Finer cards where there are triangles for all of them; else rather more cards.
@@ -118,9 +125,13 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         _ => shape_of(f.shape, false),
     };
     // A picture of the user's has no leaves to tell apart.
-    let twig = (level == FoliageLevel::Geometry && species.own_picture.is_none())
-        .then(|| Twig::new(f, atlas, spots.len(), budget));
     let model = species.own_model.as_deref();
+    let is_leaf_by_leaf =
+        level == FoliageLevel::Geometry && species.own_picture.is_none() && model.is_none();
+    let mut twig = is_leaf_by_leaf.then(|| {
+        let cover_sq_m = share * f.cover.clamp(0.0, 1.0) * hull.area_sq_m();
+        Twig::new(f, atlas, spots.len(), cover_sq_m, budget)
+    });
     let room = match (model, &twig) {
         (Some(model), _) => stamp::room(model),
         (None, Some(twig)) => twig.room(),
@@ -134,12 +145,16 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         return Err(Error::new(format!("the model {name} has {n} triangles, the crown {budget}"))
             .remedy("give the tree more --triangles, or the model fewer"));
     }
-    let most = budget / room.triangles.max(1);
+    let most = twig.as_ref().map_or(budget / room.triangles.max(1), |t| t.count);
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
     let all = spots.len();
     let limit = if is_sparse { MOST_ENLARGED_SPARSE } else { MOST_ENLARGED };
-    let usual = wanted(&hull, species, atlas, all.min(most), all, share).clamp(1.0, limit);
+    let by_cards = || wanted(&hull, species, atlas, all.min(most), all, share).clamp(1.0, limit);
+    let usual = twig.as_ref().map_or_else(by_cards, |t| t.scale);
     let enlarge = order.twig_scale.map_or(usual, |scale| scale.clamp(0.05, MOST_SCALE));
+    if let Some(twig) = &mut twig {
+        twig.grow(enlarge);
+    }
     // The same twigs at any scale.
     let kept = thinned(spots, &hull, most, usual, f.twig_length_m);
     let outlines: Vec<_> = atlas.cells().iter().map(|c| c.outline(shape.rows())).collect();
@@ -164,7 +179,8 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     if let Some(wind) = order.wind {
         surface.wind = swaying(wind, &kept, &surface, room.vertices);
     }
-    Ok(Foliage { surface, twig_scale: enlarge })
+    let cover = twig.map_or(1.0, |t| t.cover);
+    Ok(Foliage { surface, twig_scale: enlarge, cover })
 }
 
 /// Cards take the picture for one so much larger, natural logarithm: from the next fuller picture

@@ -8,19 +8,31 @@ const LEVELS: [FoliageLevel; 4] =
     [FoliageLevel::Shell, FoliageLevel::Sparse, FoliageLevel::Cards, FoliageLevel::Geometry];
 
 fn grown(name: &str) -> (Skeleton, Species, Atlas) {
+    grown_to(name, None)
+}
+
+fn grown_to(name: &str, height_m: Option<f32>) -> (Skeleton, Species, Atlas) {
     let s = species::load(name).unwrap();
     let detail = Detail { max_nodes: 800, attractor_spacing_m: None };
-    let skeleton = grow(&s, Target::FromSpecies { height_m: None }, detail, Seed::new(3)).unwrap();
+    let skeleton = grow(&s, Target::FromSpecies { height_m }, detail, Seed::new(3)).unwrap();
     let atlas = crate::texture::for_species(&s, 64, Seed::new(1)).atlas;
     (skeleton, s, atlas)
 }
 
 fn leaves(
-    (skeleton, species, atlas): &(Skeleton, Species, Atlas),
+    tree: &(Skeleton, Species, Atlas),
     level: FoliageLevel,
     budget: Option<usize>,
 ) -> Surface {
-    let order = Order {
+    foliage(&tree.0, &order(tree, level, budget)).unwrap().surface
+}
+
+fn order(
+    (_, species, atlas): &(Skeleton, Species, Atlas),
+    level: FoliageLevel,
+    budget: Option<usize>,
+) -> Order<'_> {
+    Order {
         species,
         atlas,
         level,
@@ -30,8 +42,7 @@ fn leaves(
         twig_scale: None,
         wind: None,
         seed: Seed::new(1),
-    };
-    foliage(skeleton, &order).unwrap().surface
+    }
 }
 
 /// Least cosine between a corner's normal and the front of its triangle.
@@ -110,6 +121,32 @@ fn a_larch_has_every_needle() {
     assert!(lo > 0.4 * length_m && hi < 1.2 * length_m, "{lo} to {hi}");
 }
 
+/// Fewer, wider needles and leaves, and fewer, larger twigs, hide as much; until a crown needs more
+/// triangles than there are, which is told.
+#[test]
+fn every_leaf_hides_as_much_at_any_budget() {
+    for name in SPECIES.into_iter().chain(["sorbus_aucuparia"]) {
+        let tree = grown_to(name, Some(5.0));
+        let hidden = |budget: Option<usize>| {
+            let order = order(&tree, FoliageLevel::Geometry, budget);
+            let made = foliage(&tree.0, &order).unwrap();
+            // About the stem.
+            let lain: Vec<Vec3> =
+                made.surface.position.iter().map(|p| Vec3::new(p.z, p.x, p.y)).collect();
+            (shade::hidden_sq_m(&lain, &made.surface.index), made.cover, made.surface.triangles())
+        };
+        let (all, cover, triangles) = hidden(None);
+        assert!(cover > 0.999, "{name}: {cover}");
+        for share in [2, 4] {
+            let (part, cover, _) = hidden(Some(triangles / share));
+            assert!(cover > 0.999, "{name} 1/{share}: {cover}");
+            assert!((0.75..1.25).contains(&(part / all)), "{name} 1/{share}: {part} of {all} m²");
+        }
+        let (_, cover, _) = hidden(Some(triangles / 2000));
+        assert!(cover < 0.5, "{name}: {cover}");
+    }
+}
+
 #[test]
 fn a_shell_is_closed_and_holds_the_crown() {
     for name in SPECIES {
@@ -159,18 +196,6 @@ fn a_user_s_model_stands_where_twigs_stand() {
             assert!((0.3 * twig_m..2.9 * twig_m).contains(&length), "{length}");
         }
     }
-    let (skeleton, species, atlas) = &tree;
-    let order = Order {
-        species,
-        atlas,
-        level: FoliageLevel::Cards,
-        budget: Some(0),
-        detail: false,
-        share: 1.0,
-        twig_scale: None,
-        wind: None,
-        seed: Seed::new(1),
-    };
-    let error = foliage(skeleton, &order).unwrap_err();
+    let error = foliage(&tree.0, &order(&tree, FoliageLevel::Cards, Some(0))).unwrap_err();
     assert_eq!(error.message(), "the model twig.obj has 1 triangles, the crown 0");
 }

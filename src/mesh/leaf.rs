@@ -7,29 +7,60 @@
 //! folded blade of two triangles, a leaf a card of its own cell, a compound leaf a rachis with its
 //! leaflets.
 //!
-//! Every twig of a tree has the same number of triangles, so that a budget is met exactly. Limits:
-//! twigs do not know of each other and may cross; needles are as wide as they must be to fill the
-//! crown when a budget leaves some out, to [`MOST_WIDENED`].
+//! There are as many twigs as it takes for them to hide of the crown what the species' leaves do; what
+//! a twig hides is measured on two of them. Every twig of a tree has the same number of triangles, so
+//! that a budget is met exactly. A small budget simplifies first the wood of twigs and the form of
+//! needles, then leaves needles or leaves out and widens the rest until the twig hides as much as
+//! before, and at last leaves out whole twigs and enlarges the rest. Limits: twigs do not know of each
+//! other and may cross; leaves grow to no more than [`MOST_WIDENED`], past which the crown is thinner
+//! than the species'.
 
 use glam::{Quat, Vec2, Vec3};
 
 use super::card::{Shape, emit};
-use super::piece::{Piece, Room};
+use super::piece::{Piece, Room, fill};
+use super::shade::hidden_sq_m;
 use super::spot::{GOLDEN_RAD, Pose, stance};
-use crate::seed::Draws;
+use crate::seed::{Draws, Seed};
 use crate::species::model::{Foliage, LeafShape};
 use crate::texture::atlas::{Atlas, Cell, Row};
 
 /// Least share of a twig's needles, or leaves, that a budget leaves on it before whole twigs go.
 const LEAST_SHARE: [f32; 2] = [0.2, 0.5];
-/// How far the area of needles or leaves may grow to make up for those left out.
-const MOST_WIDENED: f32 = 3.0;
+/// How far the area of needles, or leaves, may grow to make up for those left out.
+const MOST_WIDENED: [f32; 2] = [16.0, 4.0];
+/// Share of what is to be hidden that is near enough.
+const NEAR: f32 = 0.98;
+/// The power of that by which a needle's length grows: it stays slender.
+const LENGTHENED: f32 = 0.3;
+/// How far twigs may grow to make up for twigs left out.
+pub const MOST_ENLARGED: f32 = 2.4;
+/// Share of its silhouette that a twig at its usual place hides: as of cards.
+const TILTED: f32 = 0.8;
 /// Places for needles or leaves on one shoot at most.
 const MOST_PLACES: f32 = 4_000.0;
 /// Share of the crown's outside in a normal.
 const BENT: f32 = 0.45;
-/// Straight pieces of a twig's main shoot and of a side shoot.
-const PIECES: [usize; 2] = [3, 1];
+
+/// How the shoots and needles of a twig are built.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Build {
+    /// Shoots are tubes, needles folded.
+    Full,
+    /// The main shoot is a straight tube, side shoots and needles are a triangle each, leaves have
+    /// fewer rows.
+    Light,
+}
+
+impl Build {
+    /// Straight pieces of the main shoot and of a side shoot; a side shoot of none is a triangle.
+    fn pieces(self) -> [usize; 2] {
+        match self {
+            Build::Full => [3, 1],
+            Build::Light => [1, 0],
+        }
+    }
+}
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Organ {
@@ -41,17 +72,26 @@ enum Organ {
 }
 
 impl Organ {
-    fn room(self) -> Room {
-        let leaf = Shape::Folded { rows: 3 }.room();
-        let leaflet = Shape::Folded { rows: 2 }.room();
+    /// The form of a leaf or leaflet.
+    fn blade(self, build: Build) -> Shape {
+        match (self, build) {
+            (Organ::Leaf, Build::Full) => Shape::Folded { rows: 3 },
+            (Organ::Leaf, Build::Light) | (_, Build::Full) => Shape::Folded { rows: 2 },
+            _ => Shape::Flat,
+        }
+    }
+
+    fn room(self, build: Build) -> Room {
+        let blade = self.blade(build).room();
         let with_stalk = |blade: Room, count: usize| Room {
             vertices: 3 + blade.vertices * count,
             triangles: 1 + blade.triangles * count,
         };
         match self {
+            Organ::Needle if build == Build::Light => Room { vertices: 3, triangles: 1 },
             Organ::Needle => Room { vertices: 4, triangles: 2 },
-            Organ::Leaf => with_stalk(leaf, 1),
-            Organ::Compound(count) => with_stalk(leaflet, count),
+            Organ::Leaf => with_stalk(blade, 1),
+            Organ::Compound(count) => with_stalk(blade, count),
         }
     }
 }
@@ -62,6 +102,7 @@ pub struct Twig<'a> {
     atlas: &'a Atlas,
     outlines: Vec<Vec<Row>>,
     organ: Organ,
+    build: Build,
     /// Needles from one place.
     cluster: usize,
     /// Side shoots, and the length of the longest over the twig's.
@@ -75,11 +116,23 @@ pub struct Twig<'a> {
     places: [usize; 2],
     /// Length and width of a leaf over the species'.
     widened: Vec2,
+    /// Twigs that there are to be, and how much larger than in nature they are.
+    pub count: usize,
+    pub scale: f32,
+    /// What they hide over what the species' leaves do, 0…1.
+    pub cover: f32,
 }
 
 impl<'a> Twig<'a> {
-    /// The twig of a tree that may spend `budget` triangles on `spots` of them.
-    pub fn new(foliage: &'a Foliage, atlas: &'a Atlas, spots: usize, budget: usize) -> Twig<'a> {
+    /// Twigs for a tree that has room for `spots` of them, whose leaves hide `cover_sq_m` in summer,
+    /// where it may spend `budget` triangles.
+    pub fn new(
+        foliage: &'a Foliage,
+        atlas: &'a Atlas,
+        spots: usize,
+        cover_sq_m: f32,
+        budget: usize,
+    ) -> Twig<'a> {
         let (sides, side_length, from, opening) = match foliage.shape {
             LeafShape::Needle => (8, 0.45, 0.02, [0.6, 1.1]),
             LeafShape::Tuft => (5, 0.3, 0.06, [0.5, 1.35]),
@@ -107,45 +160,139 @@ impl<'a> Twig<'a> {
             _ => 2.4,
         };
         let length = foliage.twig_length_m / foliage.leaf_length_m.max(1e-4) * (1.0 - from);
+        let summer =
+            [length, length * side_length * 0.75].map(|l| (l * density).clamp(1.0, MOST_PLACES));
         let kept = foliage.kept.clamp(0.0, 1.0);
-        let full = [length, length * side_length * 0.75]
-            .map(|l| (l * density).clamp(1.0, MOST_PLACES) * kept);
-        let least = usize::from(kept > 0.0);
-        let outlines = |rows| atlas.leaves().iter().map(|c| c.outline(rows)).collect();
         let mut twig = Twig {
             foliage,
             atlas,
-            outlines: outlines(if organ == Organ::Leaf { 3 } else { 2 }),
+            outlines: outlines(atlas, organ.blade(Build::Full)),
             organ,
+            build: Build::Full,
             cluster: if organ == Organ::Needle { cluster } else { 1 },
             sides,
             side_length,
             from,
             opening,
-            places: full.map(|n| (n.round() as usize).max(least)),
+            places: summer.map(|n| n.round() as usize),
             widened: Vec2::ONE,
+            count: spots,
+            scale: 1.0,
+            cover: 1.0,
         };
-        let wood = twig.wood_room().triangles;
-        let each = budget / spots.max(1);
-        let whole = twig.room().triangles;
-        if each < whole {
+        let in_summer_sq_m = twig.hides_sq_m();
+        let needed = cover_sq_m / (in_summer_sq_m * TILTED).max(1e-9);
+        let enough = (needed.ceil() as usize).clamp(1, spots.max(1));
+        let least = usize::from(kept > 0.0);
+        twig.places = summer.map(|n| ((n * kept).round() as usize).max(least));
+        let one_sq_m = if kept < 1.0 { twig.hides_sq_m() } else { in_summer_sq_m };
+        let each = budget / enough;
+        if each < twig.room().triangles {
+            twig.build = Build::Light;
+            twig.outlines = outlines(atlas, organ.blade(Build::Light));
+            let (whole, wood) = (twig.room().triangles, twig.wood_room().triangles);
             let fewest = LEAST_SHARE[usize::from(!is_needle)];
             let share = each.saturating_sub(wood) as f32 / (whole - wood).max(1) as f32;
             let share = share.clamp(fewest, 1.0);
-            // Of tufts some needles go, and some places.
+            // Few needles of each place, and few places.
             let [fewer, sparser] =
                 if twig.cluster > 3 { [share.sqrt(), share.sqrt()] } else { [1.0, share] };
             twig.cluster = ((twig.cluster as f32 * fewer) as usize).max(1);
-            twig.places = full.map(|n| ((n * sparser) as usize).max(least));
-            let wide = (1.0 / share).min(MOST_WIDENED);
-            twig.widened = if is_needle { Vec2::new(1.0, wide) } else { Vec2::splat(wide.sqrt()) };
+            twig.places = summer.map(|n| ((n * kept * sparser) as usize).max(least));
+        }
+        twig.count = (budget / twig.room().triangles.max(1)).min(enough);
+        let missing = needed / twig.count.max(1) as f32;
+        twig.scale = missing.sqrt().clamp(1.0, MOST_ENLARGED);
+        let goal_sq_m = one_sq_m * (missing / (twig.scale * twig.scale)).max(1.0);
+        if kept > 0.0 && twig.count > 0 {
+            let hidden_sq_m = twig.widen(goal_sq_m, MOST_WIDENED[usize::from(!is_needle)]);
+            twig.cover = (hidden_sq_m / goal_sq_m.max(1e-12)).min(1.0);
         }
         twig
     }
 
+    /// Widens leaves by up to a factor of their area until the twig hides so much; gives what it does.
+    fn widen(&mut self, goal_sq_m: f32, most: f32) -> f32 {
+        let is_needle = self.organ == Organ::Needle;
+        let mut at = |wide: f32| {
+            self.widened = if is_needle {
+                Vec2::new(wide.powf(LENGTHENED), wide.powf(1.0 - LENGTHENED))
+            } else {
+                Vec2::splat(wide.sqrt())
+            };
+            self.hides_sq_m()
+        };
+        let least = at(1.0);
+        if least >= NEAR * goal_sq_m {
+            return least;
+        }
+        let (mut low, mut high) = (0.0, most.ln());
+        let hidden = at(most);
+        if hidden <= goal_sq_m {
+            return hidden;
+        }
+        for _ in 0..5 {
+            let middle = 0.5 * (low + high);
+            let half = if at(f32::exp(middle)) < goal_sq_m { &mut low } else { &mut high };
+            *half = middle;
+        }
+        at(f32::exp(high))
+    }
+
+    /// Makes leaves so much larger, as their twigs are.
+    pub fn grow(&mut self, scale: f32) {
+        self.widened *= scale;
+    }
+
+    /// What one twig of the usual size hides, mean over the sides it is seen from.
+    fn hides_sq_m(&self) -> f32 {
+        const MEASURED: u64 = 2;
+        let (room, size_m) = (self.room(), self.foliage.twig_length_m.clamp(1e-3, 20.0));
+        let pose = Pose {
+            base: Vec3::ZERO,
+            heading: Vec3::X,
+            facing: Vec3::Z,
+            size_m,
+            sag: 0.1,
+            mirrored: false,
+            outward: Vec3::Z,
+            crown: Vec3::NEG_Z * size_m,
+        };
+        let of = |key: u64| {
+            let draws = || Seed::new(0).derive("measured twig", key).draws();
+            let twig = fill(1, room, |_, out| self.emit(&pose, &mut draws(), out));
+            hidden_sq_m(&twig.position, &twig.index)
+        };
+        self.opaque() * (0..MEASURED).map(of).sum::<f32>() / MEASURED as f32
+    }
+
+    /// Opaque share of the outlines of leaves.
+    fn opaque(&self) -> f32 {
+        if self.organ == Organ::Needle {
+            return 1.0;
+        }
+        let area = |rows: &Vec<Row>| {
+            let wide = |r: &Row| r.right - r.left;
+            rows.windows(2)
+                .map(|w| 0.5 * (w[1].t - w[0].t) * (wide(&w[0]) + wide(&w[1])))
+                .sum::<f32>()
+        };
+        let outlines: f32 = self.outlines.iter().map(area).sum();
+        let seen: f32 = self.atlas.leaves().iter().map(|c| c.coverage).sum();
+        (seen / outlines.max(1e-6)).clamp(0.1, 1.0)
+    }
+
+    /// Needles or leaves of a twig.
+    fn leaves(&self) -> usize {
+        (self.places[0] + self.sides * self.places[1]) * self.cluster
+    }
+
     fn wood_room(&self) -> Room {
-        let tube = |k: usize| Room { vertices: 3 * (PIECES[k] + 1), triangles: 6 * PIECES[k] };
-        let (main, side) = (tube(0), tube(1));
+        let tube = |pieces: usize| match pieces {
+            0 => Room { vertices: 3, triangles: 1 },
+            _ => Room { vertices: 3 * (pieces + 1), triangles: 6 * pieces },
+        };
+        let [main, side] = self.build.pieces().map(tube);
         Room {
             vertices: main.vertices + self.sides * side.vertices,
             triangles: main.triangles + self.sides * side.triangles,
@@ -153,11 +300,10 @@ impl<'a> Twig<'a> {
     }
 
     pub fn room(&self) -> Room {
-        let (wood, leaf) = (self.wood_room(), self.organ.room());
-        let leaves = (self.places[0] + self.sides * self.places[1]) * self.cluster;
+        let (wood, leaf) = (self.wood_room(), self.organ.room(self.build));
         Room {
-            vertices: wood.vertices + leaves * leaf.vertices,
-            triangles: wood.triangles + leaves * leaf.triangles,
+            vertices: wood.vertices + self.leaves() * leaf.vertices,
+            triangles: wood.triangles + self.leaves() * leaf.triangles,
         }
     }
 
@@ -195,7 +341,7 @@ impl<'a> Twig<'a> {
 
     /// A shoot's wood and leaves; `order`: 0 the main one, 1 a side shoot.
     fn shoot(&self, shoot: &Shoot, order: usize, pose: &Pose, draws: &mut Draws, out: &mut Piece) {
-        shoot.wood(PIECES[order], self.atlas.wood(), pose, out);
+        shoot.wood(self.build.pieces()[order], self.atlas.wood(), pose, out);
         let f = self.foliage;
         let places = self.places[order];
         // Turns as points of the unit circle.
@@ -258,7 +404,9 @@ impl<'a> Twig<'a> {
     ) {
         let f = self.foliage;
         match self.organ {
-            Organ::Needle => needle(pose, f.leaf_width_m * self.widened.y, cell, out),
+            Organ::Needle => {
+                needle(pose, f.leaf_width_m * self.widened.y, self.build, cell, out);
+            }
             Organ::Leaf => {
                 let stalk = pose.size_m * draws.between(0.7, 1.1) * petiole(f.shape);
                 let foot = pose.base + pose.heading * stalk;
@@ -267,14 +415,8 @@ impl<'a> Twig<'a> {
                 // The cell holds a leaf and a margin.
                 let size_m = pose.size_m * cell.size_m / f.leaf_length_m.max(1e-6);
                 let blade = Pose { base: foot, size_m, sag, mirrored: draws.unit() < 0.5, ..*pose };
-                emit(
-                    &blade,
-                    Shape::Folded { rows: 3 },
-                    draws.between(0.1, 0.5),
-                    cell,
-                    outline,
-                    out,
-                );
+                let fold_rad = draws.between(0.1, 0.5);
+                emit(&blade, self.organ.blade(self.build), fold_rad, cell, outline, out);
             }
             Organ::Compound(count) => {
                 let tip = pose.base + pose.heading * pose.size_m * 0.8;
@@ -292,7 +434,7 @@ impl<'a> Twig<'a> {
                     let base = pose.base + pose.heading * pose.size_m * t;
                     let sag = draws.between(0.0, 0.15);
                     let leaflet = Pose { base, heading, size_m, sag, ..*pose };
-                    emit(&leaflet, Shape::Folded { rows: 2 }, 0.2, cell, outline, out);
+                    emit(&leaflet, self.organ.blade(self.build), 0.2, cell, outline, out);
                 }
             }
         }
@@ -306,6 +448,11 @@ impl<'a> Twig<'a> {
             .map(|p| out.vertex(p, pose.bent(pose.facing, p, BENT), uv));
         out.triangle(corners);
     }
+}
+
+/// Of the leaves of an atlas.
+fn outlines(atlas: &Atlas, shape: Shape) -> Vec<Vec<Row>> {
+    atlas.leaves().iter().map(|c| c.outline(shape.rows())).collect()
 }
 
 /// Sine and cosine of an angle of 0…1.6 within 1e-6: Taylor's series.
@@ -331,8 +478,8 @@ fn petiole(shape: LeafShape) -> f32 {
 /// A needle's silhouette over that of a rhombus as wide: a needle keeps its width to near its tip.
 const RHOMBUS: f32 = 1.7;
 
-/// A folded blade, widest below its middle, that hides as much as a needle.
-fn needle(pose: &Pose, width_m: f32, cell: &Cell, out: &mut Piece) {
+/// A folded blade, widest below its middle, that hides as much as a needle; or a triangle that does.
+fn needle(pose: &Pose, width_m: f32, build: Build, cell: &Cell, out: &mut Piece) {
     let across = pose.heading.cross(pose.facing);
     let half = 0.5 * RHOMBUS * width_m.max(1e-5);
     let middle = pose.base + pose.heading * (0.4 * pose.size_m) - pose.facing * (0.6 * half);
@@ -340,11 +487,18 @@ fn needle(pose: &Pose, width_m: f32, cell: &Cell, out: &mut Piece) {
     let bent = pose.bent(pose.facing, middle, BENT);
     let lean = across * (0.5 * (1.0 - BENT));
     let [ridge, right, left] = [bent, bent + lean, bent - lean].map(|n| n.normalize_or(Vec3::Z));
+    let tip = (pose.base + pose.heading * pose.size_m, ridge, cell.uv(0.5, 0.95));
+    if build == Build::Light {
+        let right = (pose.base + across * half, right, cell.uv(0.65, 0.4));
+        let left = (pose.base - across * half, left, cell.uv(0.35, 0.4));
+        out.blade([right, tip, left], [[0, 1, 2]]);
+        return;
+    }
     out.blade(
         [
             (pose.base, ridge, cell.uv(0.5, 0.05)),
             (middle + across * half, right, cell.uv(0.65, 0.4)),
-            (pose.base + pose.heading * pose.size_m, ridge, cell.uv(0.5, 0.95)),
+            tip,
             (middle - across * half, left, cell.uv(0.35, 0.4)),
         ],
         [[0, 1, 2], [0, 2, 3]],
@@ -368,8 +522,16 @@ impl Shoot {
         (p, d.normalize_or(self.along))
     }
 
-    /// Three-sided, thinning to its tip, where it is open.
+    /// Three-sided, thinning to its tip, where it is open; of no pieces a triangle.
     fn wood(&self, pieces: usize, uv: Vec2, pose: &Pose, out: &mut Piece) {
+        if pieces == 0 {
+            let across = self.along.cross(pose.facing).normalize_or(pose.heading) * self.radius;
+            let normal = |p| pose.bent(pose.facing, p, 0.15);
+            let corners = [self.base - across, self.base + across, self.at(1.0).0];
+            let corners = corners.map(|p| out.vertex(p, normal(p), uv));
+            out.triangle(corners);
+            return;
+        }
         let mut before: Option<[u32; 3]> = None;
         let u = self.along.any_orthonormal_vector();
         let v = self.along.cross(u);

@@ -14,6 +14,7 @@ pub mod p18;
 mod patch;
 mod path;
 mod piece;
+mod shade;
 mod shell;
 mod spot;
 mod stamp;
@@ -114,6 +115,8 @@ pub struct TreeMesh {
     pub sagitta_m: f32,
     /// How much larger than in nature twigs are, to make up for those left out; 0 without any.
     pub twig_scale: f32,
+    /// What leaves hide over what the species' do, 0…1, where each is meshed for itself; 1 elsewhere.
+    pub leaf_cover: f32,
 }
 
 impl TreeMesh {
@@ -327,7 +330,8 @@ pub fn build(
             .remedy("give the species a greater height"));
     }
     let order = order(species, atlas, options, triangles, wind.as_ref(), seed);
-    let foliage::Foliage { surface: foliage, twig_scale } = foliage::foliage(skeleton, &order)?;
+    let foliage::Foliage { surface: foliage, twig_scale, cover: leaf_cover } =
+        foliage::foliage(skeleton, &order)?;
     let [wood, upper_wood, twig_wood] = made.surface;
     let wood::Count { axes, without: unmeshed_axes, sagitta_m } = made.count;
     Ok(TreeMesh {
@@ -339,6 +343,7 @@ pub fn build(
         unmeshed_axes,
         sagitta_m,
         twig_scale,
+        leaf_cover,
     })
 }
 

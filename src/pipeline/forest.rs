@@ -521,6 +521,7 @@ fn build_meshes(
         let finest = meshes.iter().filter_map(|of_model| of_model.first());
         let outcome = Outcome::items(nodes, "nodes", triangles, "triangles")
             .error(tolerance::sagitta(finest.clone(), job.wood.tolerance_m, warnings));
+        levels::tell_thin(finest.clone(), warnings);
         let outcome = levels::tell_unmeshed(finest, outcome, warnings);
         Ok((meshes, outcome))
     })

@@ -98,6 +98,26 @@ pub fn tell_unmeshed<'a>(
     outcome.note(told)
 }
 
+/// Share of what the species' leaves hide below which a crown is worth a warning.
+const THIN: f32 = 0.75;
+
+/// Warns where so few leaves stand for a crown that one sees through it.
+pub fn tell_thin<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, warnings: &mut Vec<String>) {
+    let thinnest = meshes.min_by(|a, b| a.leaf_cover.total_cmp(&b.leaf_cover));
+    let Some(mesh) = thinnest.filter(|m| m.leaf_cover < THIN && !m.foliage.is_empty()) else {
+        return;
+    };
+    let needed = mesh.triangles() as f32 / mesh.leaf_cover.max(1e-6);
+    let unit = 10f32.powf(needed.max(1.0).log10().floor() - 1.0);
+    warnings.push(format!(
+        "--foliage geometry: leaves of {} triangles hide {:.0} % of what the species' do; give about {} \
+         --triangles, or take --foliage cards",
+        mesh.foliage.triangles(),
+        100.0 * mesh.leaf_cover,
+        (needed / unit).ceil() * unit,
+    ));
+}
+
 /// A tree as two cones and a cylinder (P18), in the mean colour of its leaves; the cylinder alone
 /// for a bare one.
 fn scheme(

@@ -202,6 +202,7 @@ fn stand(
         let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles")
             .error(tolerance::sagitta(meshes.first().into_iter(), job.wood.tolerance_m, warnings));
         let outcome = levels::tell_unmeshed(meshes.first().into_iter(), outcome, warnings);
+        levels::tell_thin(meshes.first().into_iter(), warnings);
         Ok((meshes, outcome))
     })?;
     let name = identifier(&species.name);

@@ -50,16 +50,7 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
 /// A tree of one triangle standing in so many places.
 fn scene_of(surface: Surface, places: impl Iterator<Item = Vec3>) -> Result<Scene> {
     let species = species::load("betula_pendula")?;
-    let tree = TreeMesh {
-        wood: surface,
-        upper_wood: Surface::default(),
-        twig_wood: Surface::default(),
-        foliage: Surface::default(),
-        axes: 1,
-        unmeshed_axes: 0,
-        sagitta_m: 0.0,
-        twig_scale: 1.0,
-    };
+    let tree = TreeMesh { wood: surface, axes: 1, ..TreeMesh::default() };
     let mut scene = model_scene(&species, vec![tree], texture::plain(&species));
     scene.instances = places
         .enumerate()
