@@ -30,24 +30,24 @@ impl Spot {
 /// On which side of the line: below 0, on it, above.
 type Side = i8;
 
-/// A polygon of few corners.
+/// A polygon of few corners, and where they are within the facet.
 #[derive(Clone, Copy)]
 struct Ring {
-    spot: [(Spot, Side); 8],
+    spot: [(Spot, Side, Vec2); 8],
     len: usize,
 }
 
 impl Ring {
     fn new() -> Ring {
-        Ring { spot: [(Spot::Corner(0), 0); 8], len: 0 }
+        Ring { spot: [(Spot::Corner(0), 0, Vec2::ZERO); 8], len: 0 }
     }
 
-    fn push(&mut self, spot: (Spot, Side)) {
+    fn push(&mut self, spot: (Spot, Side, Vec2)) {
         self.spot[self.len] = spot;
         self.len += 1;
     }
 
-    fn all(&self) -> &[(Spot, Side)] {
+    fn all(&self) -> &[(Spot, Side, Vec2)] {
         &self.spot[..self.len]
     }
 }
@@ -56,17 +56,23 @@ impl Ring {
 /// `may_cut`: which edges may have corners of their own; elsewhere the line ends in a corner.
 pub fn cut(field: [f32; 4], may_cut: [bool; 4], mut triangle: impl FnMut(bool, [Spot; 3])) {
     let is_above = field.map(|f| f >= 0.0);
+    if is_above == [is_above[0]; 4] {
+        triangle(is_above[0], [0, 1, 2].map(Spot::Corner));
+        triangle(is_above[0], [0, 2, 3].map(Spot::Corner));
+        return;
+    }
     let mut side: [Side; 4] = is_above.map(|a| if a { 1 } else { -1 });
     let turns = |k: usize| is_above[k] != is_above[(k + 1) % 4];
     for k in (0..4).filter(|&k| turns(k) && !may_cut[k]) {
         side[if is_above[k] { k } else { (k + 1) % 4 }] = 0;
     }
     let mut ring = Ring::new();
+    let mut push = |spot: Spot, side: Side| ring.push((spot, side, spot.place()));
     for k in 0..4 {
-        ring.push((Spot::Corner(k), side[k]));
+        push(Spot::Corner(k), side[k]);
         if turns(k) && may_cut[k] {
             let [a, b] = ENDS[k].map(|c| field[c]);
-            ring.push((Spot::Edge(k, (a / (a - b)).clamp(MARGIN, 1.0 - MARGIN)), 0));
+            push(Spot::Edge(k, (a / (a - b)).clamp(MARGIN, 1.0 - MARGIN)), 0);
         }
     }
     let has = |s: Side| ring.all().iter().any(|p| p.1 == s);
@@ -102,16 +108,31 @@ fn fan(ring: &Ring, is_above: bool, triangle: &mut impl FnMut(bool, [Spot; 3])) 
     if n < 3 {
         return;
     }
-    let of = |from: usize, k: usize| [from, from + k, from + k + 1].map(|i| ring.spot[i % n].0);
+    let wrapped = |i: usize| &ring.spot[if i < n { i } else { i - n }];
     let least = |from: usize| {
-        let area = |k: usize| {
-            let [a, b, c] = of(from, k).map(Spot::place);
-            (b - a).perp_dot(c - a)
-        };
-        (1..n - 1).map(area).fold(f32::INFINITY, f32::min)
+        let a = ring.spot[from].2;
+        let mut edge = wrapped(from + 1).2 - a;
+        let mut least = f32::INFINITY;
+        for k in 2..n {
+            let next = wrapped(from + k).2 - a;
+            least = least.min(edge.perp_dot(next));
+            edge = next;
+        }
+        least
     };
-    let from = (1..n).fold(0, |best, k| if least(k) > least(best) { k } else { best });
-    (1..n - 1).for_each(|k| triangle(is_above, of(from, k)));
+    let (mut from, mut largest) = (0, f32::NEG_INFINITY);
+    if n > 3 {
+        // From opposite corners four are cut alike.
+        for k in 0..if n == 4 { 2 } else { n } {
+            let least = least(k);
+            if least > largest {
+                (from, largest) = (k, least);
+            }
+        }
+    }
+    for k in 2..n {
+        triangle(is_above, [from, from + k - 1, from + k].map(|i| wrapped(i).0));
+    }
 }
 
 #[cfg(test)]

@@ -12,19 +12,27 @@ use super::young::BARKS;
 #[derive(Default)]
 pub struct Facing(Vec<([usize; BARKS], bool)>);
 
-/// Whether the normals between two rings may look away from its triangles: not where they are nearly
-/// square to the way between them, change their radius by less than half of it, and are far from
-/// meeting. Then a normal is within 60° and twice 27° of a front, less what these bounds leave.
+/// Whether the normals between two rings may look away from its triangles: not where together the
+/// half angle of a facet, the angle between a ring and the way to the next, and the change of radius
+/// that a normal does not follow stay well below a right angle, and the rings are far from meeting.
 pub fn may_stray(low: &Ring, high: &Ring) -> bool {
-    const SQUARE: f32 = 0.98;
-    const STEEP: f32 = 0.5;
-    const MEETING: f32 = 0.4;
+    /// Sine of what is left of a right angle, less a few degrees, by the number of sides from 3 on.
+    const LEFT: [f32; 4] = [0.42, 0.64, 0.76, 0.82];
+    const STEEP: f32 = 0.7;
+    const MEETING: f32 = 0.5;
     let way = high.centre - low.centre;
     let length = way.length();
-    let (thick, change) = (low.radius_m.max(high.radius_m), (high.radius_m - low.radius_m).abs());
-    let is_plain = low.tangent.dot(way).min(high.tangent.dot(way)) >= SQUARE * length
-        && change <= STEEP * length
-        && low.slope.abs().max(high.slope.abs()) <= STEEP
+    let (thick, change) =
+        (low.radius_m.max(high.radius_m), (high.radius_m - low.radius_m) / length);
+    let sides = low.sides.min(high.sides).clamp(3, 6) as usize;
+    let follows = |ring: &Ring| {
+        let along = ring.tangent.dot(way) / length;
+        let left = LEFT[sides - 3] - (ring.slope - change).abs();
+        along > 0.0 && left > 0.0 && 1.0 - along * along <= left * left
+    };
+    let is_plain = follows(low)
+        && follows(high)
+        && change.abs() <= STEEP
         && thick * (high.tangent - low.tangent).length() <= MEETING * length
         && low.lobe.max(high.lobe) == 0.0;
     // NaN is not plain.

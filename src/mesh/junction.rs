@@ -443,7 +443,10 @@ fn sweep(
 
 /// Bits of the facets of a block; a ring has at most 64.
 pub fn mask(facet: u32, facets: u32, sides: u32) -> u64 {
-    (0..facets).fold(0, |m, k| m | 1 << ((facet + k) % sides).min(63))
+    let ones = |count: u32| u64::MAX >> (64 - count.clamp(1, 64));
+    let before_seam = facets.min(sides - facet.min(sides - 1));
+    let past = facets - before_seam;
+    ones(before_seam) << facet.min(63) | if past > 0 { ones(past) } else { 0 }
 }
 
 /// A block of free facets for a foot: those about its place, else as few as hold it, else the same
@@ -463,18 +466,21 @@ fn block(b: &Branch, arc_m: f32, sides: u32, taken: u64, is_empty: bool) -> Opti
         let edge = half_in(count) + ROOM_AROUND;
         (x - first as f32).min(count as f32 - edge).max(edge)
     };
-    let natural = (wide <= most).then(|| ((x - reach).floor() as i32, wide));
-    let centred = (x - 0.5 * narrow as f32).round() as i32;
-    // Shifted by no more than its half width: else it moves less by going up the tube.
-    let may = half.max(0.5) + 1e-3;
-    let around = (0..=may as i32 + 1)
-        .flat_map(|d| [d, -d])
-        .map(|d| (centred + d, narrow))
-        .filter(|&b| (b.0 as f32 + middle(b) - x).abs() <= may);
-    let mut tries = natural.into_iter().chain(around);
-    let (first, count) = tries.find(|&(first, count)| {
+    let is_free = |&(first, count): &(i32, i32)| {
         is_empty || taken & mask(first.rem_euclid(n) as u32, count as u32, sides) == 0
-    })?;
+    };
+    let natural = ((x - reach).floor() as i32, wide);
+    let (first, count) = if wide <= most && is_free(&natural) {
+        natural
+    } else {
+        let centred = (x - 0.5 * narrow as f32).round() as i32;
+        // Shifted by no more than its half width: else it moves less by going up the tube.
+        let may = half.max(0.5) + 1e-3;
+        (0..=may as i32 + 1)
+            .flat_map(|d| [(centred + d, narrow), (centred - d, narrow)])
+            .filter(|&b| (b.0 as f32 + middle(b) - x).abs() <= may)
+            .find(is_free)?
+    };
     let (x, half_x) = (middle((first, count)), half_in(count));
     Some(Hole {
         child: b.child,

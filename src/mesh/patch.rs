@@ -4,7 +4,7 @@
 use glam::{Mat2, Vec2, Vec3};
 
 use super::Surface;
-use super::blend::{self, Spot};
+use super::blend;
 use super::junction::Hole;
 use super::path::Ring;
 use super::tube::{Circles, around};
@@ -59,25 +59,26 @@ pub fn fill(
     let first = out.position.len() as u32;
     let circle = circles.of(hole.start.sides);
     let inner = hole.start.sides;
+    // Texture coordinates around at the block's four corners: between them they are even.
+    let [from, to] = [0, facets].map(|k| [p, q].map(|row| out.uv[(row + k) as usize].x));
     for c in &circle[..inner as usize] {
         let x = hole.x + hole.half_x * hole.foot[0].dot(*c);
         let t = hole.t + hole.half_t * hole.foot[1].dot(*c);
         let k = (x as u32).min(facets - 1);
         let share = x - k as f32;
+        let rows = [(p + k) as usize, (q + k) as usize];
+        let weight = [(1.0 - share) * (1.0 - t), share * (1.0 - t), (1.0 - share) * t, share * t];
         let across = |column: &[Vec3]| {
-            let at = |i: u32| column[i as usize];
-            let (a, b) =
-                (at(p + k).lerp(at(p + k + 1), share), at(q + k).lerp(at(q + k + 1), share));
-            a.lerp(b, t)
+            let [[a, b], [c, d]] = rows.map(|i| [column[i], column[i + 1]]);
+            (a * weight[0] + b * weight[1]) + (c * weight[2] + d * weight[3])
         };
         let position = across(&out.position);
         let normal = across(&out.normal);
-        let normal = normal.try_normalize().unwrap_or(out.normal[(p + k) as usize]);
-        let place = hole.facet as f32 + x;
-        let u = around(low, place) + (around(high, place) - around(low, place)) * t;
+        let normal = normal.try_normalize().unwrap_or(out.normal[rows[0]]);
+        let along = [0, 1].map(|row| from[row] + (to[row] - from[row]) * (x / facets as f32));
         out.position.push(position);
         out.normal.push(normal);
-        out.uv.push(Vec2::new(u, low.v + (high.v - low.v) * t));
+        out.uv.push(Vec2::new(along[0] + (along[1] - along[0]) * t, low.v + (high.v - low.v) * t));
     }
     // Both counter-clockwise; the outer edge from its upper right, the inner one from its top. Each
     // inner edge takes the outer corner furthest out as it sees it, which is never hidden (the
@@ -117,12 +118,8 @@ pub fn fill(
     first
 }
 
-/// The vertex of a part of a facet; one on an edge is new.
-pub fn spot(spot: Spot, corner: [u32; 4], out: &mut Surface) -> u32 {
-    let (edge, t) = match spot {
-        Spot::Corner(k) => return corner[k],
-        Spot::Edge(edge, t) => (edge, t),
-    };
+/// A new vertex on an edge of a facet.
+pub fn on_edge(edge: usize, t: f32, corner: [u32; 4], out: &mut Surface) -> u32 {
     let [a, b] = blend::ENDS[edge].map(|k| corner[k] as usize);
     let new = out.position.len() as u32;
     out.position.push(out.position[a].lerp(out.position[b], t));

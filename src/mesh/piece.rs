@@ -1,7 +1,7 @@
 //! Many copies of one small surface, filled side by side: each copy takes the same room, so that
 //! its place in the columns is known before it is made, on any number of threads.
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec3A};
 use rayon::prelude::*;
 
 use super::Surface;
@@ -85,14 +85,14 @@ pub fn straighten(position: &[Vec3], normal: &mut [Vec3], index: &[u32], first: 
     let mut has_turned = false;
     for t in index.as_chunks::<3>().0 {
         let corners = t.map(|i| (i - first) as usize);
-        let [a, b, c] = corners.map(|i| position[i]);
+        let [a, b, c] = corners.map(|i| Vec3A::from(position[i]));
         let front = (b - a).cross(c - a);
-        let [d, e, f] = corners.map(|i| normal[i].dot(front));
+        let [d, e, f] = corners.map(|i| Vec3A::from(normal[i]).dot(front));
         let least = if d < e { d } else { e };
         let least = if f < least { f } else { least };
         // Few need a root.
         if least * least.abs() < LEAST_COSINE * LEAST_COSINE * front.length_squared() {
-            let front = front.normalize_or_zero();
+            let front = Vec3::from(front.normalize_or_zero());
             for i in corners {
                 let n = normal[i];
                 let cosine = n.dot(front);

@@ -12,43 +12,62 @@
 
 use std::f32::consts::TAU;
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec3A};
 
 use super::Surface;
-use super::blend;
+use super::blend::{self, Spot};
 use super::facing::{Facing, may_stray, mend_last};
 use super::junction::{Hole, mask};
-use super::patch::{fill, spot};
+use super::patch::{fill, on_edge};
 use super::path::{MAX_SIDES, MIN_SIDES, Ring, fold};
 use super::wind::{Sway, Wind};
-use super::young::{BARKS, Blend, COATS, Coat, FOLDED_GIRTH, Luck, Young};
+use super::young::{BARKS, Blend, COATS, Coat, FOLDED_GIRTH, Luck, Mix, Young};
 use crate::seed::Seed;
 
 /// Tables of the rings of every number of sides.
-pub struct Circles {
-    /// Cosines and sines of the corners.
-    corners: Vec<Vec<Vec2>>,
-    /// Texture coordinates of the corners as [`folded`] has them.
-    folded: Vec<Vec<f32>>,
+pub struct Circles([Vec<Laid>; 2]);
+
+/// The vertices of a ring: its corners, the first of them again, and where bark is folded the fold
+/// again.
+struct Laid {
+    /// Cosine and sine.
+    corner: Vec<Vec2>,
+    /// Texture coordinate around: of one tile around, or of a folded ring whose girth is one tile.
+    around: Vec<f32>,
+}
+
+impl Laid {
+    fn new(sides: u32, is_folded: bool) -> Laid {
+        let n = sides.max(1);
+        let corner = |k: u32| {
+            // The last corner is the first, to the bit.
+            let (s, c) = ((k % n) as f32 / n as f32 * TAU).sin_cos();
+            Vec2::new(c, s)
+        };
+        let twin = is_folded.then_some(fold(sides));
+        let around = |k: u32| {
+            if is_folded { folded(n, k as f32, k > fold(n)) } else { k as f32 / n as f32 - 0.5 }
+        };
+        Laid {
+            corner: (0..=sides).chain(twin).map(corner).collect(),
+            around: (0..=sides).map(around).chain(twin.map(|_| 0.0)).collect(),
+        }
+    }
 }
 
 impl Circles {
     pub fn new() -> Self {
-        let corner = |n: u32, k: u32| {
-            // The last corner is the first, to the bit.
-            let turn = (k % n.max(1)) as f32 / n.max(1) as f32;
-            let (s, c) = (turn * TAU).sin_cos();
-            Vec2::new(c, s)
-        };
-        let folded = |n: u32, k: u32| folded(n, k as f32, k > fold(n));
-        Circles {
-            corners: (0..=MAX_SIDES).map(|n| (0..=n).map(|k| corner(n, k)).collect()).collect(),
-            folded: (0..=MAX_SIDES).map(|n| (0..=n).map(|k| folded(n, k)).collect()).collect(),
-        }
+        let all = |is_folded| (0..=MAX_SIDES).map(|n| Laid::new(n, is_folded)).collect();
+        Circles([false, true].map(all))
     }
 
+    /// Cosines and sines of the corners, the first again at the end.
     pub fn of(&self, sides: u32) -> &[Vec2] {
-        &self.corners[sides.min(MAX_SIDES) as usize]
+        &self.laid(sides, false).corner
+    }
+
+    fn laid(&self, sides: u32, is_folded: bool) -> &Laid {
+        &self.0[usize::from(is_folded)][sides.min(MAX_SIDES) as usize]
     }
 }
 
@@ -73,7 +92,7 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
         let chords = 1.0 - x * x / 6.0 * (1.0 - x * x / 20.0);
         (ring.radius_m * TAU * chords).max(1e-6) / repeat_m
     };
-    let whole = |girth: f32| girth.round().clamp(1.0, 1024.0);
+    let whole = |girth: f32| ((girth + 0.5) as u32).clamp(1, 1024) as f32;
     let Some(&first) = rings.first() else { return };
     let mut below = first;
     below.girth = around(&first);
@@ -87,9 +106,9 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
     }
     for (i, ring) in rings.iter_mut().enumerate() {
         (ring.u, ring.girth) = (below.u, around(ring));
-        let off = below.repeats / ring.girth;
+        let is_off = below.repeats > OFF * ring.girth || ring.girth > OFF * below.repeats;
         // The apex is a point.
-        let stays = i <= flare || ring.radius_m == 0.0 || off.max(1.0 / off) < OFF;
+        let stays = i <= flare || ring.radius_m == 0.0 || !is_off;
         ring.repeats = if stays { below.repeats } else { whole(ring.girth) };
         let girth = 0.5 * (below.girth + ring.girth);
         let repeats = 0.5 * (below.repeats + ring.repeats);
@@ -144,6 +163,8 @@ pub struct Bark<'a> {
     /// Of the tube at hand: how its rings swing, and the corners it begins with.
     sway: Vec<Sway>,
     base: Vec<Corner>,
+    /// What coats its rings have, but for the apex.
+    mixes: Vec<Mix>,
     /// Index and place of the corners about a hole.
     about: Vec<(u32, Vec2)>,
     facing: Facing,
@@ -160,6 +181,7 @@ impl<'a> Bark<'a> {
             rims: Vec::new(),
             sway: Vec::new(),
             base: Vec::new(),
+            mixes: Vec::new(),
             about: Vec::new(),
             facing: Facing::default(),
         }
@@ -217,71 +239,53 @@ impl<'a> Bark<'a> {
         }
         self.begin(shape);
         let start = self.surface.each_ref().map(|s| s.index.len());
-        let Bark { surface, young, wind, seed, circles, rims, sway, base, about, facing } = self;
+        let Bark { surface, wind, seed, circles, rims, sway, base, mixes, about, facing, .. } =
+            self;
         let has_collar = out_of.is_some_and(|o| o.has_collar);
         let mut luck = Luck::new(*seed, shape.key);
         let swing = wind.map(|w| (w, &sway[..]));
+        let maker = Maker { rings, base, has_collar, circles, swing };
+        facing.begin();
+        let coat = mixes[0].most();
+        if holes.is_empty() && mixes.iter().all(|m| !m.mixes() && m.most() == coat) {
+            maker.plain(coat, &mut luck, surface, facing);
+            facing.mend(surface, start);
+            return;
+        }
         // Where the corners of the last ring start in each coat, once they are there.
         let mut below = [None; COATS];
-        let mut mix_below = young.at(&rings[0]);
         let mut blend_below: Option<Blend> = None;
-        facing.begin();
         for i in 0..n - 1 {
-            let mix = young.at(&rings[i]);
+            let mix = mixes[i];
+            let strays = maker.may_stray(i);
             let mut here = [None; COATS];
             let corners_in = |i: usize,
                               coat: Coat,
                               slot: &mut [Option<u32>; COATS],
                               out: &mut Surface,
                               luck: &mut Luck| {
-                *slot[coat.0].get_or_insert_with(|| {
-                    let start = out.position.len() as u32;
-                    let (ring, is_folded) = (&rings[i], coat.is_folded());
-                    if i == 0 && !base.is_empty() {
-                        rim(ring, circles, base, has_collar, is_folded, out);
-                        if swing.is_some() {
-                            let again = corner_of(ring, is_folded);
-                            let again = again.map(|k| base[k as usize % base.len()].2);
-                            out.wind.extend(again);
-                        }
-                    } else {
-                        let phase = if ring.lobe == 0.0 { 0.0 } else { luck.phase() };
-                        corners(ring, circles, phase, is_folded, out);
-                        if let Some((wind, sway)) = swing {
-                            wind.ring(sway[i], out);
-                        }
-                    }
-                    start
-                })
+                *slot[coat.0].get_or_insert_with(|| maker.ring(i, coat, luck, out))
             };
             if i == 0 {
-                // The base is closed by a fan: it lies inside the parent or below ground.
                 let coat = mix.most();
                 let out = &mut surface[coat.bark()];
                 let first = corners_in(0, coat, &mut here, out, &mut luck);
-                if base.is_empty() {
-                    // About the first corner's other vertex: both sides of a fold hang together.
-                    for k in 1..rings[0].sides - 1 {
-                        out.index.extend([first + rings[0].sides, first + k + 1, first + k]);
-                    }
-                }
+                maker.cap(first, out);
             } else {
                 let (sides, next) = (rings[i - 1].sides, rings[i].sides);
-                let (mixes, side) = (mix.mixes(), mix.most());
+                let (is_mixed, side) = (mix.mixes(), mix.most());
                 let count = holes.iter().take_while(|h| h.band as usize == i - 1).count();
                 let (opened, rest) = holes.split_at(count);
                 holes = rest;
                 let blend =
-                    if count == 0 { Blend::of([mix_below, mix], [sides, next]) } else { None };
+                    if count == 0 { Blend::of([mixes[i - 1], mix], [sides, next]) } else { None };
                 let meets = |a: Option<Blend>, b: Option<Blend>| {
                     a.zip(b).is_some_and(|(a, b)| a.pair == b.pair)
                 };
                 if let Some(blended) = blend {
                     let is_open = rest.first().is_some_and(|h| h.band as usize == i);
                     let above = (i + 2 < n && !is_open)
-                        .then(|| {
-                            Blend::of([mix, young.at(&rings[i + 1])], [next, rings[i + 1].sides])
-                        })
+                        .then(|| Blend::of([mix, mixes[i + 1]], [next, rings[i + 1].sides]))
                         .flatten();
                     let may_cut = [meets(blend_below, blend), true, meets(blend, above), true];
                     let [p, q] = [(i - 1, &mut below), (i, &mut here)].map(|(i, slots)| {
@@ -299,6 +303,8 @@ impl<'a> Bark<'a> {
                         let right =
                             [low, high].map(|(ring, share)| field(ring, share, k + 1, &mut luck));
                         let at = [left[0], right[0], right[1], left[1]];
+                        // Of each coat, by the facet's edge.
+                        let mut on_edges = [[None; 4]; 2];
                         blend::cut(at, may_cut, |is_second, spots| {
                             let b = usize::from(is_second);
                             let coat = blended.pair[b];
@@ -306,7 +312,11 @@ impl<'a> Bark<'a> {
                             let corner = [p[b] + left, p[b] + k + 1, q[b] + k + 1, q[b] + left];
                             let out = &mut surface[coat.bark()];
                             let start = out.position.len();
-                            let corners = spots.map(|s| spot(s, corner, out));
+                            let corners = spots.map(|s| match s {
+                                Spot::Corner(k) => corner[k],
+                                Spot::Edge(edge, t) => *on_edges[b][edge]
+                                    .get_or_insert_with(|| on_edge(edge, t, corner, out)),
+                            });
                             out.index.extend(corners);
                             if let Some((wind, _)) = swing {
                                 wind.rise(start, out);
@@ -314,20 +324,15 @@ impl<'a> Bark<'a> {
                         });
                         left = right;
                     }
-                } else if count == 0 && !(mixes && sides == next) {
+                } else if count == 0 && !(is_mixed && sides == next) {
                     let out = &mut surface[side.bark()];
                     let p = corners_in(i - 1, side, &mut below, out, &mut luck);
                     let q = corners_in(i, side, &mut here, out, &mut luck);
-                    let last = out.index.len();
-                    band(p, sides, q, next, &mut out.index);
-                    if side.is_folded() {
-                        let folds = [&rings[i - 1], &rings[i]].map(Ring::fold);
-                        part([p, q], [sides, next], folds, &mut out.index[last..]);
-                    }
+                    band([p, q], [sides, next], side.is_folded(), &mut out.index);
                 } else {
                     let taken = opened.iter().fold(0, |m, h| m | mask(h.facet, h.facets, sides));
                     for k in (0..sides).filter(|k| taken >> k & 1 == 0) {
-                        let coat = if mixes {
+                        let coat = if is_mixed {
                             let turn = (k as f32 + 0.5) / sides as f32;
                             mix.coat[usize::from(luck.limit(turn, &rings[i]) < mix.share)]
                         } else {
@@ -347,7 +352,10 @@ impl<'a> Bark<'a> {
                         let is_folded = side.is_folded();
                         let last = out.index.len();
                         let first = fill(hole, pair, is_folded, [p, q], circles, about, out);
-                        mend_last(out, last);
+                        // Within one facet normals are those of its corners.
+                        if strays || (hole.facets > 1 && sides < 6) {
+                            mend_last(out, last);
+                        }
                         if let Some((wind, sway)) = swing {
                             let place = |c: &Vec2| hole.t + hole.half_t * hole.foot[1].dot(*c);
                             let foot = circles.of(hole.start.sides).iter().map(place);
@@ -358,43 +366,23 @@ impl<'a> Bark<'a> {
                 }
                 blend_below = blend;
             }
-            mix_below = mix;
             if i == n - 2 {
                 let coat = mix.most();
                 let out = &mut surface[coat.bark()];
                 let last = corners_in(i, coat, &mut here, out, &mut luck);
-                let (apex, is_folded) = (&rings[n - 1], coat.is_folded());
-                let tip = out.position.len() as u32;
-                // One for each side of a fold.
-                let tips = 1 + u32::from(is_folded);
-                let u = apex.u - if is_folded { 0.25 * rings[i].girth } else { 0.0 };
-                for _ in 0..tips {
-                    out.position.push(apex.centre);
-                    out.normal.push(apex.tangent);
-                    out.uv.push(Vec2::new(u, apex.v));
-                }
-                if let Some((wind, sway)) = swing {
-                    wind.ring(sway[n - 1], out);
-                }
-                for k in 0..rings[i].sides {
-                    let left = last + k + twin(&rings[i], is_folded, k);
-                    let beyond = is_folded && k >= rings[i].fold();
-                    out.index.extend([left, last + k + 1, tip + u32::from(beyond)]);
-                }
+                maker.tip(last, coat, out);
             }
             below = here;
-            let is_rim = i == 1 && !base.is_empty();
-            let strays = i == 0
-                || is_rim
-                || may_stray(&rings[i - 1], &rings[i])
-                || i == n - 2 && may_stray(&rings[i], &rings[i + 1]);
             facing.band(surface, strays);
         }
         facing.mend(surface, start);
     }
 
-    /// Finds the corners that a tube begins with, and how its rings swing.
+    /// Finds the corners that a tube begins with, its barks, and how its rings swing.
     fn begin(&mut self, shape: &Shape) {
+        self.mixes.clear();
+        let below_apex = &shape.rings[..shape.rings.len() - 1];
+        self.mixes.extend(below_apex.iter().map(|ring| self.young.at(ring)));
         self.base.clear();
         let rim = shape.out_of.and_then(|o| self.rims.get(o.hole as usize));
         if let Some(&Rim { side, first }) = rim {
@@ -411,6 +399,110 @@ impl<'a> Bark<'a> {
             let at_m = shape.rings.iter().map(|r| r.arc_m - shape.shift_m);
             wind.along(shape.line, shape.arcs_m, at_m, &mut self.sway);
         }
+    }
+}
+
+/// What a tube is made of.
+struct Maker<'a> {
+    rings: &'a [Ring],
+    /// The corners of the hole it comes out of.
+    base: &'a [Corner],
+    has_collar: bool,
+    circles: &'a Circles,
+    swing: Option<(&'a Wind, &'a [Sway])>,
+}
+
+impl Maker<'_> {
+    /// The corners of a ring in a coat; gives the first.
+    fn ring(&self, i: usize, coat: Coat, luck: &mut Luck, out: &mut Surface) -> u32 {
+        let Maker { base, circles, swing, .. } = *self;
+        let start = out.position.len() as u32;
+        let (ring, is_folded) = (&self.rings[i], coat.is_folded());
+        if i == 0 && !base.is_empty() {
+            rim(ring, circles, base, self.has_collar, is_folded, out);
+            if swing.is_some() {
+                let again = [Some(0), is_folded.then_some(ring.fold() as usize)];
+                out.wind.extend(base.iter().map(|corner| corner.2));
+                out.wind.extend(again.into_iter().flatten().map(|k| base[k].2));
+            }
+        } else {
+            let phase = if ring.lobe == 0.0 { 0.0 } else { luck.phase() };
+            corners(ring, circles, phase, is_folded, out);
+            if let Some((wind, sway)) = swing {
+                wind.ring(sway[i], out);
+            }
+        }
+        start
+    }
+
+    /// Whether normals may look away between a ring and the one below, and for the last between it
+    /// and the apex.
+    fn may_stray(&self, i: usize) -> bool {
+        let rings = self.rings;
+        let is_rim = i == 1 && !self.base.is_empty();
+        let is_last = i + 2 == rings.len();
+        i == 0
+            || is_rim
+            || may_stray(&rings[i - 1], &rings[i])
+            || is_last && may_stray(&rings[i], &rings[i + 1])
+    }
+
+    /// Closes the base by a fan where it comes out of no hole: it lies inside the parent or below
+    /// ground.
+    fn cap(&self, first: u32, out: &mut Surface) {
+        let sides = self.rings[0].sides;
+        if self.base.is_empty() {
+            // About the first corner's other vertex: both sides of a fold hang together.
+            for k in 1..sides - 1 {
+                out.index.extend([first + sides, first + k + 1, first + k]);
+            }
+        }
+    }
+
+    /// The apex, above the ring whose corners start at `last`.
+    fn tip(&self, last: u32, coat: Coat, out: &mut Surface) {
+        let [.., below, apex] = self.rings else { return };
+        let is_folded = coat.is_folded();
+        let tip = out.position.len() as u32;
+        // One for each side of a fold.
+        let tips = 1 + u32::from(is_folded);
+        let u = apex.u - if is_folded { 0.25 * below.girth } else { 0.0 };
+        for _ in 0..tips {
+            out.position.push(apex.centre);
+            out.normal.push(apex.tangent);
+            out.uv.push(Vec2::new(u, apex.v));
+        }
+        if let Some((wind, sway)) = self.swing {
+            wind.ring(sway[self.rings.len() - 1], out);
+        }
+        let fold = if is_folded { below.fold() } else { u32::MAX };
+        for k in 0..below.sides {
+            let left = last + if k == fold { below.sides + 1 } else { k };
+            out.index.extend([left, last + k + 1, tip + u32::from(k >= fold)]);
+        }
+    }
+
+    /// The whole of a tube without holes in one coat.
+    fn plain(
+        &self,
+        coat: Coat,
+        luck: &mut Luck,
+        surface: &mut [Surface; BARKS],
+        facing: &mut Facing,
+    ) {
+        let bark = coat.bark();
+        let mut below = self.ring(0, coat, luck, &mut surface[bark]);
+        self.cap(below, &mut surface[bark]);
+        for i in 1..self.rings.len() - 1 {
+            let out = &mut surface[bark];
+            let here = self.ring(i, coat, luck, out);
+            let sides = [self.rings[i - 1].sides, self.rings[i].sides];
+            band([below, here], sides, coat.is_folded(), &mut out.index);
+            facing.band(surface, self.may_stray(i));
+            below = here;
+        }
+        self.tip(below, coat, &mut surface[bark]);
+        facing.band(surface, self.may_stray(self.rings.len() - 2));
     }
 }
 
@@ -432,58 +524,15 @@ fn folded(sides: u32, corner: f32, back: bool) -> f32 {
     high * (share - 1.0)
 }
 
-/// The corner of every vertex of a ring.
-fn corner_of(ring: &Ring, is_folded: bool) -> impl Iterator<Item = u32> {
-    (0..=ring.sides).chain(is_folded.then_some(ring.fold()))
-}
-
 /// Texture coordinates of a ring, as [`around`] has them to the bit: seams must meet.
-fn lay(ring: &Ring, circles: &Circles, is_folded: bool, uv: &mut Vec<Vec2>) {
-    if !is_folded {
-        uv.extend((0..=ring.sides).map(|k| Vec2::new(around(ring, k as f32, None), ring.v)));
-        return;
-    }
-    let folded = &circles.folded[ring.sides.min(MAX_SIDES) as usize];
-    uv.extend(folded.iter().map(|u| Vec2::new(ring.u + ring.girth * u, ring.v)));
-    // The fold's twin.
-    uv.push(Vec2::new(ring.u, ring.v));
+fn lay(ring: &Ring, laid: &Laid, is_folded: bool, uv: &mut Vec<Vec2>) {
+    let scale = if is_folded { ring.girth } else { ring.repeats };
+    uv.extend(laid.around.iter().map(|share| Vec2::new(ring.u + scale * share, ring.v)));
 }
 
 /// From the first corner of a facet to the vertex that stands for it: its twin, at a fold.
 fn twin(ring: &Ring, is_folded: bool, facet: u32) -> u32 {
     if is_folded && facet == ring.fold() { ring.sides + 1 - facet } else { 0 }
-}
-
-/// Gives the triangles of a band that lie beyond the fold the twins of its corners.
-fn part(first: [u32; 2], sides: [u32; 2], folds: [u32; 2], index: &mut [u32]) {
-    if sides[0] == sides[1] {
-        // As `band` lays them: the facet that begins at the fold.
-        let [p, q] = [0, 1].map(|k| first[k] + sides[k] + 1);
-        if let Some(facet) = index.as_chunks_mut::<6>().0.get_mut(folds[0] as usize) {
-            (facet[0], facet[3], facet[5]) = (p, p, q);
-        }
-        return;
-    }
-    let place = |i: u32| {
-        let k = usize::from(i.wrapping_sub(first[0]) > sides[0]);
-        (k, i - first[k])
-    };
-    for triangle in index.as_chunks_mut::<3>().0 {
-        // By its edge on a ring: both ends there are at or past the fold.
-        let mut reach = [(0, 0); 2];
-        for (k, corner) in triangle.map(place) {
-            reach[k] = (reach[k].0 + 1, reach[k].1.max(corner));
-        }
-        let k = usize::from(reach[1].0 > reach[0].0);
-        if reach[k].1 > folds[k] {
-            for i in triangle {
-                let (k, corner) = place(*i);
-                if corner == folds[k] {
-                    *i = first[k] + sides[k] + 1;
-                }
-            }
-        }
-    }
 }
 
 /// The first ring of a branch: the corners of its hole. A collar goes over into the parent's
@@ -496,20 +545,30 @@ fn rim(
     is_folded: bool,
     out: &mut Surface,
 ) {
-    let (circle, binormal) = (circles.of(ring.sides), ring.binormal());
-    for k in corner_of(ring, is_folded) {
-        let (c, (position, parent, _)) = (circle[k as usize], base[k as usize % base.len()]);
+    let (laid, binormal) = (circles.laid(ring.sides, is_folded), ring.binormal());
+    let start = out.position.len();
+    out.position.extend(base.iter().map(|corner| corner.0));
+    out.normal.extend(base.iter().zip(&laid.corner).map(|(&(position, parent, _), c)| {
         // Its own roundness, as the hole has it.
         let away = position - ring.centre;
         let away = away - ring.tangent * ring.tangent.dot(away);
         let own = away.try_normalize().unwrap_or(ring.normal * c.x + binormal * c.y);
         // In a crotch the branch's side faces the parent: there its own counts most.
         let weight = if is_collar { 2.0 - 2.0 * parent.dot(own) } else { 3.0 };
-        let normal = (parent + own * weight).normalize_or(own);
-        out.position.push(position);
-        out.normal.push(normal);
+        (parent + own * weight).normalize_or(own)
+    }));
+    close(ring, start, is_folded, out);
+    lay(ring, laid, is_folded, &mut out.uv);
+}
+
+/// Repeats the first corner of a ring, and the one at its fold, whose places and normals start at
+/// `start`.
+fn close(ring: &Ring, start: usize, is_folded: bool, out: &mut Surface) {
+    let fold = is_folded.then_some(start + ring.fold() as usize);
+    for k in std::iter::once(start).chain(fold) {
+        out.position.push(out.position[k]);
+        out.normal.push(out.normal[k]);
     }
-    lay(ring, circles, is_folded, &mut out.uv);
 }
 
 pub fn corners(
@@ -519,58 +578,69 @@ pub fn corners(
     is_folded: bool,
     out: &mut Surface,
 ) {
-    let start = out.position.len();
-    let (circle, binormal) = (circles.of(ring.sides), ring.binormal());
+    let laid = circles.laid(ring.sides, is_folded);
+    let (normal, binormal) = (Vec3A::from(ring.normal), Vec3A::from(ring.binormal()));
     let lift = 1.0 / (1.0 + ring.slope * ring.slope).sqrt();
-    let (flat, rise) = (lift, ring.tangent * (-ring.slope * lift));
+    let rise = Vec3A::from(ring.tangent) * (-ring.slope * lift);
     if ring.lobe == 0.0 {
-        let away = |c: &Vec2| ring.normal * c.x + binormal * c.y;
-        out.position.extend(circle.iter().map(|c| ring.centre + away(c) * ring.radius_m));
-        out.normal.extend(circle.iter().map(|c| away(c) * flat + rise));
+        let centre = Vec3A::from(ring.centre);
+        let place = |[u, v]: [Vec3A; 2], from: Vec3A| {
+            laid.corner.iter().map(move |c| Vec3::from(from + u * c.x + v * c.y))
+        };
+        let [u, v] = [normal, binormal];
+        out.position.extend(place([u * ring.radius_m, v * ring.radius_m], centre));
+        out.normal.extend(place([u * lift, v * lift], rise));
     } else {
         // Buttresses, uneven: r(θ) = r (1 + lobe · (¾ cos(5θ + φ) + ½ cos(2θ + 2φ))).
-        for (k, c) in circle.iter().enumerate() {
-            let turn = (k % ring.sides.max(1) as usize) as f32 / ring.sides as f32;
-            let (s5, c5) = (5.0 * turn * TAU + lobe_phase).sin_cos();
-            let (s2, c2) = (2.0 * (turn * TAU + lobe_phase)).sin_cos();
+        for c in &laid.corner {
+            let turn = c.to_angle();
+            let (s5, c5) = (5.0 * turn + lobe_phase).sin_cos();
+            let (s2, c2) = (2.0 * (turn + lobe_phase)).sin_cos();
             let (out_by, change) = (0.75 * c5 + 0.5 * c2, -3.75 * s5 - s2);
-            let out_dir = ring.normal * c.x + binormal * c.y;
-            let around = binormal * c.x - ring.normal * c.y;
+            let out_dir = normal * c.x + binormal * c.y;
+            let around = binormal * c.x - normal * c.y;
             let radius = ring.radius_m * (1.0 + ring.lobe * out_by);
             let turned = ring.lobe * change / (1.0 + ring.lobe * out_by);
-            out.position.push(ring.centre + out_dir * radius);
-            let normal = (out_dir - around * turned) * flat + rise;
-            out.normal.push(normal.normalize_or(out_dir));
+            out.position.push(ring.centre + Vec3::from(out_dir * radius));
+            let normal = (out_dir - around * turned) * lift + rise;
+            out.normal.push(normal.normalize_or(out_dir).into());
         }
     }
-    if is_folded {
-        let fold = start + ring.fold() as usize;
-        out.position.push(out.position[fold]);
-        out.normal.push(out.normal[fold]);
-    }
-    lay(ring, circles, is_folded, &mut out.uv);
+    lay(ring, laid, is_folded, &mut out.uv);
 }
 
-/// Joins two rings; where their sides differ, by walking both around in step.
-fn band(a: u32, a_sides: u32, b: u32, b_sides: u32, index: &mut Vec<u32>) {
-    if a_sides == b_sides {
+/// Joins two rings; where their sides differ, by walking both around in step. What lies beyond a fold
+/// has the twins of its corners.
+fn band(first: [u32; 2], sides: [u32; 2], is_folded: bool, index: &mut Vec<u32>) {
+    let [a, b] = first;
+    if sides[0] == sides[1] {
         let start = index.len();
-        index.resize(start + 6 * a_sides as usize, 0);
-        for (facet, k) in index[start..].as_chunks_mut::<6>().0.iter_mut().zip(0..) {
+        index.resize(start + 6 * sides[0] as usize, 0);
+        let facets = index[start..].as_chunks_mut::<6>().0;
+        for (facet, k) in facets.iter_mut().zip(0..) {
             let (p, q) = (a + k, b + k);
             *facet = [p, p + 1, q + 1, p, q + 1, q];
         }
+        if is_folded && let Some(facet) = facets.get_mut(fold(sides[0]) as usize) {
+            let [p, q] = first.map(|f| f + sides[0] + 1);
+            (facet[0], facet[3], facet[5]) = (p, p, q);
+        }
         return;
     }
+    let folds = sides.map(|n| if is_folded { fold(n) } else { u32::MAX });
     let (mut i, mut j) = (0, 0);
-    while i < a_sides || j < b_sides {
+    while i < sides[0] || j < sides[1] {
         // The ring whose next corner comes first goes on: (i + 1) / a against (j + 1) / b.
-        let a_next = j == b_sides || (i < a_sides && (i + 1) * b_sides <= (j + 1) * a_sides);
-        if a_next {
-            index.extend([a + i, a + i + 1, b + j]);
+        let on_first = j == sides[1] || (i < sides[0] && (i + 1) * sides[1] <= (j + 1) * sides[0]);
+        let is_beyond = if on_first { i >= folds[0] } else { j >= folds[1] };
+        let at =
+            |r: usize, k: u32| first[r] + if is_beyond && k == folds[r] { sides[r] + 1 } else { k };
+        let (p, q) = (at(0, i), at(1, j));
+        if on_first {
+            index.extend([p, a + i + 1, q]);
             i += 1;
         } else {
-            index.extend([a + i, b + j + 1, b + j]);
+            index.extend([p, b + j + 1, q]);
             j += 1;
         }
     }

@@ -133,8 +133,7 @@ impl Wind {
 
     /// Colours the vertices of a surface that have none yet: they move as a ring does.
     pub fn ring(&self, sway: Sway, surface: &mut Surface) {
-        let still = self.motion(0.0, [sway.out, sway.phase]);
-        let colour = self.channels(&still);
+        let colour = self.wood(sway);
         let new = &surface.position[surface.wind.len()..];
         match self.profile.tree_channel() {
             None => surface.wind.resize(surface.position.len(), colour),
@@ -158,8 +157,14 @@ impl Wind {
     /// Colours the vertices of a surface that have none yet, each by a sway of its own.
     pub fn each(&self, sways: impl Iterator<Item = Sway>, surface: &mut Surface) {
         let new = &surface.position[surface.wind.len()..];
-        let colour = |(p, s): (&Vec3, Sway)| self.channels(&self.motion(p.z, [s.out, s.phase]));
-        surface.wind.extend(new.iter().zip(sways).map(colour));
+        let tree_at = self.profile.tree_channel();
+        surface.wind.extend(new.iter().zip(sways).map(|(p, sway)| {
+            let mut colour = self.wood(sway);
+            if let Some(k) = tree_at {
+                colour[k] = byte(self.tree(p.z));
+            }
+            colour
+        }));
     }
 
     /// The colours of a leaf's or twig's vertices, which hangs from `foot` on a node; `key`: its own.
@@ -185,6 +190,16 @@ impl Wind {
     /// How much the whole tree moves at a height.
     fn tree(&self, z: f32) -> f32 {
         (z * self.per_m).clamp(0.0, 1.0).powi(2)
+    }
+
+    /// The colour of wood where the whole tree stands still.
+    fn wood(&self, sway: Sway) -> [u8; 4] {
+        let (branch, phase) = (byte(sway.out * sway.out), byte(sway.phase));
+        match self.profile {
+            WindProfile::Unity => [phase, 0, 0, branch],
+            WindProfile::CryEngine => [0, phase, branch, 255],
+            WindProfile::SpeedTreeLike => [0, branch, 0, phase],
+        }
     }
 
     fn motion(&self, z: f32, [out, branch_phase]: [f32; 2]) -> Motion {
