@@ -163,6 +163,10 @@ impl Sides {
     }
 
     pub fn of(&self, radius_m: f32) -> u32 {
+        // Most wood is thin.
+        if radius_m <= self.radius_m[0] {
+            return MIN_SIDES;
+        }
         MIN_SIDES + self.radius_m.partition_point(|&r| r < radius_m) as u32
     }
 

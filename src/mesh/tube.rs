@@ -220,7 +220,11 @@ impl<'a> Bark<'a> {
     }
 
     pub fn finish(self) -> [Surface; BARKS] {
+        let wind = self.wind;
         self.surface.map(|mut s| {
+            if let Some(wind) = wind {
+                wind.rise(&mut s);
+            }
             s.position.shrink_to_fit();
             s.normal.shrink_to_fit();
             s.uv.shrink_to_fit();
@@ -311,16 +315,12 @@ impl<'a> Bark<'a> {
                             let left = k + twin(&rings[i], coat.is_folded(), k);
                             let corner = [p[b] + left, p[b] + k + 1, q[b] + k + 1, q[b] + left];
                             let out = &mut surface[coat.bark()];
-                            let start = out.position.len();
                             let corners = spots.map(|s| match s {
                                 Spot::Corner(k) => corner[k],
                                 Spot::Edge(edge, t) => *on_edges[b][edge]
                                     .get_or_insert_with(|| on_edge(edge, t, corner, out)),
                             });
                             out.index.extend(corners);
-                            if let Some((wind, _)) = swing {
-                                wind.rise(start, out);
-                            }
                         });
                         left = right;
                     }

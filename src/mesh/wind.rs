@@ -119,6 +119,16 @@ impl Wind {
             return out.extend(at_m.map(|_| Sway::default()));
         };
         let mut to = last.min(1);
+        let ([from, _], [next, _], [tip, phase]) = (of(0), of(to), of(last));
+        if from > 0.0 || next > 0.0 {
+            // All of it is branch: as far out as it is long.
+            let per_m = (tip - from) / line_m[last].max(1e-9);
+            out.extend(at_m.map(|at| {
+                let at = at.clamp(0.0, line_m[last]);
+                Sway { out: from + per_m * at, phase }
+            }));
+            return;
+        }
         out.extend(at_m.map(|at| {
             while to < last && line_m[to] < at {
                 to += 1;
@@ -131,40 +141,25 @@ impl Wind {
         }));
     }
 
-    /// Colours the vertices of a surface that have none yet: they move as a ring does.
+    /// Colours the vertices of a surface that have none yet: they move as a ring does, but for the
+    /// whole tree's part.
     pub fn ring(&self, sway: Sway, surface: &mut Surface) {
-        let colour = self.wood(sway);
-        let new = &surface.position[surface.wind.len()..];
-        match self.profile.tree_channel() {
-            None => surface.wind.resize(surface.position.len(), colour),
-            Some(k) => surface.wind.extend(new.iter().map(|p| {
-                let mut colour = colour;
-                colour[k] = byte(self.tree(p.z));
-                colour
-            })),
-        }
+        surface.wind.resize(surface.position.len(), self.wood(sway));
     }
 
-    /// Moves the vertices from `start` on with the whole tree as far as their height asks.
-    pub fn rise(&self, start: usize, surface: &mut Surface) {
-        if let Some(k) = self.profile.tree_channel() {
-            for (p, colour) in surface.position[start..].iter().zip(&mut surface.wind[start..]) {
-                colour[k] = byte(self.tree(p.z));
-            }
-        }
-    }
-
-    /// Colours the vertices of a surface that have none yet, each by a sway of its own.
+    /// The same, each by a sway of its own.
     pub fn each(&self, sways: impl Iterator<Item = Sway>, surface: &mut Surface) {
-        let new = &surface.position[surface.wind.len()..];
-        let tree_at = self.profile.tree_channel();
-        surface.wind.extend(new.iter().zip(sways).map(|(p, sway)| {
-            let mut colour = self.wood(sway);
-            if let Some(k) = tree_at {
+        surface.wind.extend(sways.map(|sway| self.wood(sway)));
+        debug_assert_eq!(surface.wind.len(), surface.position.len());
+    }
+
+    /// Adds the whole tree's part to the vertices of wood that move as rings do.
+    pub fn rise(&self, surface: &mut Surface) {
+        if let Some(k) = self.profile.tree_channel() {
+            for (p, colour) in surface.position.iter().zip(&mut surface.wind) {
                 colour[k] = byte(self.tree(p.z));
             }
-            colour
-        }));
+        }
     }
 
     /// The colours of a leaf's or twig's vertices, which hangs from `foot` on a node; `key`: its own.
@@ -267,6 +262,7 @@ mod tests {
             let mut surface =
                 Surface { position: vec![from.lerp(to, share)], ..Surface::default() };
             wind.ring(sway[0], &mut surface);
+            wind.rise(&mut surface);
             surface.wind[0]
         };
         let wood = |i: u32| match i {
