@@ -96,7 +96,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let bears = skeleton.bears_leaves(f.bearing_radius_m);
     // The crown is that of all shoots, however few bear leaves; the same at any budget.
     let Some(hull) = Hull::around(skeleton, &bears) else { return Ok(Foliage::default()) };
-    let mut spots = spots(skeleton, &skeleton.axes(), species, &bears, &hull);
+    let mut spots = spots(skeleton, &skeleton.axes(), f, &bears, &hull);
     if spots.is_empty() {
         return Ok(Foliage::default());
     }
@@ -162,9 +162,9 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let mut surface = fill(kept.len(), room, |k, out| {
         let spot = &kept[k];
         let mut draws = seed.derive("card", spot.key).draws();
-        let pose = Pose::of(spot, species, &hull, enlarge, &mut draws);
+        let pose = Pose::of(spot, f, &hull, enlarge, &mut draws);
         match (model, &twig) {
-            (Some(model), _) => stamp::emit(model, &pose, out),
+            (Some(model), _) => stamp::emit(model, &pose, stamp::BENT, out),
             (None, Some(twig)) => twig.emit(&pose, &mut draws, out),
             (None, None) => {
                 // Pictures of one scale give way to those of the next little by little.
@@ -188,7 +188,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
 const BLEND: [f32; 2] = [-0.15, 0.9];
 
 /// The wind of every vertex of twigs that take so many vertices each.
-fn swaying(wind: &Wind, spots: &[Spot], surface: &Surface, vertices: usize) -> Vec<[u8; 4]> {
+pub fn swaying(wind: &Wind, spots: &[Spot], surface: &Surface, vertices: usize) -> Vec<[u8; 4]> {
     let mut out = bytemuck::zeroed_vec(surface.position.len());
     let twigs = surface.position.par_chunks_exact(vertices).zip(spots).with_min_len(64);
     out.par_chunks_exact_mut(vertices).zip(twigs).for_each(|(out, (twig, spot))| {

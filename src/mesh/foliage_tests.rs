@@ -171,18 +171,59 @@ fn fewer_twigs_are_larger_ones() {
     assert!(mean(2_000) > 1.3 * mean(20_000), "{} {}", mean(2_000), mean(20_000));
 }
 
-/// A user's twig stands where twigs stand, as long as they are, under the material's picture.
-#[test]
-fn a_user_s_model_stands_where_twigs_stand() {
-    let (skeleton, mut species, _) = grown("quercus_robur");
-    species.own_model = Some(std::sync::Arc::new(own::Model {
-        name: "twig.obj".into(),
+/// A model of one triangle.
+fn triangle(name: &str) -> std::sync::Arc<own::Model> {
+    std::sync::Arc::new(own::Model {
+        name: name.into(),
         position: vec![[0.0; 3], [0.1, 0.5, 0.0], [0.0, 1.0, 0.0]],
         normal: vec![[0.0, 0.0, 1.0]; 3],
         uv: vec![[0.0, 0.0], [1.0, 0.5], [0.0, 1.0]],
         index: vec![0, 1, 2],
         picture: crate::raster::Picture::filled(4, 4, [1, 2, 3, 255]),
-    }));
+    })
+}
+
+/// Cones hang beside the leaves, as long and as high in the crown as is said, and of a smaller budget
+/// the same ones remain.
+#[test]
+fn cones_hang_where_they_are_said_to() {
+    let (skeleton, mut species, atlas) = grown("picea_abies");
+    let build = |species: &Species, foliage, triangles| {
+        let options = MeshOptions { foliage, triangle_budget: triangles, ..MeshOptions::HERO };
+        build(&skeleton, species, &atlas, &options, Seed::new(1)).unwrap()
+    };
+    let without = build(&species, FoliageLevel::Cards, Some(20_000));
+    assert!(without.fruit.is_empty());
+    species.own_fruit = Some(triangle("cone.obj"));
+    species.fruit.length_m = 0.15;
+    species.fruit.droop = 0.9;
+    species.fruit.from = 0.6;
+    species.fruit.per_m = 8.0;
+    let with = build(&species, FoliageLevel::Cards, Some(20_000));
+    assert!(with.triangles() <= 20_000 && with.fruit.triangles() > 20);
+    with.check().unwrap();
+    let bears = skeleton.bears_leaves(species.foliage.bearing_radius_m);
+    let heights = || (0..skeleton.len()).filter(|&i| bears[i]).map(|i| skeleton.position[i].z);
+    let (low, high) = heights().fold((f32::MAX, 0.0f32), |(l, h), z| (l.min(z), h.max(z)));
+    for t in with.fruit.position.as_chunks::<3>().0 {
+        let [foot, _, tip] = *t;
+        assert!((0.05..0.2).contains(&foot.distance(tip)), "{}", foot.distance(tip));
+        assert!(tip.z < foot.z, "it hangs");
+        assert!(foot.z > low + 0.55 * (high - low), "{} of {low}…{high}", foot.z);
+    }
+    let fewer = build(&species, FoliageLevel::Cards, Some(600));
+    assert!(fewer.fruit.triangles() < with.fruit.triangles());
+    assert!(fewer.fruit.position.iter().all(|p| with.fruit.position.contains(p)));
+    for level in [FoliageLevel::None, FoliageLevel::Shell, FoliageLevel::Sparse] {
+        assert!(build(&species, level, Some(5_000)).fruit.is_empty(), "{level:?}");
+    }
+}
+
+/// A user's twig stands where twigs stand, as long as they are, under the material's picture.
+#[test]
+fn a_user_s_model_stands_where_twigs_stand() {
+    let (skeleton, mut species, _) = grown("quercus_robur");
+    species.own_model = Some(triangle("twig.obj"));
     let textures = crate::texture::for_species(&species, 64, Seed::new(1));
     assert_eq!(textures.leaf.picture().at(2, 2), [1, 2, 3, 255]);
     let twig_m = species.foliage.twig_length_m;

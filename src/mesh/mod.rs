@@ -7,6 +7,7 @@ mod chain;
 mod check;
 mod facing;
 mod foliage;
+mod fruit;
 mod junction;
 mod leaf;
 pub mod lightmap;
@@ -106,6 +107,8 @@ pub struct TreeMesh {
     pub twig_wood: Surface,
     /// Empty for a bare tree.
     pub foliage: Surface,
+    /// Cones, berries or catkins of the user's own; empty where the species has none.
+    pub fruit: Surface,
     /// Axes thick enough for the budget.
     pub axes: usize,
     /// Those of them that have no mesh: they never clear their parent's bark, or there was no room
@@ -121,7 +124,7 @@ pub struct TreeMesh {
 
 impl TreeMesh {
     pub fn triangles(&self) -> usize {
-        self.wood_triangles() + self.foliage.triangles()
+        self.wood_triangles() + self.foliage.triangles() + self.fruit.triangles()
     }
 
     /// The wood, bark by bark.
@@ -135,7 +138,7 @@ impl TreeMesh {
 
     /// Least and greatest corner of all that is there.
     pub fn bounds(&self) -> (Vec3, Vec3) {
-        [&self.wood, &self.upper_wood, &self.twig_wood, &self.foliage]
+        [&self.wood, &self.upper_wood, &self.twig_wood, &self.foliage, &self.fruit]
             .iter()
             .filter(|s| !s.is_empty())
             .map(|s| s.bounds())
@@ -182,8 +185,8 @@ impl TreeMesh {
     /// Scales the tree about its root collar.
     pub fn scale(&mut self, factor: f32) {
         self.sagitta_m *= factor;
-        let TreeMesh { wood, upper_wood, twig_wood, foliage, .. } = self;
-        for surface in [wood, upper_wood, twig_wood, foliage] {
+        let TreeMesh { wood, upper_wood, twig_wood, foliage, fruit, .. } = self;
+        for surface in [wood, upper_wood, twig_wood, foliage, fruit] {
             surface.position.par_iter_mut().with_min_len(CHUNK).for_each(|p| *p *= factor);
         }
     }
@@ -222,6 +225,7 @@ impl TreeMesh {
     pub fn check(&self) -> Result<()> {
         self.woods().into_iter().try_for_each(Surface::check)?;
         self.foliage.check()?;
+        self.fruit.check()?;
         match check::open_edges(&self.woods()) {
             0 => Ok(()),
             n => Err(Error::new(format!("the wood has {n} open edges"))),
@@ -329,7 +333,9 @@ pub fn build(
         return Err(Error::new(format!("a skeleton of {} nodes has no wood", skeleton.len()))
             .remedy("give the species a greater height"));
     }
-    let order = order(species, atlas, options, triangles, wind.as_ref(), seed);
+    let mut order = order(species, atlas, options, triangles, wind.as_ref(), seed);
+    let fruit = fruit::fruit(skeleton, &order);
+    order.budget = order.budget.map(|b| b.saturating_sub(fruit.triangles()));
     let foliage::Foliage { surface: foliage, twig_scale, cover: leaf_cover } =
         foliage::foliage(skeleton, &order)?;
     let [wood, upper_wood, twig_wood] = made.surface;
@@ -339,6 +345,7 @@ pub fn build(
         upper_wood,
         twig_wood,
         foliage,
+        fruit,
         axes,
         unmeshed_axes,
         sagitta_m,
@@ -347,7 +354,7 @@ pub fn build(
     })
 }
 
-/// The foliage alone of what [`build`] makes of the same arguments, beside a wood of so many
+/// The foliage alone of what [`build`] makes of the same arguments, beside wood and fruit of so many
 /// triangles.
 ///
 /// # Errors
@@ -357,12 +364,12 @@ pub fn leaves(
     species: &Species,
     atlas: &Atlas,
     options: &MeshOptions,
-    wood_triangles: usize,
+    triangles: usize,
     seed: Seed,
 ) -> Result<Surface> {
     let seed = seed.derive("mesh", 0);
     let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
-    let order = order(species, atlas, options, wood_triangles, wind.as_ref(), seed);
+    let order = order(species, atlas, options, triangles, wind.as_ref(), seed);
     Ok(foliage::foliage(skeleton, &order)?.surface)
 }
 
@@ -370,7 +377,7 @@ fn order<'a>(
     species: &'a Species,
     atlas: &'a Atlas,
     options: &MeshOptions,
-    wood_triangles: usize,
+    triangles: usize,
     wind: Option<&'a Wind>,
     seed: Seed,
 ) -> foliage::Order<'a> {
@@ -378,7 +385,7 @@ fn order<'a>(
         species,
         atlas,
         level: options.foliage,
-        budget: options.triangle_budget.map(|b| b.saturating_sub(wood_triangles)),
+        budget: options.triangle_budget.map(|b| b.saturating_sub(triangles)),
         detail: options.detail,
         share: options.leaf_share,
         twig_scale: options.twig_scale,

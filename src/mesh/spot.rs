@@ -4,8 +4,7 @@ use glam::{Quat, Vec3};
 
 use crate::seed::Draws;
 use crate::skeleton::{Axis, Skeleton};
-use crate::species::Species;
-use crate::species::model::LeafShape;
+use crate::species::model::{Foliage, LeafShape};
 
 /// Golden angle.
 pub const GOLDEN_RAD: f32 = 2.399_963;
@@ -74,6 +73,11 @@ impl Hull {
         })
     }
 
+    /// The same without a spire: nothing is shorter near its leader.
+    pub fn blunt(self) -> Hull {
+        Hull { tip_slope: 1e9, ..self }
+    }
+
     /// How much shorter a twig of a given length is, so that a spire narrows to its leader.
     fn tapered(&self, at: Vec3, twig_m: f32) -> f32 {
         if at == self.apex {
@@ -96,6 +100,12 @@ impl Hull {
         (1.0 - 0.3 * height * height) * (1.0 + (enlarge - 1.0) * (1.0 - 0.35 * height))
     }
 
+    /// The height at a share of the crown's.
+    pub fn height_m(&self, share: f32) -> f32 {
+        let high = self.half.z / 0.65;
+        self.centre.z + (share - 0.35) * high
+    }
+
     /// Square metres, near enough (Thomsen).
     pub fn area_sq_m(&self) -> f32 {
         const P: f32 = 1.6;
@@ -109,11 +119,10 @@ impl Hull {
 pub fn spots(
     skeleton: &Skeleton,
     axes: &[Axis],
-    species: &Species,
+    f: &Foliage,
     bears: &[bool],
     hull: &Hull,
 ) -> Vec<Spot> {
-    let f = &species.foliage;
     let length: f32 = (0..skeleton.len() as u32)
         .filter(|&i| bears[i as usize])
         .map(|i| skeleton.internode_m(i))
@@ -253,14 +262,7 @@ impl Pose {
 
     /// Off the shoot by phyllotaxis, drawn down (or up) by the species' droop, turned to the light
     /// as far as its heading allows.
-    pub fn of(
-        spot: &Spot,
-        species: &Species,
-        hull: &Hull,
-        enlarge: f32,
-        draws: &mut Draws,
-    ) -> Pose {
-        let f = &species.foliage;
+    pub fn of(spot: &Spot, f: &Foliage, hull: &Hull, enlarge: f32, draws: &mut Draws) -> Pose {
         let stance = stance(f.shape);
         let (outward, _) = hull.outward(spot.at);
         let shoot = spot.shoot;

@@ -1,4 +1,4 @@
-//! A user's own twig, leaf or cone, set at the places of twigs.
+//! A user's own twig or leaf, set at the places of twigs; or cone, beside them.
 
 use glam::{Vec2, Vec3};
 
@@ -6,21 +6,22 @@ use super::piece::{Piece, Room};
 use super::spot::Pose;
 use crate::species::own::Model;
 
-/// Share of the crown's outside in a normal.
-const BENT: f32 = 0.35;
+/// Share of the crown's outside in the normals of twigs; that of cones in theirs.
+pub const BENT: f32 = 0.35;
+pub const BENT_FRUIT: f32 = 0.1;
 
 pub fn room(model: &Model) -> Room {
     Room { vertices: model.position.len(), triangles: model.index.len() / 3 }
 }
 
 /// Adds a copy: the model's y goes along the twig, its z to the light, its height is the twig's
-/// length.
-pub fn emit(model: &Model, pose: &Pose, out: &mut Piece) {
+/// length; `bent`: share of the crown's outside in normals.
+pub fn emit(model: &Model, pose: &Pose, bent: f32, out: &mut Piece) {
     let across = pose.heading.cross(pose.facing);
     let turned = |v: Vec3| across * v.x + pose.heading * v.y + pose.facing * v.z;
     for ((p, n), uv) in model.position.iter().zip(&model.normal).zip(&model.uv) {
         let at = pose.base + turned(Vec3::from(*p)) * pose.size_m;
-        out.vertex(at, pose.bent(turned(Vec3::from(*n)), at, BENT), Vec2::from(*uv));
+        out.vertex(at, pose.bent(turned(Vec3::from(*n)), at, bent), Vec2::from(*uv));
     }
     for &t in model.index.as_chunks::<3>().0 {
         out.triangle(t);

@@ -51,11 +51,12 @@ impl Subject<'_> {
     /// The tree with its twigs at another scale.
     fn at_scale(&self, tree: &TreeMesh, options: &MeshOptions, scale: f32) -> Result<TreeMesh> {
         let options = MeshOptions { twig_scale: Some(scale), ..*options };
-        let (atlas, wood) = (&self.textures.atlas, tree.wood_triangles());
-        let foliage = mesh::leaves(self.skeleton, self.species, atlas, &options, wood, self.seed)?;
+        let (atlas, rest) = (&self.textures.atlas, tree.triangles() - tree.foliage.triangles());
+        let foliage = mesh::leaves(self.skeleton, self.species, atlas, &options, rest, self.seed)?;
         let [wood, upper_wood, twig_wood] = tree.woods().map(Clone::clone);
+        let fruit = tree.fruit.clone();
         let mut tree =
-            TreeMesh { wood, upper_wood, twig_wood, foliage, twig_scale: scale, ..*tree };
+            TreeMesh { wood, upper_wood, twig_wood, foliage, fruit, twig_scale: scale, ..*tree };
         tree.clear_ground();
         Ok(tree)
     }

@@ -652,6 +652,8 @@ pub struct Look {
     upper_bark: u32,
     twig_bark: u32,
     leaf: u32,
+    /// The leaf's where there is none.
+    fruit: u32,
 }
 
 pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: TreeTextures) -> Look {
@@ -662,6 +664,7 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
     let twig_bark =
         textures.bark_twig.map_or(upper_bark, |t| add_bark(scene, &format!("{stem}_bark_twig"), t));
     let name = format!("{stem}_leaf");
+    let is_plain = (textures.leaf.width(), textures.leaf.height()) == (1, 1);
     let (base_color, leaf) = colour(scene, &name, textures.leaf);
     let alpha = if leaf.is_some() { Alpha::Mask { cutoff: 0.5 } } else { Alpha::Opaque };
     let variants = textures.leaf_variants.into_iter().map(|(variant, image)| {
@@ -681,7 +684,42 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         alpha,
         double_sided: true,
     });
-    Look { bark, upper_bark, twig_bark, leaf: scene.materials.len() as u32 - 1 }
+    let leaf = scene.materials.len() as u32 - 1;
+    let own = species.own_fruit.as_ref().map(|model| &model.picture);
+    let fruit = own.map_or(leaf, |p| add_fruit(scene, &format!("{stem}_fruit"), p, is_plain));
+    Look { bark, upper_bark, twig_bark, leaf, fruit }
+}
+
+/// Of the opaque pixels.
+fn mean_colour(picture: &Picture) -> [u8; 4] {
+    let opaque = || picture.data.iter().filter(|p| p[3] >= 128);
+    let count = opaque().count().max(1) as u64;
+    let mean = |k: usize| (opaque().map(|p| u64::from(p[k])).sum::<u64>() / count) as u8;
+    [mean(0), mean(1), mean(2), 255]
+}
+
+/// The material of a user's own cones; `is_plain`: in their mean colour.
+fn add_fruit(scene: &mut Scene, name: &str, picture: &Picture, is_plain: bool) -> u32 {
+    let is_cut = picture.data.iter().any(|p| p[3] < 128);
+    let picture = match is_plain {
+        true => Picture::filled(1, 1, mean_colour(picture)),
+        false => picture.clone(),
+    };
+    let (base_color, base_color_texture) = colour(scene, name, picture.into());
+    let is_masked = is_cut && base_color_texture.is_some();
+    scene.materials.push(Material {
+        name: name.to_owned(),
+        base_color,
+        base_color_texture,
+        normal_texture: None,
+        orm_texture: None,
+        variants: Vec::new(),
+        roughness: 0.75,
+        translucency: 0.0,
+        alpha: if is_masked { Alpha::Mask { cutoff: 0.5 } } else { Alpha::Opaque },
+        double_sided: is_masked,
+    });
+    scene.materials.len() as u32 - 1
 }
 
 /// The same look, with leaves in a colour of their own; `number`: of the model.
@@ -763,6 +801,7 @@ pub(super) fn parts_of(mesh: TreeMesh, look: Look) -> Vec<Part> {
         part("upper_wood", mesh.upper_wood, look.upper_bark),
         part("twig_wood", mesh.twig_wood, look.twig_bark),
         part("foliage", mesh.foliage, look.leaf),
+        part("fruit", mesh.fruit, look.fruit),
     ]
 }
 

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::model::{
-    Bark, Branching, DecayBy, Foliage, Growth, Habit, Kind, Seasons, Size, Species,
+    Bark, Branching, DecayBy, Foliage, Fruit, Growth, Habit, Kind, Seasons, Size, Species,
 };
 use super::near::suggest;
 use super::node::{self, Node, Source, Sources, Value};
@@ -55,12 +55,14 @@ pub(super) struct Top {
     foliage: IgnoredAny,
     #[schemars(with = "Bark")]
     bark: IgnoredAny,
+    #[schemars(with = "Fruit")]
+    fruit: IgnoredAny,
     #[schemars(with = "Seasons")]
     season: IgnoredAny,
 }
 
 /// The sections of a rule file with their keys; the first, without a name, is the top.
-pub fn sections() -> [(&'static str, &'static [&'static str]); 9] {
+pub fn sections() -> [(&'static str, &'static [&'static str]); 10] {
     [
         ("", node::keys_of::<Top>()),
         ("rule", node::keys_of::<rule::Section>()),
@@ -70,6 +72,7 @@ pub fn sections() -> [(&'static str, &'static [&'static str]); 9] {
         ("growth.order", node::keys_of::<Habit>()),
         ("foliage", node::keys_of::<Foliage>()),
         ("bark", node::keys_of::<Bark>()),
+        ("fruit", node::keys_of::<Fruit>()),
         ("season", node::keys_of::<Seasons>()),
     ]
 }
@@ -154,9 +157,10 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
         let bases = sources.0.iter().skip(1).map(|s| s.name.as_str());
         let written = bases.filter(|name| builtin::text(name.trim_end_matches(".toml")).is_none());
         files.extend(written.map(PathBuf::from));
-        let tables = chain.iter().flatten().filter_map(|node| node.get("foliage"));
-        let own = tables.flat_map(|t| ["model", "picture"].map(|key| t.get(key)));
-        files.extend(own.flatten().filter_map(|node| own_path(node, &sources)));
+        let own = chain.iter().flatten().flat_map(|node| {
+            OWN_FILES.iter().filter_map(|[section, key]| node.get(section)?.get(key))
+        });
+        files.extend(own.filter_map(|node| own_path(node, &sources)));
     }
     files
 }
@@ -259,6 +263,7 @@ fn build_reporting(
     let growth: Option<Growth> = section.read("growth");
     let foliage: Option<Foliage> = section.read("foliage");
     let bark: Option<Bark> = section.read("bark");
+    let fruit: Option<Fruit> = section.read("fruit");
     let season: Option<Seasons> = section.read("season");
     let rule = match (merged.get("rule"), defaults.get("rule")) {
         (Some(rule), Some(defaults)) => {
@@ -268,8 +273,9 @@ fn build_reporting(
         _ => None,
     };
     let places = (&merged, &sources, folder.is_some());
-    let own_model = own_file(places, "model", own::model, errors);
-    let own_picture = own_file(places, "picture", own::twig_picture, errors);
+    let own_model = own_file(places, ["foliage", "model"], own::model, errors);
+    let own_picture = own_file(places, ["foliage", "picture"], own::twig_picture, errors);
+    let own_fruit = own_file(places, ["fruit", "model"], own::model, errors);
     let read = own_bark::read(merged.get("bark")?, &sources, errors);
     let (own_bark, remarks) =
         read.map_or((None, Vec::new()), |own| (Some(own.value), own.warnings));
@@ -288,6 +294,8 @@ fn build_reporting(
         bark: bark?,
         own_model,
         own_picture,
+        fruit: fruit?,
+        own_fruit,
         season: season?,
         own_bark,
         remarks,
@@ -297,22 +305,32 @@ fn build_reporting(
     Some(species)
 }
 
-/// The path that a key of `[foliage]` names, from the folder of the file that says so.
+/// Keys that name files of the user's own.
+const OWN_FILES: [[&str; 2]; 6] = [
+    ["foliage", "model"],
+    ["foliage", "picture"],
+    ["fruit", "model"],
+    ["bark", "picture"],
+    ["bark", "normal"],
+    ["bark", "roughness"],
+];
+
+/// The path that a key names, from the folder of the file that says so.
 fn own_path(node: &Node, sources: &Sources) -> Option<PathBuf> {
     let name = node.as_text().filter(|name| !name.is_empty())?;
     let file = sources.0.get(node.place.source)?;
     Some(Path::new(&file.name).parent().unwrap_or(Path::new("")).join(name))
 }
 
-/// Reads the file that a key of `[foliage]` names, if it names one. `has_folder`: the rule is a
+/// Reads the file that a key of a section names, if it names one. `has_folder`: the rule is a
 /// file, not a text alone.
 fn own_file<T>(
     (merged, sources, has_folder): (&Node, &Sources, bool),
-    key: &str,
+    [section, key]: [&str; 2],
     read: fn(&Path) -> Result<T>,
     errors: &mut Vec<Error>,
 ) -> Option<Arc<T>> {
-    let node = merged.get("foliage")?.get(key)?;
+    let node = merged.get(section)?.get(key)?;
     let path = own_path(node, sources)?;
     let mut fail = |what: String, remedy: &str| {
         errors.push(sources.error(&node.place, what, "named here").remedy(remedy));

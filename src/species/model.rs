@@ -247,7 +247,7 @@ pub struct Foliage {
     /// Leaf area over the area of the crown's hull, 0…1, below which twigs are drawn larger to make
     /// up for those a coarse model leaves out: near 1 hides the wood, a third lets the sky through.
     pub cover: f32,
-    /// Your own twig, leaf or cone as OBJ, beside this file: it grows from its origin along y, its
+    /// Your own twig, or single leaf, as OBJ, beside this file: it grows from its origin along y, its
     /// upper side to z, and is scaled to `twig_length_m`.
     #[serde(default)]
     #[schemars(extend("examples" = ["twig.obj"]))]
@@ -264,6 +264,25 @@ pub struct Foliage {
 
 fn all() -> f32 {
     1.0
+}
+
+/// Cones, berries or catkins beside the leaves: a model of your own.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Fruit {
+    /// Your own cone, berry or catkin as OBJ, beside this file: it hangs from its origin and grows
+    /// along y.
+    #[serde(default)]
+    #[schemars(extend("examples" = ["cone.obj"]))]
+    pub model: Option<String>,
+    /// Length of one, to which the model is scaled, metres.
+    pub length_m: f32,
+    /// How many a metre of shoot that bears leaves.
+    pub per_m: f32,
+    /// Hang: 0 follows the shoot, 1 hangs straight down, −1 stands upright.
+    pub droop: f32,
+    /// Height in the crown, over the crown's, above which they are borne.
+    pub from: f32,
 }
 
 /// What the seasons do to the leaves.
@@ -391,6 +410,9 @@ pub struct Species {
     /// What `foliage.model` and `foliage.picture` name, read.
     pub own_model: Option<Arc<Model>>,
     pub own_picture: Option<Arc<Picture>>,
+    pub fruit: Fruit,
+    /// What `fruit.model` names, read.
+    pub own_fruit: Option<Arc<Model>>,
     pub season: Seasons,
     /// Where `bark.picture` names one.
     pub own_bark: Option<OwnBark>,

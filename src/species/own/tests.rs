@@ -46,6 +46,20 @@ fn a_twig_is_read_with_its_picture_to_a_height_of_one() {
 }
 
 #[test]
+fn a_cone_is_read_beside_the_leaves_and_errors_name_its_key() {
+    let rule_text = "extends = 'table3/13'\n[fruit]\nmodel = 'twig.obj'\nlength_m = 0.1\n";
+    let cones = folder(rule_text, TWIG, MATERIAL);
+    let species = load(&rule(&cones)).unwrap();
+    assert_eq!(species.own_fruit.unwrap().position.len(), 4);
+    assert!(species.own_model.is_none());
+    let watched = files(Path::new(&rule(&cones)));
+    assert!(watched.iter().any(|f| f.ends_with("twig.obj")), "{watched:?}");
+    let lost = folder(&rule_text.replace("twig.obj", "cone.obj"), TWIG, MATERIAL);
+    let error = load(&rule(&lost)).unwrap_err();
+    assert!(error.message().contains("cone.obj"), "{error}");
+}
+
+#[test]
 fn a_file_that_extends_another_finds_its_model_beside_that() {
     let folder = folder(RULE, TWIG, MATERIAL);
     let inner = folder.path().join("inner");

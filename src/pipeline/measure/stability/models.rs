@@ -220,7 +220,8 @@ fn beside(shift_m: f32) -> Result<(f32, f32)> {
         Subject { skeleton: &skeleton, species: &species, textures: &textures, seed: Seed::new(1) };
     let tree = subject.mesh(&mesh_options(2_000))?;
     let mut moved = tree.clone();
-    for s in [&mut moved.wood, &mut moved.upper_wood, &mut moved.twig_wood, &mut moved.foliage] {
+    let TreeMesh { wood, upper_wood, twig_wood, foliage, fruit, .. } = &mut moved;
+    for s in [wood, upper_wood, twig_wood, foliage, fruit] {
         s.position.iter_mut().for_each(|p| p.z += shift_m);
     }
     let scene = model_scene(&species, vec![tree, moved], textures);
