@@ -56,6 +56,7 @@ fn evenness(surfaces: &[&Surface]) -> Evenness {
         let [a, b] = sides[..] else { continue };
         let gap = [0, 1].map(|k| b.2[k].0 - a.2[k].0);
         let is_smooth = [0, 1].iter().all(|&k| a.2[k].1 == b.2[k].1);
+        let is_even = (gap[0] - gap[1]).length() < 0.01;
         let meets = gap.iter().all(|g| g.y.abs() < 1e-3 && (g.x - g.x.round()).abs() < 1e-3);
         // Not where bark turns back, nor where another way to lay it begins.
         let is_seam = is_smooth && a.3.0 == b.3.0 && (a.1 / b.1 - 1.0).abs() < 0.05;
@@ -63,7 +64,7 @@ fn evenness(surfaces: &[&Surface]) -> Evenness {
         let same = gap[0].x.round() == gap[1].x.round() && gap[0].x.abs() > 0.5;
         let kind = if a.3 == b.3 || gap == [Vec2::ZERO; 2] {
             0
-        } else if meets || is_seam && nearly && same {
+        } else if meets || is_seam && is_even && nearly && same {
             out.torn += usize::from(!meets);
             1
         } else {
@@ -117,8 +118,9 @@ fn densities(surfaces: &[&Surface]) -> Vec<([f32; 2], f32)> {
     out
 }
 
+/// From one tile a metre on thick stems to three on twigs, as wide as they are high.
 #[test]
-fn bark_has_one_scale_on_stems_and_twigs() {
+fn bark_is_as_fine_as_its_wood_is_thin() {
     let mut worst = [0.0f32; 3];
     for name in species::builtin_names() {
         let s = species::load(name).unwrap();
@@ -129,14 +131,16 @@ fn bark_has_one_scale_on_stems_and_twigs() {
             let skeleton = grow(&s, target, detail, Seed::new(1)).unwrap();
             let options = MeshOptions { foliage: FoliageLevel::None, ..options };
             let tree = build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
-            let share = |surfaces: &[&Surface], within: f32| {
+            let share = |surfaces: &[&Surface], [least, most]: [f32; 2], within: f32| {
                 let all = densities(surfaces);
                 let whole: f32 = all.iter().map(|d| d.1).sum();
-                let is_off = |d: &[f32; 2]| d[0] < 1.0 / within || d[1] > within;
+                let is_off = |&[low, high]: &[f32; 2]| {
+                    low < least / within || high > most * within || high > low * within * within
+                };
                 all.iter().filter(|d| is_off(&d.0)).map(|d| d.1).sum::<f32>() / whole.max(1e-9)
             };
-            let [wide, far] = [1.5, 2.5].map(|f| share(&tree.woods(), f));
-            let twigs = share(&[&tree.twig_wood], 2.0);
+            let [wide, far] = [1.5, 2.5].map(|f| share(&tree.woods(), [1.0, 3.0], f));
+            let twigs = share(&[&tree.twig_wood], [3.0, 3.0], 2.0);
             worst = [worst[0].max(wide), worst[1].max(far), worst[2].max(twigs)];
         }
     }

@@ -1,9 +1,10 @@
 //! Rings to triangles: one closed tube an axis, P18's truncated cones with shared rings.
 //!
 //! The rings' circles come from tables, so a vertex costs no trigonometry. A ring of N sides has
-//! N + 1 vertices: the first and the last lie in one place and part the texture. Around thin wood,
-//! which a tile would be squeezed to fit, bark is laid there and back, to scale: it meets itself at
-//! the first corner and turns at another, whose twin is the last vertex. The foot of a
+//! N + 1 vertices: the first and the last lie in one place and part the texture. Bark is finer on
+//! thinner wood, as in nature: where less than a tile would go around one does, up to three times as
+//! fine. Around still thinner wood, bark that fine is laid there and back: it meets itself at the first
+//! corner and turns at another, whose twin is the last vertex. The foot of a
 //! branch is a hole in the facets of one band (see `junction`); its corners are the first ring of
 //! the branch.
 //! Where one bark gives way to a younger one, the line between them winds through the facets of
@@ -21,7 +22,7 @@ use super::junction::{Hole, mask};
 use super::patch::{fill, on_edge};
 use super::path::{MAX_SIDES, MIN_SIDES, Ring, fold};
 use super::wind::{Sway, Wind};
-use super::young::{BARKS, Blend, COATS, Coat, FOLDED_GIRTH, Luck, Mix, Young};
+use super::young::{BARKS, Blend, COATS, Coat, FINEST, FOLDED_GIRTH, Luck, Mix, Young};
 use crate::seed::Seed;
 
 /// Tables of the rings of every number of sides.
@@ -72,7 +73,7 @@ impl Circles {
 }
 
 /// Bounds of texel density, as tiles a tile's length.
-const DENSITY: [f32; 2] = [0.7, 1.4];
+const DENSITY: [f32; 2] = [0.7, FINEST];
 /// Tiles around change where the density is off by more than this factor.
 const OFF: f32 = 1.45;
 /// Where a tube flares, its radius grows towards its foot by more than this share of the way; and
@@ -83,8 +84,8 @@ const FLARED: f32 = 1.8;
 /// Lays bark along a tube: whole tiles around, so that it closes on itself, and as many along as
 /// there are around a metre, so that a taper does not stretch it. Where the number around changes,
 /// a band shears the bark by half a tile at its seam; not so over the flare of a foot, which has the
-/// tiles of the tube above, wider. Where bark is folded (see `young`) it lies to
-/// scale; thin tubes begin anywhere in the tile, by `key`.
+/// tiles of the tube above, wider. Where bark is folded (see `young`) all of it is as fine; thin
+/// tubes begin anywhere in the tile, by `key`.
 pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
     // Of the polygon: N sin(π / N) / π of the circle's.
     let around = |ring: &Ring| {
@@ -113,7 +114,8 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
         let girth = 0.5 * (below.girth + ring.girth);
         let repeats = 0.5 * (below.repeats + ring.repeats);
         let is_folded = girth < FOLDED_GIRTH[1];
-        let density = if is_folded { 1.0 } else { (repeats / girth).clamp(DENSITY[0], DENSITY[1]) };
+        let density =
+            if is_folded { FINEST } else { (repeats / girth).clamp(DENSITY[0], DENSITY[1]) };
         ring.v = below.v + (ring.arc_m - below.arc_m) * density / repeat_m;
         below = *ring;
     }
@@ -466,7 +468,7 @@ impl Maker<'_> {
         let tip = out.position.len() as u32;
         // One for each side of a fold.
         let tips = 1 + u32::from(is_folded);
-        let u = apex.u - if is_folded { 0.25 * below.girth } else { 0.0 };
+        let u = apex.u - if is_folded { 0.25 * FINEST * below.girth } else { 0.0 };
         for _ in 0..tips {
             out.position.push(apex.centre);
             out.normal.push(apex.tangent);
@@ -512,7 +514,7 @@ pub fn around(ring: &Ring, corner: f32, back: Option<bool>) -> f32 {
     let Some(back) = back else {
         return ring.u + (corner / ring.sides as f32 - 0.5) * ring.repeats;
     };
-    ring.u + ring.girth * folded(ring.sides, corner, back)
+    ring.u + FINEST * ring.girth * folded(ring.sides, corner, back)
 }
 
 /// Texture coordinate around of a folded ring whose girth is one tile, from its fold.
@@ -526,7 +528,7 @@ fn folded(sides: u32, corner: f32, back: bool) -> f32 {
 
 /// Texture coordinates of a ring, as [`around`] has them to the bit: seams must meet.
 fn lay(ring: &Ring, laid: &Laid, is_folded: bool, uv: &mut Vec<Vec2>) {
-    let scale = if is_folded { ring.girth } else { ring.repeats };
+    let scale = if is_folded { FINEST * ring.girth } else { ring.repeats };
     uv.extend(laid.around.iter().map(|share| Vec2::new(ring.u + scale * share, ring.v)));
 }
 

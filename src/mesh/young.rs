@@ -30,8 +30,11 @@ impl Coat {
     }
 }
 
-/// Bark is folded where a girth has fewer tiles: from all around to all folded.
-pub const FOLDED_GIRTH: [f32; 2] = [1.0, 0.75];
+/// How much finer than on thick stems bark is where less than one tile goes around: one does, to this
+/// scale.
+pub const FINEST: f32 = 3.0;
+/// Bark is folded where a girth has fewer tiles than one that fine: from all around to all folded.
+pub const FOLDED_GIRTH: [f32; 2] = [0.36, 0.27];
 
 /// Where bark is young, from all old to all young; `None` where the species has no such bark.
 #[derive(Debug, Clone, Copy, Default)]
@@ -175,7 +178,7 @@ fn sine(turns: f32) -> f32 {
     let part = turns - ((turns + ROUND) - ROUND);
     let fold = 0.25 - (part.abs() - 0.25).abs();
     let y = fold * fold;
-    let sine = fold * (6.283_185 + y * (-41.341_7 + y * (81.605_2 - y * 76.705_9)));
+    let sine = fold * (TAU + y * (-41.341_7 + y * (81.605_2 - y * 76.705_9)));
     sine.copysign(part)
 }
 
