@@ -260,7 +260,7 @@ impl<'a> Bark<'a> {
         }
         // Where the corners of the last ring start in each coat, once they are there.
         let mut below = [None; COATS];
-        let mut blend_below: Option<Blend> = None;
+        let (mut blend_below, mut taken_below) = (None, 0);
         for i in 0..n - 1 {
             let mix = mixes[i];
             let strays = maker.may_stray(i);
@@ -283,17 +283,22 @@ impl<'a> Bark<'a> {
                 let count = holes.iter().take_while(|h| h.band as usize == i - 1).count();
                 let (opened, rest) = holes.split_at(count);
                 holes = rest;
-                let blend =
-                    if count == 0 { Blend::of([mixes[i - 1], mix], [sides, next]) } else { None };
+                let taken = facets_of(opened, sides);
+                let blend = Blend::of([mixes[i - 1], mix], [sides, next]);
                 let meets = |a: Option<Blend>, b: Option<Blend>| {
                     a.zip(b).is_some_and(|(a, b)| a.pair == b.pair)
                 };
                 if let Some(blended) = blend {
-                    let is_open = rest.first().is_some_and(|h| h.band as usize == i);
-                    let above = (i + 2 < n && !is_open)
+                    let above = (i + 2 < n)
                         .then(|| Blend::of([mix, mixes[i + 1]], [next, rings[i + 1].sides]))
                         .flatten();
-                    let may_cut = [meets(blend_below, blend), true, meets(blend, above), true];
+                    // A foot's block is cut nowhere.
+                    let open_above = rest.iter().take_while(|h| h.band as usize == i).count();
+                    let taken_above = facets_of(&rest[..open_above], next);
+                    let [cut_low, cut_high] = [
+                        if meets(blend_below, blend) { !taken_below } else { 0 },
+                        if meets(blend, above) { !taken_above } else { 0 },
+                    ];
                     let [p, q] = [(i - 1, &mut below), (i, &mut here)].map(|(i, slots)| {
                         blended
                             .pair
@@ -309,6 +314,17 @@ impl<'a> Bark<'a> {
                         let right =
                             [low, high].map(|(ring, share)| field(ring, share, k + 1, &mut luck));
                         let at = [left[0], right[0], right[1], left[1]];
+                        left = right;
+                        let is_in = |facets: u64, k: u32| facets >> (k % sides) & 1 == 1;
+                        if is_in(taken, k) {
+                            continue;
+                        }
+                        let may_cut = [
+                            is_in(cut_low, k),
+                            !is_in(taken, k + 1),
+                            is_in(cut_high, k),
+                            !is_in(taken, k + sides - 1),
+                        ];
                         // Of each coat, by the facet's edge.
                         let mut on_edges = [[None; 4]; 2];
                         blend::cut(at, may_cut, |is_second, spots| {
@@ -324,7 +340,16 @@ impl<'a> Bark<'a> {
                             });
                             out.index.extend(corners);
                         });
-                        left = right;
+                    }
+                    for hole in opened {
+                        let turn = hole.facet as f32 + hole.x;
+                        let turn = turn / sides as f32;
+                        let share = low.1 + (high.1 - low.1) * hole.t;
+                        let b = usize::from(share >= luck.limit(turn.fract(), low.0));
+                        let coat = blended.pair[b];
+                        let out = &mut surface[coat.bark()];
+                        let first = maker.foot(i, hole, coat, [p[b], q[b]], strays, about, out);
+                        rims.push(Rim { side: coat.bark(), first });
                     }
                 } else if count == 0 && !(is_mixed && sides == next) {
                     let out = &mut surface[side.bark()];
@@ -332,7 +357,6 @@ impl<'a> Bark<'a> {
                     let q = corners_in(i, side, &mut here, out, &mut luck);
                     band([p, q], [sides, next], side.is_folded(), &mut out.index);
                 } else {
-                    let taken = opened.iter().fold(0, |m, h| m | mask(h.facet, h.facets, sides));
                     for k in (0..sides).filter(|k| taken >> k & 1 == 0) {
                         let coat = if is_mixed {
                             let turn = (k as f32 + 0.5) / sides as f32;
@@ -350,23 +374,11 @@ impl<'a> Bark<'a> {
                         let out = &mut surface[side.bark()];
                         let p = corners_in(i - 1, side, &mut below, out, &mut luck);
                         let q = corners_in(i, side, &mut here, out, &mut luck);
-                        let pair = [&rings[i - 1], &rings[i]];
-                        let is_folded = side.is_folded();
-                        let last = out.index.len();
-                        let first = fill(hole, pair, is_folded, [p, q], circles, about, out);
-                        // Within one facet normals are those of its corners.
-                        if strays || (hole.facets > 1 && sides < 6) {
-                            mend_last(out, last);
-                        }
-                        if let Some((wind, sway)) = swing {
-                            let place = |c: &Vec2| hole.t + hole.half_t * hole.foot[1].dot(*c);
-                            let foot = circles.of(hole.start.sides).iter().map(place);
-                            wind.each(foot.map(|t| sway[i - 1].between(sway[i], t)), out);
-                        }
+                        let first = maker.foot(i, hole, side, [p, q], strays, about, out);
                         rims.push(Rim { side: side.bark(), first });
                     }
                 }
-                blend_below = blend;
+                (blend_below, taken_below) = (blend, taken);
             }
             if i == n - 2 {
                 let coat = mix.most();
@@ -461,6 +473,34 @@ impl Maker<'_> {
         }
     }
 
+    /// The facets about a foot between a ring and the one below, whose corners in a coat start at
+    /// `first`; gives the first corner of the foot.
+    #[expect(clippy::too_many_arguments)]
+    fn foot(
+        &self,
+        i: usize,
+        hole: &Hole,
+        coat: Coat,
+        first: [u32; 2],
+        strays: bool,
+        about: &mut Vec<(u32, Vec2)>,
+        out: &mut Surface,
+    ) -> u32 {
+        let pair = [&self.rings[i - 1], &self.rings[i]];
+        let last = out.index.len();
+        let foot = fill(hole, pair, coat.is_folded(), first, self.circles, about, out);
+        // Within one facet normals are those of its corners.
+        if strays || (hole.facets > 1 && pair[0].sides < 6) {
+            mend_last(out, last);
+        }
+        if let Some((wind, sway)) = self.swing {
+            let place = |c: &Vec2| hole.t + hole.half_t * hole.foot[1].dot(*c);
+            let foot = self.circles.of(hole.start.sides).iter().map(place);
+            wind.each(foot.map(|t| sway[i - 1].between(sway[i], t)), out);
+        }
+        foot
+    }
+
     /// The apex, above the ring whose corners start at `last`.
     fn tip(&self, last: u32, coat: Coat, out: &mut Surface) {
         let [.., below, apex] = self.rings else { return };
@@ -506,6 +546,11 @@ impl Maker<'_> {
         self.tip(below, coat, &mut surface[bark]);
         facing.band(surface, self.may_stray(self.rings.len() - 2));
     }
+}
+
+/// Bits of the facets that the blocks of some feet take.
+fn facets_of(holes: &[Hole], sides: u32) -> u64 {
+    holes.iter().fold(0, |m, h| m | mask(h.facet, h.facets, sides))
 }
 
 /// Texture coordinate around, of a corner (or a place between corners); of folded bark, on the way

@@ -89,7 +89,7 @@ pub struct Blend {
 const LEAST_BLENDED: u32 = 6;
 
 impl Blend {
-    /// Of a band without holes between two rings.
+    /// Of a band between two rings.
     pub fn of([low, high]: [Mix; 2], sides: [u32; 2]) -> Option<Blend> {
         if sides[0] != sides[1] || sides[0] < LEAST_BLENDED {
             return None;
