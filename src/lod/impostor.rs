@@ -1,7 +1,8 @@
 //! A tree as pictures of itself: colour, normal and alpha, baked from its mesh.
 //!
 //! *Cross*: two upright sheets that stand through the stem at right angles, each with the
-//! orthographic view square to it; any renderer shows it. From above it shows its edges.
+//! orthographic view square to it on either side, so that light falls on both as on a round crown;
+//! any renderer shows it. From above it shows its edges.
 //! *Octahedral*: views from N × N directions over the upper half of the sky, laid out by the
 //! hemi-octahedral map (Cigolle et al. 2014), for shaders that blend the nearest three; the
 //! sheet that comes with it shows the view from the side.
@@ -48,6 +49,8 @@ const PER_TEXEL: usize = 3;
 /// Greatest factor on alpha, and how often it is halved to find the right one.
 const MOST_GAIN: f32 = 64.0;
 const HALVINGS: u32 = 10;
+/// Half the distance between both sides of a cross's sheet, metres.
+const APART_M: f32 = 1e-3;
 /// Texels between two views of a cross.
 const GUTTER: usize = 8;
 /// Views along a side of an octahedral picture.
@@ -133,7 +136,10 @@ fn cross(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impos
         };
         let half = Vec2::new(view.size[0] as f32, view.size[1] as f32) * (0.5 * texel_m);
         let sides = [sheet.right * half.x, Vec3::Z * half.y];
-        quad(&mut surface, sheet.centre, sides, -sheet.forward, uv);
+        // Both sides of a crown are round: seen from behind, what lies to the left still faces left.
+        for normal in [-sheet.forward, sheet.forward] {
+            quad(&mut surface, sheet.centre + normal * APART_M, sides, normal, uv);
+        }
     }
     board.finish(surface, None)
 }
@@ -196,7 +202,7 @@ pub(super) fn direction(col: u32, row: u32, frames: u32) -> Vec3 {
     p.extend(1.0 - p.x.abs() - p.y.abs()).normalize_or(Vec3::Z)
 }
 
-/// A sheet with its picture on both sides; `normal` is that of the front.
+/// A sheet that shows its picture along `normal`.
 fn quad(
     out: &mut Surface,
     centre: Vec3,
@@ -211,7 +217,9 @@ fn quad(
         out.normal.push(normal);
         out.uv.push(uv(s, t));
     }
-    out.index.extend([0, 1, 2, 0, 2, 3].map(|k| first + k));
+    let is_front = right.cross(up).dot(normal) >= 0.0;
+    let corners = if is_front { [0, 1, 2, 0, 2, 3] } else { [0, 2, 1, 0, 3, 2] };
+    out.index.extend(corners.map(|k| first + k));
 }
 
 /// A texel of a view.

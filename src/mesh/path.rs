@@ -238,6 +238,14 @@ pub fn rings(
         out[start..].iter_mut().for_each(|r| r.sides = r.sides.min(most_sides));
         out[start].sides = most_sides;
     }
+    if let Foot::Ground { mixed_m: Some([low, high]) } = foot {
+        // The line between two barks winds through facets: bands of one number of sides.
+        for i in start + 1..out.len() {
+            if (low..=high).contains(&out[i].centre.z) {
+                out[i].sides = out[i - 1].sides;
+            }
+        }
+    }
     shift
 }
 

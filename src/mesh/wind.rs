@@ -40,6 +40,23 @@ impl WindProfile {
         }
     }
 
+    /// Colours a surface that moves with the whole tree, so high, and by itself not at all.
+    pub fn whole_tree(self, height_m: f32, surface: &mut Surface) {
+        let still = match self {
+            WindProfile::CryEngine => [0, 0, 0, 255],
+            _ => [0; 4],
+        };
+        let per_m = height_m.max(1e-6).recip();
+        let colour = |p: &Vec3| {
+            let mut colour = still;
+            if let Some(k) = self.tree_channel() {
+                colour[k] = byte((p.z * per_m).clamp(0.0, 1.0).powi(2));
+            }
+            colour
+        };
+        surface.wind = surface.position.iter().map(colour).collect();
+    }
+
     /// Where that of a leaf's own motion is.
     fn flutter_channel(self) -> usize {
         match self {

@@ -158,13 +158,15 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     let clipped = job.clip.map_or(Ok(0), |clip| view::clip(&mut survey, &clip))?;
     let models = models(job, &survey);
     let mut budgets = budgets(job, &survey, &models);
+    let mut rough = vec![false; models.len()];
     let skeletons = grow(job, &survey, &models, &budgets, run)?;
     let textures = paint_all(job, &models, run)?;
     if let Some(tolerance_m) = job.wood.tolerance_m {
         let of = (&models[..], &skeletons[..], &textures[..]);
-        budgets = within(job, &survey, of, &budgets, tolerance_m, run)?;
+        (budgets, rough) = within(job, &survey, of, &budgets, tolerance_m, run)?;
     }
-    let meshes = build_meshes(job, &survey, &models, &budgets, &skeletons, &textures, run)?;
+    let of = (&models[..], &skeletons[..], &textures[..]);
+    let meshes = build_meshes(job, &survey, of, &budgets, &rough, run)?;
     let mut finest = Vec::with_capacity(meshes.len());
     let mut coarse = Vec::with_capacity(meshes.len());
     for mut of_model in meshes {
@@ -199,7 +201,7 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     let forms = job.forms();
     if !forms.is_empty() {
         run.stage("levels", |_| {
-            levels::add(&mut scene, coarse, &looks, forms.impostor, job.texture_px)?;
+            levels::add(&mut scene, coarse, &looks, &forms, job.texture_px)?;
             rows = levels::rows(&scene);
             Ok(((), levels::outcome(&rows, scene.prototypes.len())))
         })?;
@@ -278,6 +280,22 @@ fn budgets(job: &ForestJob, survey: &Survey, models: &[Model]) -> Vec<usize> {
         .into_iter()
         .map(|t| t.clamp(LEAST_TRIANGLES, job.triangles.max(LEAST_TRIANGLES)))
         .collect()
+}
+
+/// What to say where all trees together take more triangles than they may.
+fn over_budget(job: &ForestJob, models: &[Model], meshes: &[Vec<TreeMesh>]) -> Option<String> {
+    let total = job.scene_triangles?;
+    let finest = meshes.iter().filter_map(|of_model| of_model.first());
+    let taken = models.iter().zip(finest).map(|(m, mesh)| m.members.len() * mesh.triangles());
+    let (taken, trees) =
+        (taken.sum::<usize>(), models.iter().map(|m| m.members.len()).sum::<usize>());
+    (taken > total).then(|| {
+        format!(
+            "--scene-triangles {total}: {trees} trees take {taken}, for no model has fewer than about \
+             {LEAST_TRIANGLES}; give more, fewer trees (--clip, --camera), or show their coarser forms \
+             (--lods, --impostor)"
+        )
+    })
 }
 
 fn grow(
@@ -446,7 +464,8 @@ fn fill_distance(skeleton: &Skeleton, crown: &crate::crown::Crown) -> (f64, usiz
 }
 
 /// Triangles of each model by the tolerance: that which was asked for, or what the camera can tell
-/// of the nearest tree that shows the model, if that is more.
+/// of the nearest tree that shows the model, if that is more; and whether the roundness of its wood
+/// must give way.
 fn within(
     job: &ForestJob,
     survey: &Survey,
@@ -454,7 +473,7 @@ fn within(
     most: &[usize],
     tolerance_m: f32,
     run: &mut Recorder,
-) -> Result<Vec<usize>> {
+) -> Result<(Vec<usize>, Vec<bool>)> {
     run.stage("tolerance", |warnings| {
         let told = |m: &Model| {
             let Some(eye) = &job.eye else { return tolerance_m };
@@ -481,31 +500,33 @@ fn within(
             })
             .collect::<Result<_>>()?;
         let outcome = tolerance::outcome(&reached, warnings);
-        Ok((reached.iter().map(|r| r.triangles).collect(), outcome))
+        Ok((reached.iter().map(|r| (r.triangles, r.is_rough)).unzip(), outcome))
     })
 }
 
 fn build_meshes(
     job: &ForestJob,
     survey: &Survey,
-    models: &[Model],
+    (models, skeletons, textures): (&[Model], &[Skeleton], &[Option<TreeTextures>]),
     budgets: &[usize],
-    skeletons: &[Skeleton],
-    textures: &[Option<TreeTextures>],
+    rough: &[bool],
     run: &mut Recorder,
 ) -> Result<Vec<Vec<TreeMesh>>> {
     run.stage("mesh", |warnings| {
         let meshed = job.forms().meshed;
         let meshes: Vec<Vec<TreeMesh>> = models
             .par_iter()
-            .zip(budgets)
+            .zip(budgets.par_iter().zip(rough))
             .zip(skeletons)
-            .filter_map(|((m, b), s)| textures[m.species].as_ref().map(|t| (m, *b, s, t)))
-            .map(|(m, triangles, s, t)| {
-                let options = MeshOptions {
+            .filter_map(|((m, b), s)| textures[m.species].as_ref().map(|t| (m, b, s, t)))
+            .map(|(m, (&triangles, &is_rough), s, t)| {
+                let mut options = MeshOptions {
                     wind: job.levels.wind,
                     ..job.wood.options(triangles, job.foliage)
                 };
+                if is_rough {
+                    options.sagitta_m = f32::INFINITY;
+                }
                 let crown = &survey.trees[m.exemplar].crown;
                 let seed = job.survey.seed.derive("mesh", crown.key);
                 let species = &job.survey.species[m.species];
@@ -523,6 +544,7 @@ fn build_meshes(
             .error(tolerance::sagitta(finest.clone(), job.wood.tolerance_m, warnings));
         levels::tell_thin(finest.clone(), warnings);
         let outcome = levels::tell_unmeshed(finest, outcome, warnings);
+        warnings.extend(over_budget(job, models, &meshes));
         Ok((meshes, outcome))
     })
 }

@@ -69,7 +69,14 @@ pub fn meshes(
     out.par_iter_mut().for_each(|mesh| mesh.scale(factor));
     if meshed > SHARES.len() {
         let Subject { skeleton, species, textures, .. } = subject;
-        out.push(scheme(&out[0], skeleton.crown_base_m() * factor, species, &textures.atlas)?);
+        let crown_base_m = skeleton.crown_base_m() * factor;
+        let mut scheme = scheme(&out[0], crown_base_m, species, &textures.atlas)?;
+        if let Some(profile) = options.wind {
+            let height_m = out[0].bounds().1.z;
+            let TreeMesh { wood, upper_wood, foliage, .. } = &mut scheme;
+            [wood, upper_wood, foliage].map(|s| profile.whole_tree(height_m, s));
+        }
+        out.push(scheme);
     }
     Ok(out)
 }
@@ -173,7 +180,7 @@ pub fn add(
     scene: &mut Scene,
     coarse: Vec<Vec<TreeMesh>>,
     looks: &[Look],
-    impostor: Option<lod::Kind>,
+    job: &LevelsJob,
     texture_px: u32,
 ) -> Result<()> {
     for ((prototype, meshes), look) in scene.prototypes.iter_mut().zip(coarse).zip(looks) {
@@ -186,10 +193,14 @@ pub fn add(
             });
         }
     }
-    let baked = impostor.map(|kind| bake(scene, kind, texture_px)).transpose()?;
+    let baked = job.impostor.map(|kind| bake(scene, kind, texture_px)).transpose()?;
     for (p, (parts, octahedral)) in baked.into_iter().flatten().enumerate() {
         let (first_texture, first_material) = (scene.textures.len(), scene.materials.len());
-        let Baked { part, colour, normal } = parts;
+        let Baked { mut part, colour, normal } = parts;
+        if let Some(profile) = job.wind {
+            let height_m = bounds(&scene.prototypes[p].parts).1.z;
+            profile.whole_tree(height_m, &mut part.surface);
+        }
         scene.textures.extend([colour, normal]);
         let stem = scene.prototypes[p].name.clone();
         scene.materials.push(Material {
@@ -201,7 +212,8 @@ pub fn add(
             roughness: 0.75,
             translucency: LEAF_TRANSLUCENCY,
             alpha: Alpha::Mask { cutoff: impostor::CUTOFF },
-            double_sided: true,
+            // A cross has sheets for either side.
+            double_sided: octahedral.is_some(),
             variants: Vec::new(),
         });
         scene.prototypes[p].levels.push(Level {

@@ -16,6 +16,7 @@ use crate::lod::{Silhouettes, Views};
 use crate::mesh::{FoliageLevel, MAX_SIDES, MeshOptions, TreeMesh};
 use crate::render::capture::Sitter;
 use crate::report::{ErrorMeasure, Outcome};
+use crate::scene::Apart;
 
 /// Triangles of the form that others are measured against; with every leaf of it.
 const REFERENCE: [usize; 2] = [100_000, 1_000_000];
@@ -27,17 +28,21 @@ const STEPS: usize = 4;
 /// What a number of triangles comes to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reached {
-    /// As a budget.
+    /// As a budget, and as they come.
     pub triangles: usize,
+    pub made: usize,
     pub rms_m: f32,
     pub worst_m: f32,
     /// Asked for.
     pub tolerance_m: f32,
+    /// Facets may be farther from the wood's roundness than asked for: what that would take is spent on
+    /// branches, where so few triangles do not do for both.
+    pub is_rough: bool,
 }
 
 impl Reached {
     pub fn is_within(&self) -> bool {
-        self.rms_m <= self.tolerance_m
+        self.rms_m <= self.tolerance_m && self.made <= self.triangles
     }
 }
 
@@ -63,7 +68,12 @@ pub fn fewest(
     let ladder: Vec<usize> =
         rungs.enumerate().take_while(|&(k, n)| k == 0 || n >= LEAST).map(|r| r.1).collect();
     let found = measured(subject, options, most, &ladder, tolerance_m)?;
-    let Some(k) = found.iter().rposition(Reached::is_within) else { return Ok(found[0]) };
+    let Some(k) = found.iter().rposition(Reached::is_within) else {
+        let rough = |n: usize| MeshOptions { sagitta_m: f32::INFINITY, ..options(n) };
+        let freed = measured(subject, &rough, most, &[most], tolerance_m)?[0];
+        let is_worse = freed.rms_m >= found[0].rms_m && found[0].made <= most;
+        return Ok(if is_worse { found[0] } else { Reached { is_rough: true, ..freed } });
+    };
     let Some(coarser) = found.get(k + 1) else { return Ok(found[k]) };
     let (low, high) = (coarser.triangles, found[k].triangles);
     let between: Vec<usize> = (1..STEPS).map(|i| low + (high - low) * i / STEPS).collect();
@@ -82,6 +92,7 @@ fn measured(
     let all: Vec<usize> = [finest].iter().chain(budgets).copied().collect();
     let meshes: Vec<TreeMesh> =
         all.par_iter().map(|&n| subject.mesh(&options(n))).collect::<Result<_>>()?;
+    let made: Vec<usize> = meshes[1..].iter().map(TreeMesh::triangles).collect();
     let scene = model_scene(subject.species, meshes, subject.textures.clone());
     let models: Vec<_> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
     let around = models
@@ -95,9 +106,9 @@ fn measured(
         .map(|m| Silhouettes::of(&sitter, m, around, Views::All))
         .collect::<Result<_>>()?;
     let (reference, forms) = outlines.split_at(1);
-    let reached = forms.par_iter().zip(budgets).map(|(form, &triangles)| {
-        let apart = reference[0].apart(form);
-        Reached { triangles, rms_m: apart.rms_m, worst_m: apart.worst_m, tolerance_m }
+    let reached = forms.par_iter().zip(budgets).zip(made).map(|((form, &triangles), made)| {
+        let Apart { rms_m, worst_m } = reference[0].apart(form);
+        Reached { triangles, made, rms_m, worst_m, tolerance_m, is_rough: false }
     });
     Ok(reached.collect())
 }

@@ -184,16 +184,20 @@ fn stand(
     })?;
     let seed = job.seed.derive("mesh", 0);
     let options = |n: usize| MeshOptions { leaf_share, ..job.wood.options(n, job.foliage) };
-    let mut triangles = job.triangles;
+    let (mut triangles, mut is_rough) = (job.triangles, false);
     if let Some(tolerance_m) = job.wood.tolerance_m {
-        triangles = run.stage("tolerance", |warnings| {
+        (triangles, is_rough) = run.stage("tolerance", |warnings| {
             let subject = Subject { skeleton, species, textures: &textures, seed };
             let reached = tolerance::fewest(&subject, &options, job.triangles, tolerance_m)?;
-            Ok((reached.triangles, tolerance::outcome(&[reached], warnings)))
+            let found = (reached.triangles, reached.is_rough);
+            Ok((found, tolerance::outcome(&[reached], warnings)))
         })?;
     }
     let mut meshes = run.stage("mesh", |warnings| {
-        let options = MeshOptions { wind: job.levels.wind, ..options(triangles) };
+        let mut options = MeshOptions { wind: job.levels.wind, ..options(triangles) };
+        if is_rough {
+            options.sagitta_m = f32::INFINITY;
+        }
         // Wood fitted to a cloud stays where it is.
         let height_m = job.cloud.is_none().then(|| skeleton.height_m());
         let subject = Subject { skeleton, species, textures: &textures, seed };
@@ -226,7 +230,7 @@ fn stand(
     let mut rows = Vec::new();
     if !job.levels.is_empty() {
         run.stage("levels", |_| {
-            levels::add(&mut scene, vec![coarse], &[look], job.levels.impostor, job.texture_px)?;
+            levels::add(&mut scene, vec![coarse], &[look], &job.levels, job.texture_px)?;
             rows = levels::rows(&scene);
             Ok(((), levels::outcome(&rows, 1)))
         })?;
