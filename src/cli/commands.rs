@@ -1,5 +1,6 @@
 //! Resolved jobs, run and written.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
@@ -22,7 +23,7 @@ use crate::pipeline::{
 use crate::raster::{GridGeometry, cog};
 use crate::report::{self, Outcome, Recorder, Silent};
 use crate::scan;
-use crate::scene::{ColliderShape, ValidScene};
+use crate::scene::{ColliderShape, Forms, Selection, ValidScene};
 use crate::seed::Seed;
 use crate::simulate::StandOptions;
 use crate::species::assign::SpeciesBy;
@@ -284,6 +285,10 @@ fn state(typed: &args::StateArgs) -> State {
 
 /// Before any work: whether this program can make what is asked for.
 fn check_levels(typed: &args::LevelArgs) -> Result<()> {
+    if typed.wind_as == args::WindAs::Color && levels_job(typed).wind.is_none() {
+        return Err(Error::new("--wind-as says where wind is written, and none is")
+            .remedy("add --wind unity, cryengine or speedtree-like"));
+    }
     if typed.lightmap_uv { lightmap::needed() } else { Ok(()) }
 }
 
@@ -416,8 +421,29 @@ fn stage_scene(
             ));
         }
         let trees = scene.instances().len();
-        Ok(((), Outcome::items(trees, "trees", bytes as usize, "bytes")))
+        let mut outcome = Outcome::items(trees, "trees", bytes as usize, "bytes");
+        if let Some(left) = forms_never_shown(scene).filter(|_| job.chooses_forms()) {
+            outcome = outcome.note(left);
+        }
+        Ok(((), outcome))
     })
+}
+
+/// Forms that a file leaves out that says when each is shown: a coarser one is no farther off.
+fn forms_never_shown(scene: &ValidScene) -> Option<String> {
+    let all = Selection::of(scene, Forms::All);
+    let drawn = Selection::of(scene, Forms::Drawn);
+    let mut models: BTreeMap<&str, usize> = BTreeMap::new();
+    for (all, drawn) in all.models.iter().zip(&drawn.models) {
+        let is_left = |name: &&str| !drawn.forms.iter().any(|f| f.name == *name);
+        for name in all.forms.iter().map(|f| f.name).filter(is_left) {
+            *models.entry(name).or_default() += 1;
+        }
+    }
+    let each: Vec<String> =
+        models.iter().map(|(name, count)| format!("{name} of {count} models")).collect();
+    (!each.is_empty())
+        .then(|| format!("left out, as a coarser form is no farther off: {}", each.join(", ")))
 }
 
 /// Cells farther than this from all ground that was seen hold no data in the GeoTIFF, metres.

@@ -125,6 +125,13 @@ impl<'a> Job<'a> {
         Job { stem, formats, profile, wind, most_glb_bytes: MOST_GLB_BYTES }
     }
 
+    /// Whether a file says itself when each form is shown.
+    pub fn chooses_forms(&self) -> bool {
+        let is_gltf = |f: &Format| matches!(f, Format::Glb | Format::Gltf);
+        let holds_all = self.profile.holds_all_forms();
+        self.formats.iter().any(|f| *f == Format::X3d || holds_all && is_gltf(f))
+    }
+
     /// How textures are coded in files of their own.
     fn pictures_beside(&self) -> BTreeSet<PictureFormat> {
         let of = |format: &Format| match format {

@@ -74,7 +74,9 @@ pub fn meshes(
         if let Some(profile) = options.wind {
             let height_m = out[0].bounds().1.z;
             let TreeMesh { wood, upper_wood, foliage, .. } = &mut scheme;
-            [wood, upper_wood, foliage].map(|s| profile.whole_tree(height_m, s));
+            for surface in [wood, upper_wood, foliage] {
+                profile.whole_tree(height_m, surface);
+            }
         }
         out.push(scheme);
     }

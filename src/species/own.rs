@@ -320,7 +320,9 @@ fn picture_beside(path: &Path, name: &str) -> Result<Picture> {
     let whole = beside(path, name);
     let last = name.split_whitespace().next_back().map(|last| beside(path, last));
     match last {
-        Some(last) if !whole.is_file() && last.is_file() => read_picture(&last),
+        Some(last) if !whole.is_file() && (last.is_file() || name.starts_with('-')) => {
+            read_picture(&last)
+        }
         _ => read_picture(&whole),
     }
 }
