@@ -10,7 +10,8 @@
 //! Samples are taken 3 × 3 a texel; colour is averaged in linear light over what is seen, alpha
 //! is the share seen, scaled so that as much passes the cutoff, between texels too as viewers see
 //! them, as was covered: single texels of a thin crown would vanish there. Normals are those
-//! of the mesh in the sheet's own tangent space. Known limit: a sheet has no depth, so that near
+//! of the mesh in the sheet's own tangent space, nearer to the eye where leaves face all ways; what
+//! lies deep between other leaves is darker. Known limit: a sheet has no depth, so that near
 //! by its parts slide against the tree's.
 
 use glam::{Vec2, Vec3};
@@ -49,6 +50,10 @@ const PER_TEXEL: usize = 3;
 /// Greatest factor on alpha, and how often it is halved to find the right one.
 const MOST_GAIN: f32 = 64.0;
 const HALVINGS: u32 = 10;
+/// How far behind its neighbours a leaf is wholly shaded, over the lesser side of the view; and how
+/// much darker it is then.
+const DEEP: f32 = 0.15;
+const SHADED: f32 = 0.5;
 /// Half the distance between both sides of a cross's sheet, metres.
 const APART_M: f32 = 1e-3;
 /// Texels between two views of a cross.
@@ -231,6 +236,8 @@ struct Baked {
     normal: Vec3,
     /// Share seen.
     alpha: f32,
+    /// How far before the sheet, mean, metres.
+    before_m: f32,
 }
 
 /// A view; row 0 on top.
@@ -260,18 +267,50 @@ impl Frame {
                 for t in of.filter(Texel::is_seen) {
                     sum.albedo += Vec3::from(t.albedo);
                     sum.normal += t.normal;
+                    sum.before_m += t.before_m;
                     seen += 1;
                 }
-                let m = sum.normal;
-                let local = Vec3::new(m.dot(right), m.dot(up), -m.dot(forward));
+                let share = (seen.max(1) as f32).recip();
+                let m = sum.normal * share;
+                // Leaves that face all ways are lit as one that faces the eye.
+                let all_ways = (1.0 - m.length()).max(0.0);
+                let local = Vec3::new(m.dot(right), m.dot(up), all_ways - m.dot(forward));
                 Baked {
-                    albedo: sum.albedo / seen.max(1) as f32,
+                    albedo: sum.albedo * share,
                     normal: local.normalize_or(Vec3::Z),
                     alpha: seen as f32 / (n * n) as f32,
+                    before_m: sum.before_m * share,
                 }
             })
             .collect();
-        Ok(Frame { size: [width, height], texel })
+        let mut frame = Frame { size: [width, height], texel };
+        frame.shade(texel_m, DEEP * texel_m * width.min(height) as f32);
+        Ok(frame)
+    }
+
+    /// Darkens what lies deep in the crown, behind what is about it: a sheet casts no shadow there.
+    fn shade(&mut self, texel_m: f32, deep_m: f32) {
+        let [w, h] = self.size;
+        let reach = ((0.5 * deep_m / texel_m) as usize).clamp(1, 24);
+        let depth = |t: &Baked| if t.alpha > 0.0 { t.before_m } else { f32::NEG_INFINITY };
+        let before: Vec<f32> = self.texel.iter().map(depth).collect();
+        // The nearest to the eye about each, along rows and then along columns.
+        let nearest = |of: &[f32], len: usize, step: usize, from: usize, i: usize| {
+            let (low, high) = (i.saturating_sub(reach), (i + reach).min(len - 1));
+            (low..=high).map(|k| of[from + k * step]).fold(f32::NEG_INFINITY, f32::max)
+        };
+        let rows: Vec<f32> = (0..w * h).map(|i| nearest(&before, w, 1, i / w * w, i % w)).collect();
+        let light = |(i, t): (usize, &Baked)| {
+            let behind_m = nearest(&rows, h, w, i % w, i / w) - t.before_m;
+            1.0 - SHADED * (behind_m / deep_m.max(1e-6)).clamp(0.0, 1.0)
+        };
+        let lights: Vec<f32> = self.texel.iter().enumerate().map(light).collect();
+        let seen = || self.texel.iter().zip(&lights).filter(|(t, _)| t.alpha > 0.0);
+        let mean = seen().map(|(_, light)| light).sum::<f32>() / seen().count().max(1) as f32;
+        // As bright as before, on the whole.
+        for (t, light) in self.texel.iter_mut().zip(&lights).filter(|(t, _)| t.alpha > 0.0) {
+            t.albedo = (t.albedo * (light / mean.max(1e-3))).min(Vec3::ONE);
+        }
     }
 
     /// Factor on alpha at which as much passes the cutoff as the model covers.
