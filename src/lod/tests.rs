@@ -99,7 +99,14 @@ fn an_impostor_covers_what_the_model_covers_in_its_colour() {
         // Under what is transparent too, for mip levels.
         assert!(got.colour.data.iter().all(|p| p[..3] == [188, 89, 89]));
         if kind == Kind::Cross {
-            assert_eq!(got.surface.triangles(), 4);
+            assert_eq!(got.surface.triangles(), 8);
+            // Sheets for either side, each before what it stands for, as their normals say.
+            for t in got.surface.index.as_chunks::<3>().0 {
+                let [a, b, c] = t.map(|i| got.surface.position[i as usize]);
+                let normal = got.surface.normal[t[0] as usize];
+                assert!((b - a).cross(c - a).normalize().dot(normal) > 0.999);
+                assert!(a.dot(normal) > 0.0, "{a} {normal}");
+            }
             let sides = [got.colour.width, got.colour.height];
             assert!(sides.iter().all(|s| s.is_power_of_two()) && sides[1] == 256, "{sides:?}");
             // The gutters take 8 texels.

@@ -166,7 +166,8 @@ impl Wind {
 
     /// The same, each by a sway of its own.
     pub fn each(&self, sways: impl Iterator<Item = Sway>, surface: &mut Surface) {
-        surface.wind.extend(sways.map(|sway| self.wood(sway)));
+        let new = surface.position.len() - surface.wind.len();
+        surface.wind.extend(sways.take(new).map(|sway| self.wood(sway)));
         debug_assert_eq!(surface.wind.len(), surface.position.len());
     }
 
