@@ -609,9 +609,10 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     );
     let mut lines = vec![line];
     lines.extend(level_lines(&rows));
+    lines.extend(notes(run, "export"));
     let mut summary = summary("tree", Some(a.seed), run, Some(&scene));
     summary["levels"] = json!(rows);
-    summary["left_out"] = json!(left_out::table(&left_out::Told {
+    let table = left_out::table(&left_out::Told {
         scene: &scene,
         levels: &job.levels,
         has_forms: false,
@@ -619,12 +620,19 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         clipped: 0,
         chosen: None,
         stages: &run.stages,
-    }));
+    });
+    lines.extend(left_out::lines(&table));
+    summary["left_out"] = json!(table);
     if let Some(fit) = fit {
         summary["fit"] = json!(fit);
         lines.splice(0..0, fit_lines(&fit));
     }
     Ok(Told { lines, json: summary })
+}
+
+/// What was noted of a stage.
+fn notes(run: &Recorder, stage: &str) -> Vec<String> {
+    run.stages.iter().filter(|s| s.stage == stage).flat_map(|s| s.notes.clone()).collect()
 }
 
 /// Triangles and silhouette error of each level: the mean triangles and the worst error of all
@@ -743,6 +751,7 @@ fn forest_lines(forest: &Forest, typed: &SceneArgs, run: &Recorder, dir: &Path) 
     let stats = crate::scene::statistics(&forest.scene);
     let mut lines: Vec<String> = report::table(&run.stages).lines().map(str::to_owned).collect();
     lines.extend(level_lines(&forest.rows));
+    lines.extend(notes(run, "export"));
     lines.extend(left_out::lines(&forest_left_out(forest, typed, run)));
     lines.push(format!(
         "{} trees of {} models, {} triangles in place, {} unique; {:.1} s, {} MB at most",

@@ -94,11 +94,12 @@ fn an_impostor_covers_what_the_model_covers_in_its_colour() {
         let got = impostor::bake(&sitter, 0, bounds, kind, 256).unwrap();
         assert_eq!(got.octahedral.is_some(), kind == Kind::Octahedral);
         let seen: Vec<_> = got.colour.data.iter().filter(|p| p[3] >= 128).collect();
-        // sRGB of 0.5 and 0.1.
-        assert!(seen.iter().all(|p| p[..3] == [188, 89, 89]));
-        // Under what is transparent too, for mip levels.
-        assert!(got.colour.data.iter().all(|p| p[..3] == [188, 89, 89]));
+        // sRGB of 0.5 and 0.1; what leans back is darker, but not the whole.
+        let mean = |k: usize| seen.iter().map(|p| f32::from(p[k])).sum::<f32>() / seen.len() as f32;
+        assert!((mean(0) - 188.0).abs() < 4.0 && (mean(1) - 89.0).abs() < 4.0);
         if kind == Kind::Cross {
+            // Under what is transparent too, for mip levels.
+            assert!(got.colour.data.iter().all(|p| p[..3] == [188, 89, 89]));
             assert_eq!(got.surface.triangles(), 8);
             // Sheets for either side, each before what it stands for, as their normals say.
             for t in got.surface.index.as_chunks::<3>().0 {
