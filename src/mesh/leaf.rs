@@ -195,16 +195,15 @@ impl<'a> Twig<'a> {
             let share = each.saturating_sub(wood) as f32 / (whole - wood).max(1) as f32;
             let share = share.clamp(fewest, 1.0);
             // Few needles of each place, and few places; what rounding leaves goes to the main shoot.
-            let leaves = twig.leaves() as f32 * share;
+            let (leaves, [most, _]) = (twig.leaves() as f32, twig.places);
+            let each_place = twig.cluster as f32;
             let fewer = if twig.cluster > 3 { share.sqrt() } else { 1.0 };
-            twig.cluster = ((twig.cluster as f32 * fewer) as usize).max(1);
-            let places = leaves / twig.cluster as f32;
-            let sparser = places
-                / twig.places.iter().zip([1, sides]).map(|(n, k)| n * k).sum::<usize>().max(1)
-                    as f32;
+            twig.cluster = ((each_place * fewer) as usize).max(1);
+            let sparser = share * each_place / twig.cluster as f32;
             let side = ((summer[1] * kept * sparser) as usize).max(least);
-            let main = (places - (sides * side) as f32).max(0.0) as usize;
-            twig.places = [main.clamp(least, twig.places[0].max(least)), side];
+            let main = (leaves / each_place * sparser) as usize;
+            let main = main.saturating_sub(sides * side).clamp(least, most);
+            twig.places = [main, side];
         }
         twig.count = (budget / twig.room().triangles.max(1)).min(enough);
         let missing = needed / twig.count.max(1) as f32;

@@ -127,6 +127,20 @@ pub fn tell_thin<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, warnings: &mut 
     ));
 }
 
+/// Warns where a species has cones of the user's own and no tree of it bears any, for want of triangles.
+pub fn tell_fruitless(species: &Species, mesh: Option<&TreeMesh>, warnings: &mut Vec<String>) {
+    let (Some(model), Some(mesh)) = (&species.own_fruit, mesh) else { return };
+    if mesh.fruit.is_empty() && species.fruit.per_m > 0.0 && mesh.twig_scale > 0.0 {
+        warnings.push(format!(
+            "{}: no {} is borne: one has {} triangles, and all of them may take a quarter of the leaves'; \
+             give more --triangles, or the model fewer",
+            species.name,
+            model.name.display(),
+            model.index.len() / 3
+        ));
+    }
+}
+
 /// A tree as two cones and a cylinder (P18), in the mean colour of its leaves; the cylinder alone
 /// for a bare one.
 fn scheme(
