@@ -13,10 +13,10 @@ use rayon::prelude::*;
 
 use super::card::{self, Shape};
 use super::leaf::{MOST_ENLARGED, Twig};
-use super::piece::fill;
-use super::spot::{Hull, Pose, Spot, spots, stance, thinned};
+use super::piece::{Piece, fill};
+use super::spot::{Hull, Pose, spots, stance, thinned};
 use super::wind::Wind;
-use super::{Surface, shell, stamp};
+use super::{Surface, form, shell, stamp};
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
@@ -159,26 +159,33 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let kept = thinned(spots, &hull, most, usual, f.twig_length_m);
     let outlines: Vec<_> = atlas.cells().iter().map(|c| c.outline(shape.rows())).collect();
     let fold = stance(f.shape).fold;
-    let mut surface = fill(kept.len(), room, |k, out| {
-        let spot = &kept[k];
-        let mut draws = seed.derive("card", spot.key).draws();
-        let pose = Pose::of(spot, f, &hull, enlarge, &mut draws);
-        match (model, &twig) {
-            (Some(model), _) => stamp::emit(model, &pose, stamp::BENT, out),
-            (None, Some(twig)) => twig.emit(&pose, &mut draws, out),
-            (None, None) => {
+    let wind = order.wind.map(|wind| (wind, kept.as_slice()));
+    let stand = |k: usize| {
+        let mut draws = seed.derive("card", kept[k].key).draws();
+        (Pose::of(&kept[k], f, &hull, enlarge, &mut draws), draws)
+    };
+    let surface = match (model, &twig) {
+        (Some(model), _) => {
+            let emit = |k, out: &mut Piece| stamp::emit(model, &stand(k).0, stamp::BENT, out);
+            fill(kept.len(), room, emit, wind)
+        }
+        (None, Some(twig)) => {
+            let poses: Vec<Pose> = (0..kept.len()).into_par_iter().map(|k| stand(k).0).collect();
+            form::set(twig, &poses, seed, wind)
+        }
+        (None, None) => {
+            let emit = |k, out: &mut Piece| {
+                let (pose, mut draws) = stand(k);
                 // Pictures of one scale give way to those of the next little by little.
                 let cells = atlas.nearest(pose.size_m * draws.between(BLEND[0], BLEND[1]).exp());
                 let pick = draws.index(cells.clone().count());
                 let id = cells.clone().nth(pick).unwrap_or(0);
                 let fold = fold * draws.between(0.6, 1.3);
                 card::emit(&pose, shape, fold, &atlas.cells()[id], &outlines[id], out);
-            }
+            };
+            fill(kept.len(), room, emit, wind)
         }
-    });
-    if let Some(wind) = order.wind {
-        surface.wind = swaying(wind, &kept, &surface, room.vertices);
-    }
+    };
     let cover = twig.map_or(1.0, |t| t.cover);
     Ok(Foliage { surface, twig_scale: enlarge, cover })
 }
@@ -186,16 +193,6 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
 /// Cards take the picture for one so much larger, natural logarithm: from the next fuller picture
 /// rather than from the next sparser one, so that leaves look too small rather than too large.
 const BLEND: [f32; 2] = [-0.15, 0.9];
-
-/// The wind of every vertex of twigs that take so many vertices each.
-pub fn swaying(wind: &Wind, spots: &[Spot], surface: &Surface, vertices: usize) -> Vec<[u8; 4]> {
-    let mut out = bytemuck::zeroed_vec(surface.position.len());
-    let twigs = surface.position.par_chunks_exact(vertices).zip(spots).with_min_len(64);
-    out.par_chunks_exact_mut(vertices).zip(twigs).for_each(|(out, (twig, spot))| {
-        wind.twig(twig, spot.at, spot.node(), spot.key, out);
-    });
-    out
-}
 
 /// How much larger than a twig cards are, so that the leaves cover as much of the crown's hull as
 /// the species' do; bounded by what thinning took away. Bare twigs keep the sum of their areas.

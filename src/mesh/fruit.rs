@@ -3,8 +3,8 @@
 //! Each place a twig may have bears one by chance, so many a metre as the species says, more of them
 //! outside; a smaller budget keeps some of the same.
 
-use super::foliage::{FoliageLevel, Order, swaying};
-use super::piece::fill;
+use super::foliage::{FoliageLevel, Order};
+use super::piece::{Piece, fill};
 use super::spot::{Hull, Pose, spots};
 use super::{Surface, stamp};
 use crate::skeleton::Skeleton;
@@ -47,13 +47,10 @@ pub fn fruit(skeleton: &Skeleton, order: &Order<'_>) -> Surface {
     let seed = order.seed.derive("fruit", 0);
     spots.retain(|s| seed.derive("borne", s.key).draws().unit() < share * weight(s.at));
     spots.truncate(most);
-    let mut surface = fill(spots.len(), room, |k, out| {
+    let emit = |k: usize, out: &mut Piece| {
         let mut draws = seed.derive("fruit", spots[k].key).draws();
         let pose = Pose::of(&spots[k], &stand, &hull, 1.0, &mut draws);
         stamp::emit(model, &pose, stamp::BENT_FRUIT, out);
-    });
-    if let Some(wind) = order.wind {
-        surface.wind = swaying(wind, &spots, &surface, room.vertices);
-    }
-    surface
+    };
+    fill(spots.len(), room, emit, order.wind.map(|wind| (wind, spots.as_slice())))
 }

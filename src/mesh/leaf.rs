@@ -39,8 +39,8 @@ pub const MOST_ENLARGED: f32 = 2.4;
 const TILTED: f32 = 0.8;
 /// Places for needles or leaves on one shoot at most.
 const MOST_PLACES: f32 = 4_000.0;
-/// Share of the crown's outside in a normal.
-const BENT: f32 = 0.45;
+/// Share of the crown's outside in the normals of needles, and of leaves.
+const BENT: [f32; 2] = [0.45, 0.7];
 
 /// How the shoots and needles of a twig are built.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -261,11 +261,12 @@ impl<'a> Twig<'a> {
             sag: 0.1,
             mirrored: false,
             outward: Vec3::Z,
-            crown: Vec3::NEG_Z * size_m,
+            crown: Vec3::ZERO,
+            is_plain: true,
         };
         let of = |key: u64| {
             let draws = || Seed::new(0).derive("measured twig", key).draws();
-            let twig = fill(1, room, |_, out| self.emit(&pose, &mut draws(), out));
+            let twig = fill(1, room, |_, out| self.emit(&pose, &mut draws(), out), None);
             hidden_sq_m(&twig.position, &twig.index)
         };
         self.opaque() * (0..MEASURED).map(of).sum::<f32>() / MEASURED as f32
@@ -312,7 +313,12 @@ impl<'a> Twig<'a> {
         }
     }
 
-    /// One twig.
+    /// Share of the crown's outside in normals.
+    pub fn bent(&self) -> f32 {
+        BENT[usize::from(self.organ != Organ::Needle)]
+    }
+
+    /// One twig, its normals its own.
     pub fn emit(&self, pose: &Pose, draws: &mut Draws, out: &mut Piece) {
         let across = pose.heading.cross(pose.facing) * if pose.mirrored { -1.0 } else { 1.0 };
         let main = Shoot {
@@ -449,8 +455,8 @@ impl<'a> Twig<'a> {
     fn stalk(&self, pose: &Pose, to: Vec3, half: f32, out: &mut Piece) {
         let across = pose.heading.cross(pose.facing) * half;
         let uv = self.atlas.fill();
-        let corners = [pose.base - across, pose.base + across, to]
-            .map(|p| out.vertex(p, pose.bent(pose.facing, p, BENT), uv));
+        let corners =
+            [pose.base - across, pose.base + across, to].map(|p| out.vertex(p, pose.facing, uv));
         out.triangle(corners);
     }
 }
@@ -488,10 +494,8 @@ fn needle(pose: &Pose, width_m: f32, build: Build, cell: &Cell, out: &mut Piece)
     let across = pose.heading.cross(pose.facing);
     let half = 0.5 * RHOMBUS * width_m.max(1e-5);
     let middle = pose.base + pose.heading * (0.4 * pose.size_m) - pose.facing * (0.6 * half);
-    // A needle is short: all of it lies one way from the crown's middle.
-    let bent = pose.bent(pose.facing, middle, BENT);
-    let lean = across * (0.5 * (1.0 - BENT));
-    let [ridge, right, left] = [bent, bent + lean, bent - lean].map(|n| n.normalize_or(Vec3::Z));
+    let ridge = pose.facing;
+    let [right, left] = [0.5, -0.5].map(|lean| (ridge + across * lean).normalize_or(ridge));
     let tip = (pose.base + pose.heading * pose.size_m, ridge, cell.uv(0.5, 0.95));
     if build == Build::Light {
         let right = (pose.base + across * half, right, cell.uv(0.65, 0.4));
@@ -531,9 +535,8 @@ impl Shoot {
     fn wood(&self, pieces: usize, uv: Vec2, pose: &Pose, out: &mut Piece) {
         if pieces == 0 {
             let across = self.along.cross(pose.facing).normalize_or(pose.heading) * self.radius;
-            let normal = |p| pose.bent(pose.facing, p, 0.15);
             let corners = [self.base - across, self.base + across, self.at(1.0).0];
-            let corners = corners.map(|p| out.vertex(p, normal(p), uv));
+            let corners = corners.map(|p| out.vertex(p, pose.facing, uv));
             out.triangle(corners);
             return;
         }
@@ -547,7 +550,7 @@ impl Shoot {
             let ring = [0, 1, 2].map(|c| {
                 let (sin, cos) = (c as f32 * std::f32::consts::TAU / 3.0).sin_cos();
                 let away = u * cos + v * sin;
-                out.vertex(p + away * radius, pose.bent(away, p, 0.15), uv)
+                out.vertex(p + away * radius, away, uv)
             });
             if let Some(low) = before {
                 for c in 0..3 {

@@ -7,6 +7,7 @@ mod chain;
 mod check;
 mod facing;
 mod foliage;
+mod form;
 mod fruit;
 mod junction;
 mod leaf;

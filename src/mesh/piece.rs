@@ -5,6 +5,8 @@ use glam::{Vec2, Vec3, Vec3A};
 use rayon::prelude::*;
 
 use super::Surface;
+use super::spot::Spot;
+use super::wind::Wind;
 
 /// Room that every copy takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,6 +19,12 @@ pub struct Room {
 const MOST_VERTICES: usize = 1 << 30;
 /// Least cosine between a corner's normal and the front of its triangle.
 const LEAST_COSINE: f32 = 0.03;
+
+/// Copies that a thread makes before it looks for more.
+const AT_ONCE: usize = 16;
+
+/// The part of a surface's columns that is one copy's.
+type Columns<'a> = (&'a mut [Vec3], &'a mut [Vec3], &'a mut [Vec2], &'a mut [u32]);
 
 /// One copy while it is made.
 pub struct Piece<'a> {
@@ -69,6 +77,21 @@ impl Piece<'_> {
         }
     }
 
+    /// The whole piece at once: as many vertices and triangles as it has room for. `place` gives the
+    /// position and the normal, of unit length, of each vertex.
+    pub fn copy(&mut self, place: impl Iterator<Item = (Vec3, Vec3)>, uv: &[Vec2], index: &[u32]) {
+        for ((p, n), at) in self.position.iter_mut().zip(&mut *self.normal).zip(place) {
+            (*p, *n) = at;
+        }
+        for (slot, uv) in self.uv.iter_mut().zip(uv) {
+            *slot = *uv;
+        }
+        for (slot, corner) in self.index.iter_mut().zip(index) {
+            *slot = self.first + corner;
+        }
+        (self.vertices, self.corners) = (uv.len(), index.len());
+    }
+
     /// Adds a triangle of the piece's vertices, counter-clockwise seen from its front.
     pub fn triangle(&mut self, corners: [u32; 3]) {
         if let Some(slots) = self.index.get_mut(self.corners..self.corners + 3) {
@@ -106,8 +129,14 @@ pub fn straighten(position: &[Vec3], normal: &mut [Vec3], index: &[u32], first: 
     has_turned
 }
 
-/// `count` pieces as one surface; `emit` must fill the whole room of each.
-pub fn fill(count: usize, room: Room, emit: impl Fn(usize, &mut Piece) + Sync) -> Surface {
+/// `count` pieces as one surface; `emit` must fill the whole room of each. In a wind each moves as
+/// a twig that hangs from its spot.
+pub fn fill(
+    count: usize,
+    room: Room,
+    emit: impl Fn(usize, &mut Piece) + Sync,
+    wind: Option<(&Wind, &[Spot])>,
+) -> Surface {
     let count = count.min(MOST_VERTICES / room.vertices.max(1));
     if count == 0 || room.vertices == 0 || room.triangles == 0 {
         return Surface::default();
@@ -126,17 +155,29 @@ pub fn fill(count: usize, room: Room, emit: impl Fn(usize, &mut Piece) + Sync) -
         out.uv.par_chunks_exact_mut(room.vertices),
         out.index.par_chunks_exact_mut(room.triangles * 3),
     );
-    columns.into_par_iter().enumerate().with_min_len(64).for_each(
-        |(k, (position, normal, uv, index))| {
-            let first = (k * room.vertices) as u32;
-            index.fill(first);
-            let mut piece = Piece { position, normal, uv, index, first, vertices: 0, corners: 0 };
-            emit(k, &mut piece);
-            debug_assert_eq!((piece.vertices, piece.corners), (room.vertices, 3 * room.triangles));
-            if straighten(piece.position, piece.normal, piece.index, first) {
-                straighten(piece.position, piece.normal, piece.index, first);
-            }
-        },
-    );
+    let one = |k: usize, (position, normal, uv, index): Columns, colour: &mut [[u8; 4]]| {
+        let first = (k * room.vertices) as u32;
+        let mut piece = Piece { position, normal, uv, index, first, vertices: 0, corners: 0 };
+        emit(k, &mut piece);
+        debug_assert_eq!((piece.vertices, piece.corners), (room.vertices, 3 * room.triangles));
+        // What was left open points at the piece itself.
+        piece.index[piece.corners..].fill(first);
+        if straighten(piece.position, piece.normal, piece.index, first) {
+            straighten(piece.position, piece.normal, piece.index, first);
+        }
+        if let Some((wind, spots)) = wind {
+            let spot = &spots[k];
+            wind.twig(piece.position, spot.at, spot.node(), spot.key, colour);
+        }
+    };
+    let pieces = columns.into_par_iter().enumerate();
+    if wind.is_some() {
+        out.wind = bytemuck::zeroed_vec(count * room.vertices);
+        let colours = out.wind.par_chunks_exact_mut(room.vertices);
+        let pieces = pieces.zip(colours).with_min_len(AT_ONCE);
+        pieces.for_each(|((k, columns), colour)| one(k, columns, colour));
+    } else {
+        pieces.with_min_len(AT_ONCE).for_each(|(k, columns)| one(k, columns, &mut []));
+    }
     out
 }

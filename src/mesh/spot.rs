@@ -233,6 +233,8 @@ pub fn stance(shape: LeafShape) -> Stance {
 /// what they are longer that lies further in.
 const BOUGH_FROM: f32 = 2.4;
 const INWARD: f32 = 0.75;
+/// Fall of the tips of twigs that hang, share of their length.
+pub const SAG: [f32; 2] = [0.05, 0.28];
 
 /// How one twig stands.
 #[derive(Debug, Clone, Copy)]
@@ -250,14 +252,24 @@ pub struct Pose {
     /// Unit, out of the crown.
     pub outward: Vec3,
     pub crown: Vec3,
+    /// Normals are a surface's own, not bent to the crown's outside.
+    pub is_plain: bool,
 }
 
 impl Pose {
     /// A normal between a surface's own and the crown's outside at a place: soft from far, its own
     /// from near. `share`: of the crown.
     pub fn bent(&self, own: Vec3, at: Vec3, share: f32) -> Vec3 {
+        if self.is_plain {
+            return own;
+        }
+        own * (1.0 - share) + self.out_at(at) * share
+    }
+
+    /// Which way the crown's outside is at a place; of length 1 at most.
+    pub fn out_at(&self, at: Vec3) -> Vec3 {
         let away = (at - self.crown).normalize_or(self.outward);
-        own * (1.0 - share) + (self.outward * 0.6 + away * 0.4) * share
+        self.outward * 0.6 + away * 0.4
     }
 
     /// Off the shoot by phyllotaxis, drawn down (or up) by the species' droop, turned to the light
@@ -291,7 +303,7 @@ impl Pose {
         let size_m = (twig_m * hull.scale(spot.at, enlarge)).min(most_m);
         let reach_m = (twig_m * hull.scale(spot.at, enlarge.min(BOUGH_FROM))).min(size_m);
         // The outer part sinks under its weight, except where it stands.
-        let sag = if f.droop >= 0.0 { draws.between(0.05, 0.28) } else { 0.0 };
+        let sag = if f.droop >= 0.0 { draws.between(SAG[0], SAG[1]) } else { 0.0 };
         // What would hang into the ground lies on it.
         let lowest = (sag - spot.at.z / size_m).min(0.5);
         if spot.at.z > 0.0 && heading.z < lowest {
@@ -312,6 +324,7 @@ impl Pose {
             mirrored: draws.unit() < 0.5,
             outward,
             crown: hull.centre,
+            is_plain: false,
         }
     }
 }

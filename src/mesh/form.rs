@@ -1,0 +1,163 @@
+//! Twigs leaf by leaf, made once in a few forms and set at all their places.
+//!
+//! What tells one twig from another is which way it hangs and how large it is: it is built in the
+//! forms of a small table, over the direction of gravity in its own frame, the fall of its tip and
+//! its size, and each place takes the form nearest to its own, turned and scaled to fit exactly.
+//! Forms that no place takes are not built. Departures from a build at every place: leaves sink up
+//! to 20 degrees off the plumb line, and are up to an eighth larger or smaller than they would be.
+
+use glam::{Mat3A, Quat, Vec2, Vec3, Vec3A};
+use rayon::prelude::*;
+
+use super::Surface;
+use super::leaf::Twig;
+use super::piece::{Piece, fill};
+use super::spot::{GOLDEN_RAD, Pose, SAG, Spot};
+use super::wind::Wind;
+use crate::seed::Seed;
+
+/// Directions of gravity in a twig's frame, evenly over the sphere: 25 degrees apart.
+const DOWNS: usize = 64;
+/// Steps of the fall of tips.
+const SAGS: usize = 3;
+/// A size over the next smaller one.
+const LARGER: f32 = 1.25;
+
+/// One twig of unit length at the origin, along x, its upper side to y.
+struct Form {
+    position: Vec<Vec3A>,
+    normal: Vec<Vec3A>,
+    uv: Vec<Vec2>,
+    index: Vec<u32>,
+}
+
+/// Which form a twig takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Kind {
+    down: usize,
+    sag: usize,
+    /// Steps from a metre.
+    size: i32,
+}
+
+impl Kind {
+    fn of(pose: &Pose, downs: &[Vec3A; DOWNS]) -> Kind {
+        let down = Vec3A::from(frame(pose).transpose() * Vec3A::NEG_Z);
+        let mut nearest = (0, f32::NEG_INFINITY);
+        for (k, d) in downs.iter().enumerate() {
+            let along = d.dot(down);
+            if along > nearest.1 {
+                nearest = (k, along);
+            }
+        }
+        let share = (pose.sag - SAG[0]) / (SAG[1] - SAG[0]);
+        let sag = (share * SAGS as f32).clamp(0.0, SAGS as f32 - 1.0) as usize;
+        let size = (pose.size_m.max(1e-6).ln() / LARGER.ln()).round() as i32;
+        Kind { down: nearest.0, sag, size }
+    }
+
+    fn build(self, twig: &Twig, hangs: bool, down: Vec3A, seed: Seed) -> Form {
+        // The twig's own frame as it stands where gravity is -z.
+        let stand = Quat::from_rotation_arc(Vec3::from(down), Vec3::NEG_Z);
+        let size_m = LARGER.powi(self.size);
+        let share = (self.sag as f32 + 0.5) / SAGS as f32;
+        let facing = stand * Vec3::Y;
+        let pose = Pose {
+            base: Vec3::ZERO,
+            heading: stand * Vec3::X,
+            facing,
+            size_m,
+            sag: if hangs { SAG[0] + share * (SAG[1] - SAG[0]) } else { 0.0 },
+            mirrored: false,
+            outward: facing,
+            crown: Vec3::ZERO,
+            is_plain: true,
+        };
+        let key = (self.down * SAGS + self.sag) as u64;
+        let seed = seed.derive("form", key << 32 | u64::from(self.size as u32));
+        let emit = |_, out: &mut Piece| twig.emit(&pose, &mut seed.draws(), out);
+        let made = fill(1, twig.room(), emit, None);
+        let back = Mat3A::from_quat(stand.inverse());
+        let per_m = size_m.recip();
+        Form {
+            position: made.position.iter().map(|p| back * Vec3A::from(*p) * per_m).collect(),
+            normal: made.normal.iter().map(|n| back * Vec3A::from(*n)).collect(),
+            uv: made.uv,
+            index: made.index,
+        }
+    }
+}
+
+/// Heading, upper side, and what is at right angles to both.
+fn frame(pose: &Pose) -> Mat3A {
+    Mat3A::from_cols(
+        pose.heading.into(),
+        pose.facing.into(),
+        pose.heading.cross(pose.facing).into(),
+    )
+}
+
+/// Directions on a spiral from pole to pole.
+fn downs() -> [Vec3A; DOWNS] {
+    std::array::from_fn(|k| {
+        let up = 1.0 - (2 * k + 1) as f32 / DOWNS as f32;
+        let (sin, cos) = (k as f32 * GOLDEN_RAD).sin_cos();
+        let level = (1.0 - up * up).max(0.0).sqrt();
+        Vec3A::new(level * cos, up, level * sin)
+    })
+}
+
+/// A twig at every pose.
+pub fn set(twig: &Twig, poses: &[Pose], seed: Seed, wind: Option<(&Wind, &[Spot])>) -> Surface {
+    let downs = downs();
+    let kind = |pose: &Pose| Kind::of(pose, &downs);
+    let kinds: Vec<Kind> = poses.par_iter().with_min_len(256).map(kind).collect();
+    let mut used = kinds.clone();
+    used.par_sort_unstable();
+    used.dedup();
+    let hangs = poses.iter().any(|p| p.sag > 0.0);
+    let build = |kind: &Kind| kind.build(twig, hangs, downs[kind.down], seed);
+    let forms: Vec<Form> = used.par_iter().map(build).collect();
+    let bent = twig.bent();
+    let emit = |k: usize, out: &mut Piece| {
+        if let Ok(form) = used.binary_search(&kinds[k]) {
+            place(&forms[form], &poses[k], bent, out);
+        }
+    };
+    fill(poses.len(), twig.room(), emit, wind)
+}
+
+fn place(form: &Form, pose: &Pose, bent: f32, out: &mut Piece) {
+    let turn = frame(pose);
+    let (scaled, own) = (turn * pose.size_m, 1.0 - bent);
+    let base = Vec3A::from(pose.base);
+    // All of a twig lies one way from the crown's middle.
+    let lean = Vec3A::from(pose.out_at(pose.base + pose.heading * (0.5 * pose.size_m)) * bent);
+    let vertex = |(p, n): (&Vec3A, &Vec3A)| {
+        // Of a side that looks into the crown, the light is that of its back.
+        let along = turn * *n;
+        let n = along * own + lean - along * (2.0 * along.dot(lean).min(0.0));
+        let n = n * n.length_squared().max(1e-12).sqrt().recip();
+        (Vec3::from(base + scaled * *p), Vec3::from(n))
+    };
+    out.copy(form.position.iter().zip(&form.normal).map(vertex), &form.uv, &form.index);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn downs_leave_no_way_far_from_all_of_them() {
+        let downs = downs();
+        let mut draws = Seed::new(1).draws();
+        let farthest = (0..20_000)
+            .map(|_| {
+                let way = Vec3A::from(draws.direction());
+                downs.iter().map(|d| d.dot(way)).fold(-1.0, f32::max)
+            })
+            .fold(1.0, f32::min);
+        assert!(farthest > 20f32.to_radians().cos(), "{}", farthest.acos().to_degrees());
+        assert!(downs.iter().all(|d| (d.length() - 1.0).abs() < 1e-5));
+    }
+}
