@@ -116,6 +116,8 @@ pub struct Twig<'a> {
     places: [usize; 2],
     /// Length and width of a leaf over the species'.
     widened: Vec2,
+    /// Length of most twigs: on shorter ones leaves are smaller, by the root of what these are shorter.
+    usual_m: f32,
     /// Twigs that there are to be, and how much larger than in nature they are.
     pub count: usize,
     pub scale: f32,
@@ -176,6 +178,7 @@ impl<'a> Twig<'a> {
             opening,
             places: summer.map(|n| n.round() as usize),
             widened: Vec2::ONE,
+            usual_m: foliage.twig_length_m.max(1e-4),
             count: spots,
             scale: 1.0,
             cover: 1.0,
@@ -247,6 +250,7 @@ impl<'a> Twig<'a> {
     /// Makes leaves so much larger, as their twigs are.
     pub fn grow(&mut self, scale: f32) {
         self.widened *= scale;
+        self.usual_m *= scale;
     }
 
     /// What one twig of the usual size hides, mean over the sides it is seen from.
@@ -355,6 +359,8 @@ impl<'a> Twig<'a> {
         shoot.wood(self.build.pieces()[order], self.atlas.wood(), pose, out);
         let f = self.foliage;
         let places = self.places[order];
+        let young_twig = (pose.size_m / self.usual_m).min(1.0).sqrt();
+        let leaf_m = Vec2::new(f.leaf_length_m, f.leaf_width_m) * self.widened * young_twig;
         // Turns as points of the unit circle.
         let mut around = Vec2::from_angle(draws.unit() * std::f32::consts::TAU);
         let golden = Vec2::from_angle(GOLDEN_RAD);
@@ -392,10 +398,14 @@ impl<'a> Twig<'a> {
                 let light = pose.facing + radial * 0.25 + draws.jitter() * 0.35;
                 let facing = light - heading * light.dot(heading);
                 let facing = facing.normalize_or(heading.any_orthonormal_vector());
-                let size = f.leaf_length_m * young * draws.between(0.75, 1.1) * self.widened.x;
+                let size = leaf_m.x * young * draws.between(0.75, 1.1);
                 let cell = self.leaf_cell(draws);
                 let leaf = Pose { base: foot, heading, facing, size_m: size, ..*pose };
-                self.leaf(&leaf, cell, draws, out);
+                match self.organ {
+                    Organ::Needle => needle(&leaf, leaf_m.y, self.build, cell.0, out),
+                    Organ::Leaf => self.leaf(&leaf, cell, draws, out),
+                    Organ::Compound(count) => self.compound(&leaf, count, cell, draws, out),
+                }
             }
         }
     }
@@ -406,6 +416,7 @@ impl<'a> Twig<'a> {
         (&cells[pick], &self.outlines[pick])
     }
 
+    /// A blade on a petiole.
     fn leaf(
         &self,
         pose: &Pose,
@@ -414,40 +425,43 @@ impl<'a> Twig<'a> {
         out: &mut Piece,
     ) {
         let f = self.foliage;
-        match self.organ {
-            Organ::Needle => {
-                needle(pose, f.leaf_width_m * self.widened.y, self.build, cell, out);
-            }
-            Organ::Leaf => {
-                let stalk = pose.size_m * draws.between(0.7, 1.1) * petiole(f.shape);
-                let foot = pose.base + pose.heading * stalk;
-                self.stalk(pose, foot, 0.02 * pose.size_m, out);
-                let sag = draws.between(0.0, 0.2);
-                // The cell holds a leaf and a margin.
-                let size_m = pose.size_m * cell.size_m / f.leaf_length_m.max(1e-6);
-                let blade = Pose { base: foot, size_m, sag, mirrored: draws.unit() < 0.5, ..*pose };
-                let fold_rad = draws.between(0.1, 0.5);
-                emit(&blade, self.organ.blade(self.build), fold_rad, cell, outline, out);
-            }
-            Organ::Compound(count) => {
-                let tip = pose.base + pose.heading * pose.size_m * 0.8;
-                self.stalk(pose, tip, 0.012 * pose.size_m, out);
-                let across = pose.heading.cross(pose.facing);
-                let leaflet = 0.5 * f.leaf_width_m / f.leaf_length_m.max(1e-6) * pose.size_m;
-                let size_m = leaflet.max(1e-5) * cell.size_m / (0.5 * f.leaf_width_m).max(1e-6);
-                for n in 0..count {
-                    let is_last = n + 1 == count;
-                    let t = 0.25 + 0.55 * (n / 2) as f32 / ((count - 1) / 2).max(1) as f32;
-                    let t = if is_last { 0.8 } else { t.min(0.78) };
-                    let side = if n % 2 == 0 { across } else { -across };
-                    let turn = if is_last { 0.0 } else { draws.between(1.1, 1.3) };
-                    let heading = pose.heading * turn.cos() + side * turn.sin();
-                    let base = pose.base + pose.heading * pose.size_m * t;
-                    let sag = draws.between(0.0, 0.15);
-                    let leaflet = Pose { base, heading, size_m, sag, ..*pose };
-                    emit(&leaflet, self.organ.blade(self.build), 0.2, cell, outline, out);
-                }
-            }
+        let stalk = pose.size_m * draws.between(0.7, 1.1) * petiole(f.shape);
+        let foot = pose.base + pose.heading * stalk;
+        self.stalk(pose, foot, 0.02 * pose.size_m, out);
+        let sag = draws.between(0.0, 0.2);
+        // The cell holds a leaf and a margin.
+        let size_m = pose.size_m * cell.size_m / f.leaf_length_m.max(1e-6);
+        let blade = Pose { base: foot, size_m, sag, mirrored: draws.unit() < 0.5, ..*pose };
+        let fold_rad = draws.between(0.1, 0.5);
+        emit(&blade, self.organ.blade(self.build), fold_rad, cell, outline, out);
+    }
+
+    /// So many leaflets on a rachis.
+    fn compound(
+        &self,
+        pose: &Pose,
+        count: usize,
+        (cell, outline): (&Cell, &[Row]),
+        draws: &mut Draws,
+        out: &mut Piece,
+    ) {
+        let f = self.foliage;
+        let tip = pose.base + pose.heading * pose.size_m * 0.8;
+        self.stalk(pose, tip, 0.012 * pose.size_m, out);
+        let across = pose.heading.cross(pose.facing);
+        let leaflet = 0.5 * f.leaf_width_m / f.leaf_length_m.max(1e-6) * pose.size_m;
+        let size_m = leaflet.max(1e-5) * cell.size_m / (0.5 * f.leaf_width_m).max(1e-6);
+        for n in 0..count {
+            let is_last = n + 1 == count;
+            let t = 0.25 + 0.55 * (n / 2) as f32 / ((count - 1) / 2).max(1) as f32;
+            let t = if is_last { 0.8 } else { t.min(0.78) };
+            let side = if n % 2 == 0 { across } else { -across };
+            let turn = if is_last { 0.0 } else { draws.between(1.1, 1.3) };
+            let heading = pose.heading * turn.cos() + side * turn.sin();
+            let base = pose.base + pose.heading * pose.size_m * t;
+            let sag = draws.between(0.0, 0.15);
+            let leaflet = Pose { base, heading, size_m, sag, ..*pose };
+            emit(&leaflet, self.organ.blade(self.build), 0.2, cell, outline, out);
         }
     }
 

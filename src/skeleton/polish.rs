@@ -87,8 +87,12 @@ pub fn smooth(position: &mut [Vec3], parent: &[u32], axis: &[u32], scaffold: &[u
     }
 }
 
+/// Least distance between shoots of one node that hang, share of their length.
+const APART: f32 = 0.1;
+
 /// Lets shoots of order `from` and above turn towards the ground, by `hang` degrees a metre from
 /// where they leave their parent, each axis by a share of its own; no lower than `clearance_m`.
+/// Shoots of one node that come to hang side by side stay [`APART`].
 pub fn hang(
     position: &mut [Vec3],
     parent: &[u32],
@@ -102,6 +106,9 @@ pub fn hang(
     }
     let before = position.to_vec();
     let mut drop_deg = vec![0.0f32; position.len()];
+    // The child of each node placed last, and that placed before each.
+    let mut last = vec![NO_PARENT; position.len()];
+    let mut earlier = vec![NO_PARENT; position.len()];
     for i in 1..position.len() {
         let p = parent[i] as usize;
         let edge = before[i] - before[p];
@@ -111,6 +118,20 @@ pub fn hang(
             drop_deg[i] = drop_deg[p] + hang * length * share;
         }
         let turned = lifted(edge / length.max(1e-9), -drop_deg[i].to_radians().min(3.0)) * length;
+        let mut turned = turned;
+        let mut beside = last[p];
+        while beside != NO_PARENT {
+            let other = position[beside as usize] - position[p];
+            if (turned - other).length_squared() < (APART * length).powi(2) {
+                // To the side on which it was.
+                let way = before[i] - before[beside as usize];
+                let aside = way - other * (way.dot(other) / other.length_squared().max(1e-12));
+                let aside = aside.normalize_or(other.any_orthogonal_vector().normalize_or_zero());
+                turned = (turned + aside * (2.0 * APART * length)).normalize_or_zero() * length;
+            }
+            beside = earlier[beside as usize];
+        }
+        (earlier[i], last[p]) = (last[p], i as u32);
         let mut there = position[p] + turned;
         if there.z < clearance_m && there.z < before[i].z {
             there.z = clearance_m.min(before[i].z).max(there.z);
@@ -151,6 +172,25 @@ mod tests {
         for i in 2..5 {
             assert!((position[i].distance(position[i - 1]) - 1.0).abs() < 1e-5);
             assert!(position[i].z < position[i - 1].z);
+        }
+    }
+
+    #[test]
+    fn shoots_that_hang_from_one_node_stay_apart() {
+        // Five leave a branch to one side, a little turned, and sink as far as they can.
+        let side = |k: usize| Vec3::new(1.0, 0.15 * k as f32 - 0.3, 0.1).normalize();
+        let mut position = vec![Vec3::Z * 10.0, Vec3::new(0.0, -1.0, 10.0)];
+        position.extend((0..5).map(|k| position[1] + side(k)));
+        let parent = vec![NO_PARENT, 0, 1, 1, 1, 1, 1];
+        let order = [0, 0, 2, 2, 2, 2, 2];
+        hang(&mut position, &parent, (&[0, 0, 1, 2, 3, 4, 5], &order), 2, 400.0, 0.1);
+        for i in 2..7 {
+            assert!((position[i].distance(position[1]) - 1.0).abs() < 1e-5);
+            assert!(position[i].z < 9.2, "{}", position[i]);
+            for j in 2..i {
+                let apart = position[i].distance(position[j]);
+                assert!(apart > 0.07, "{i} and {j}: {apart}");
+            }
         }
     }
 }
