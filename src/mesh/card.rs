@@ -43,7 +43,7 @@ impl Shape {
 }
 
 /// Share of the crown's outside in a normal, against the card's own.
-const BENT: f32 = 0.7;
+const BENT: f32 = 0.5;
 
 /// Adds a card; `fold_rad`: how far each half folds down.
 pub fn emit(

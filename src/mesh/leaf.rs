@@ -40,7 +40,7 @@ const TILTED: f32 = 0.8;
 /// Places for needles or leaves on one shoot at most.
 const MOST_PLACES: f32 = 4_000.0;
 /// Share of the crown's outside in the normals of needles, and of leaves.
-const BENT: [f32; 2] = [0.45, 0.7];
+const BENT: [f32; 2] = [0.45, 0.55];
 
 /// How the shoots and needles of a twig are built.
 #[derive(Debug, Clone, Copy, PartialEq)]
