@@ -12,7 +12,7 @@
 use rayon::prelude::*;
 
 use super::card::{self, Shape};
-use super::leaf::{MOST_ENLARGED, Twig};
+use super::leaf::Twig;
 use super::piece::{Piece, fill};
 use super::spot::{Hull, Pose, spots, stance, thinned};
 use super::wind::Wind;
@@ -45,7 +45,8 @@ const MOST_TRIANGLES: usize = 40_000_000;
 /// Cards of the sparse level, and triangles of a shell, at most.
 const MOST_SPARSE: usize = 600;
 const MOST_SHELL: usize = 400;
-/// How far twigs may grow to make up for those left out at the sparse level.
+/// How far cards may grow to make up for those left out, and at the sparse level.
+const MOST_ENLARGED: f32 = 3.0;
 const MOST_ENLARGED_SPARSE: f32 = 6.0;
 /// … and whatever is asked for.
 const MOST_SCALE: f32 = 24.0;

@@ -34,7 +34,7 @@ const NEAR: f32 = 0.98;
 /// The power of that by which a needle's length grows: it stays slender.
 const LENGTHENED: f32 = 0.3;
 /// How far twigs may grow to make up for twigs left out.
-pub const MOST_ENLARGED: f32 = 2.4;
+const MOST_ENLARGED: f32 = 2.4;
 /// Share of its silhouette that a twig at its usual place hides: as of cards.
 const TILTED: f32 = 0.8;
 /// Places for needles or leaves on one shoot at most.

@@ -402,19 +402,26 @@ impl Painter<'_> {
 
     fn leafy(&mut self, main: Shoot, bough: bool) {
         let leaf = self.share(self.species.foliage.leaf_length_m).clamp(0.01, 0.5);
-        let narrow = self.species.foliage.shape == LeafShape::Lanceolate;
+        // Room for the leaf at the tip.
+        let main = Shoot { length: main.length.min(0.97 - leaf), ..main };
+        let shape = self.species.foliage.shape;
         // Birch twigs hang in strands.
-        let strands = bough && self.species.foliage.shape == LeafShape::Deltoid;
-        let angle = if narrow || strands { 0.55 } else { 0.85 };
-        let reach = if narrow || strands { 0.75 } else { 0.6 };
+        let strands = bough && shape == LeafShape::Deltoid;
+        let (angle, reach) = match shape {
+            LeafShape::Lanceolate => (0.55, 0.75),
+            _ if strands => (0.55, 0.75),
+            LeafShape::Lobed => (0.95, 0.9),
+            LeafShape::Round | LeafShape::Ovate => (0.9, 0.75),
+            _ => (0.85, 0.6),
+        };
         let spacing = 0.75 * leaf.max(0.03);
         let mut shoots = Vec::new();
         if bough {
             // Few uneven side shoots, each a clump of its own light: no leaf of leaves.
             for mut lateral in self.laterals(&main, (spacing * 1.8).max(0.085), reach, angle) {
                 lateral.length *= self.draws.between(0.55, 1.05);
-                let reach = if strands { 0.13 } else { 0.2 };
-                let twigs = self.laterals(&lateral, (leaf * 1.2).max(0.036), reach, angle);
+                let (gap, reach) = if strands { (1.2, 0.13) } else { (0.9, 0.24) };
+                let twigs = self.laterals(&lateral, (leaf * gap).max(0.036), reach, angle);
                 let of_clump =
                     |t: Shoot| Shoot { depth: 0.65 * lateral.depth + 0.35 * t.depth, ..t };
                 shoots.extend(twigs.into_iter().map(|t| (of_clump(t), 0.0015)));
@@ -441,7 +448,7 @@ impl Painter<'_> {
         let shape = self.species.foliage.shape;
         let (gap, petiole) = match shape {
             LeafShape::Lanceolate => (0.13, 0.06),
-            LeafShape::Lobed => (0.3, 0.05),
+            LeafShape::Lobed => (0.24, 0.05),
             LeafShape::Round => (0.5, 0.5),
             LeafShape::Deltoid => (0.34, 0.3),
             LeafShape::Pinnate => (0.18, 0.0),
@@ -455,7 +462,10 @@ impl Painter<'_> {
             if self.has_fallen() {
                 continue;
             }
-            let t = (0.12 + 0.88 * k as f32 / count as f32).min(1.0);
+            let along = k as f32 / count as f32;
+            // An oak's leaves crowd towards the tip.
+            let along = if shape == LeafShape::Lobed { along.sqrt() } else { along };
+            let t = (0.12 + 0.88 * along).min(1.0);
             let last = k == count;
             let turn = k as f32 * GOLDEN_RAD + shoot.depth * 6.0;
             let (across, towards) = turn.sin_cos();
@@ -465,18 +475,20 @@ impl Painter<'_> {
             let spread = if last { 0.1 } else { 0.95 };
             let swing = across * spread + self.jitter(0.35);
             let heading = shoot.angle + shoot.bend * t + swing;
-            let along = Vec2::new(heading.sin(), heading.cos());
             let base = shoot.at(t);
             let size = leaf * self.draws.between(0.72, 1.08) * (1.0 - 0.25 * t * t);
             let stalk = petiole * size * self.draws.between(0.7, 1.1);
             let depth = if layer == 0 { 0.35 * shoot.depth } else { 0.4 + 0.6 * shoot.depth };
             let (colour, light) = self.tint(depth);
+            // Whole leaves: one that would leave the cell turns to the other side.
+            let fits = |heading: f32| {
+                let tip = base + Vec2::new(heading.sin(), heading.cos()) * (stalk + size);
+                tip.x > 0.01 && tip.x < 0.99 && tip.y > 0.005 && tip.y < 0.99
+            };
+            let turns = [heading, heading - 2.0 * swing, heading - 1.6 * heading];
+            let Some(heading) = turns.into_iter().find(|h| fits(*h)) else { continue };
+            let along = Vec2::new(heading.sin(), heading.cos());
             let foot = base + along * stalk;
-            // Keep whole leaves: turn back what would leave the cell.
-            let tip = foot + along * size;
-            if tip.x < 0.01 || tip.x > 0.99 || tip.y > 0.99 || tip.y < 0.005 {
-                continue;
-            }
             let thin = 0.4 * self.canvas.pixel();
             self.canvas.stroke(&Stroke {
                 from: base,
