@@ -55,7 +55,7 @@ impl Painter<'_> {
     /// Flat sprays of spruce and fir: side shoots in one plane, needles all round.
     pub(super) fn spray(&mut self, main: Shoot) {
         let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.006, 0.3);
-        let density = 3.4 / needle.max(0.01);
+        let density = 8.0 / needle.max(0.01);
         // Shoots stand so close that their needles meet.
         let gap = (1.35 * needle).clamp(0.045, 0.2);
         let mut shoots = Vec::new();
@@ -69,7 +69,7 @@ impl Painter<'_> {
         shoots.push((main, 0.005));
         for (shoot, half) in shoots {
             self.wood(&shoot, half, half * 0.5);
-            self.needles(&shoot, needle, density.min(260.0), 0.02, [0.5, 1.0]);
+            self.needles(&shoot, needle, density.min(500.0), 0.02, [0.5, 1.0]);
         }
     }
 
@@ -89,7 +89,7 @@ impl Painter<'_> {
         shoots.push(main);
         let half = 0.5 * self.share(self.species.foliage.leaf_width_m);
         let half = half.max(0.5 * self.canvas.pixel()) * if bough { 2.2 } else { 1.0 };
-        let rays = if bough { 11 } else { 15 };
+        let rays = if bough { 11 } else { 22 };
         for shoot in shoots {
             self.wood(&shoot, 0.003, 0.0012);
             let count = (shoot.length / (needle * 0.75)).clamp(2.0, 60.0) as usize;
