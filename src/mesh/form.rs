@@ -42,7 +42,7 @@ struct Kind {
 
 impl Kind {
     fn of(pose: &Pose, downs: &[Vec3A; DOWNS]) -> Kind {
-        let down = Vec3A::from(frame(pose).transpose() * Vec3A::NEG_Z);
+        let down = frame(pose).transpose() * Vec3A::NEG_Z;
         let mut nearest = (0, f32::NEG_INFINITY);
         for (k, d) in downs.iter().enumerate() {
             let along = d.dot(down);

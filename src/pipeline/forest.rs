@@ -543,6 +543,12 @@ fn build_meshes(
         let outcome = Outcome::items(nodes, "nodes", triangles, "triangles")
             .error(tolerance::sagitta(finest.clone(), job.wood.tolerance_m, warnings));
         levels::tell_thin(finest.clone(), warnings);
+        let of_model =
+            || models.iter().filter(|m| textures[m.species].is_some()).zip(finest.clone());
+        for (k, species) in job.survey.species.iter().enumerate() {
+            let its = of_model().filter(|(m, _)| m.species == k).map(|(_, mesh)| mesh);
+            levels::tell_fruitless(species, its, warnings);
+        }
         let outcome = levels::tell_unmeshed(finest, outcome, warnings);
         warnings.extend(over_budget(job, models, &meshes));
         Ok((meshes, outcome))

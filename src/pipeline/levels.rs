@@ -128,9 +128,15 @@ pub fn tell_thin<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, warnings: &mut 
 }
 
 /// Warns where a species has cones of the user's own and no tree of it bears any, for want of triangles.
-pub fn tell_fruitless(species: &Species, mesh: Option<&TreeMesh>, warnings: &mut Vec<String>) {
-    let (Some(model), Some(mesh)) = (&species.own_fruit, mesh) else { return };
-    if mesh.fruit.is_empty() && species.fruit.per_m > 0.0 && mesh.twig_scale > 0.0 {
+pub fn tell_fruitless<'a>(
+    species: &Species,
+    meshes: impl Iterator<Item = &'a TreeMesh>,
+    warnings: &mut Vec<String>,
+) {
+    let Some(model) = &species.own_fruit else { return };
+    let mut in_leaf = meshes.filter(|m| m.twig_scale > 0.0).peekable();
+    let is_fruitless = in_leaf.peek().is_some() && in_leaf.all(|m| m.fruit.is_empty());
+    if is_fruitless && species.fruit.per_m > 0.0 {
         warnings.push(format!(
             "{}: no {} is borne: one has {} triangles, and all of them may take a quarter of the leaves'; \
              give more --triangles, or the model fewer",

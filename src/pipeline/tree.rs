@@ -207,7 +207,7 @@ fn stand(
             .error(tolerance::sagitta(meshes.first().into_iter(), job.wood.tolerance_m, warnings));
         let outcome = levels::tell_unmeshed(meshes.first().into_iter(), outcome, warnings);
         levels::tell_thin(meshes.first().into_iter(), warnings);
-        levels::tell_fruitless(species, meshes.first(), warnings);
+        levels::tell_fruitless(species, meshes.first().into_iter(), warnings);
         Ok((meshes, outcome))
     })?;
     let name = identifier(&species.name);

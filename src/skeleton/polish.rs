@@ -179,13 +179,14 @@ mod tests {
     fn shoots_that_hang_from_one_node_stay_apart() {
         // Five leave a branch to one side, a little turned, and sink as far as they can.
         let side = |k: usize| Vec3::new(1.0, 0.15 * k as f32 - 0.3, 0.1).normalize();
-        let mut position = vec![Vec3::Z * 10.0, Vec3::new(0.0, -1.0, 10.0)];
-        position.extend((0..5).map(|k| position[1] + side(k)));
+        let node = Vec3::new(0.0, -1.0, 10.0);
+        let mut position = vec![Vec3::Z * 10.0, node];
+        position.extend((0..5).map(|k| node + side(k)));
         let parent = vec![NO_PARENT, 0, 1, 1, 1, 1, 1];
         let order = [0, 0, 2, 2, 2, 2, 2];
         hang(&mut position, &parent, (&[0, 0, 1, 2, 3, 4, 5], &order), 2, 400.0, 0.1);
         for i in 2..7 {
-            assert!((position[i].distance(position[1]) - 1.0).abs() < 1e-5);
+            assert!((position[i].distance(node) - 1.0).abs() < 1e-5);
             assert!(position[i].z < 9.2, "{}", position[i]);
             for j in 2..i {
                 let apart = position[i].distance(position[j]);
