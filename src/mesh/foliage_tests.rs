@@ -119,9 +119,9 @@ fn a_larch_has_every_needle() {
         .collect();
     assert!(needles.len() > 2_000 && needles.len().is_multiple_of(30), "{}", needles.len());
     let (lo, hi) = needles.iter().fold((1.0f32, 0.0f32), |(l, h), n| (l.min(*n), h.max(*n)));
-    // Shorter on the short twigs of a spire.
+    // The twigs of a lone leader are short, and their needles by the root of what these are shorter.
     let (lo, hi) = (lo / length_m, hi / length_m);
-    assert!(lo > 0.3 && (0.8..1.25).contains(&hi), "{lo} to {hi}");
+    assert!(lo > 0.2 && (0.5..1.25).contains(&hi), "{lo} to {hi}");
 }
 
 /// Fewer, wider needles and leaves, and fewer, larger twigs, hide as much; until a crown needs more

@@ -233,6 +233,8 @@ pub fn stance(shape: LeafShape) -> Stance {
 /// what they are longer that lies further in.
 const BOUGH_FROM: f32 = 2.4;
 const INWARD: f32 = 0.75;
+/// … and from where on they turn from the light above to that from outside.
+const TURN_FROM: f32 = 1.6;
 /// Fall of the tips of twigs that hang, share of their length.
 pub const SAG: [f32; 2] = [0.05, 0.28];
 
@@ -309,8 +311,9 @@ impl Pose {
         if spot.at.z > 0.0 && heading.z < lowest {
             heading = heading.with_z(lowest).try_normalize().unwrap_or(Vec3::Z);
         }
-        // Boughs turn to the side from where the tree is seen.
-        let from_above = stance.from_above * (1.0 - 0.4 * beyond.min(1.0));
+        // Large cards turn to the side from where the tree is seen.
+        let turned = ((enlarge - TURN_FROM) / TURN_FROM).clamp(0.0, 1.0);
+        let from_above = stance.from_above * (1.0 - 0.7 * turned);
         let light = Vec3::Z * from_above + outward * (1.0 - from_above);
         let facing = light - heading * light.dot(heading);
         let facing = facing.try_normalize().unwrap_or_else(|| heading.any_orthonormal_vector());

@@ -38,7 +38,7 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
         levels: "a silhouette beside itself shifted by 1 m" => "1 m, to one sample",
             1.0 "samples off", shifted_silhouette;
         levels: "a silhouette beside itself shifted by a quarter of a sample" => "a few samples, by leaves no larger than one",
-            4.0 "samples", nearly_same_silhouette;
+            6.0 "samples", nearly_same_silhouette;
         texture: "textures of 1 and 3 pixels asked for" => "64 drawn", 0.0 "pixels off", texture_sizes;
     }
 }
