@@ -489,7 +489,7 @@ fn check_surface(surface: &Surface) -> Vec<String> {
     if !(lightmap_uv.is_empty() || lightmap_uv.len() == vertices) {
         wrong.push(format!("{vertices} positions, {} places on the light map", lightmap_uv.len()));
     }
-    if let Some(at) = lightmap_uv.par_iter().position_first(|c| !lightmap::is_on(*c)) {
+    if let Some(at) = first(lightmap_uv, |c| !lightmap::is_on(*c)) {
         wrong.push(format!("vertex {at}: {} is off the light map", lightmap_uv[at]));
     }
     if normal.len() != vertices || uv.len() != vertices {
@@ -508,26 +508,34 @@ fn check_surface(surface: &Surface) -> Vec<String> {
     if vertices > MOST_VERTICES {
         wrong.push(format!("{vertices} vertices are more than {MOST_VERTICES}"));
     }
-    if let Some(at) = position.par_iter().position_first(|p| !p.is_finite()) {
+    if let Some(at) = first(position, |p| !p.is_finite()) {
         wrong.push(format!("vertex {at}: position {} is not finite", position[at]));
     }
     // Written so that a NaN fails.
     let is_unit = |n: &Vec3| (n.length() - 1.0).abs() <= UNIT_TOLERANCE;
-    if let Some(at) = normal.par_iter().position_first(|n| !is_unit(n)) {
+    if let Some(at) = first(normal, |n| !is_unit(n)) {
         let length = normal[at].length();
         wrong.push(format!("vertex {at}: normal {} has length {length}, not 1", normal[at]));
     }
-    if let Some(at) = uv.par_iter().position_first(|c| !c.is_finite()) {
+    if let Some(at) = first(uv, |c| !c.is_finite()) {
         wrong.push(format!("vertex {at}: texture coordinate {} is not finite", uv[at]));
     }
-    if let Some(at) = index.par_iter().position_first(|&i| i as usize >= vertices) {
+    if let Some(at) = first(index, |&i| i as usize >= vertices) {
         let (triangle, vertex) = (at / 3, index[at]);
         wrong.push(format!("triangle {triangle}: vertex {vertex} of {vertices} does not exist"));
-    } else if let Some(at) = index.par_chunks_exact(3).position_first(|t| is_degenerate(surface, t))
-    {
+    } else if let Some(at) = first(index.as_chunks::<3>().0, |t| is_degenerate(surface, t)) {
         wrong.push(format!("triangle {at} {:?} has no area", &index[3 * at..3 * at + 3]));
     }
     wrong
+}
+
+/// Place of the first item that is wrong. In chunks: a search item by item asks at each of them whether
+/// another thread has found one.
+fn first<T: Sync>(items: &[T], is_wrong: impl Fn(&T) -> bool + Sync) -> Option<usize> {
+    const CHUNK: usize = 1 << 14;
+    items.par_chunks(CHUNK).enumerate().find_map_first(|(chunk, items)| {
+        items.iter().position(&is_wrong).map(|at| chunk * CHUNK + at)
+    })
 }
 
 #[derive(Default)]
