@@ -243,3 +243,26 @@ fn a_user_s_model_stands_where_twigs_stand() {
     let error = foliage(&tree.0, &order(&tree, FoliageLevel::Cards, Some(0))).unwrap_err();
     assert_eq!(error.message(), "the model twig.obj has 1 triangles, the crown 0");
 }
+
+/// Without pictures leaves are as large as with them, not as twigs.
+#[test]
+fn leaves_are_as_large_without_pictures() {
+    for name in ["quercus_robur", "betula_pendula", "sorbus_aucuparia"] {
+        let (skeleton, species, atlas) = grown_to(name, Some(3.0));
+        let plain = crate::texture::plain(&species).atlas;
+        let area = |atlas: Atlas| {
+            let tree = (skeleton.clone(), species.clone(), atlas);
+            let s = leaves(&tree, FoliageLevel::Geometry, None);
+            let at = |i: u32| s.position[i as usize];
+            let areas = s
+                .index
+                .as_chunks::<3>()
+                .0
+                .iter()
+                .map(|&[a, b, c]| 0.5 * (at(b) - at(a)).cross(at(c) - at(a)).length());
+            areas.fold(0.0, f32::max)
+        };
+        let (with, without) = (area(atlas), area(plain));
+        assert!(without < 1.6 * with && with < 1.6 * without, "{name}: {with} and {without}");
+    }
+}

@@ -179,6 +179,11 @@ impl Atlas {
         Atlas { cells: vec![cell.clone()], leaves: vec![cell], wood: middle, fill: middle }
     }
 
+    /// With a cell of its own for single leaves.
+    pub fn with_leaf(self, leaf: Cell) -> Self {
+        Atlas { leaves: vec![leaf], ..self }
+    }
+
     /// With the mean colour of the leaves at `fill`.
     pub fn filled_at(self, fill: Vec2) -> Self {
         Atlas { fill, ..self }

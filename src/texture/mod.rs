@@ -106,7 +106,7 @@ pub fn for_species(species: &Species, size_px: u32, seed: Seed) -> TreeTextures 
 }
 
 /// A species without pictures: bark and leaves in a colour each, one pixel wide. Leaves then fill
-/// their cards.
+/// their cards; single ones have their outline.
 pub fn plain(species: &Species) -> TreeTextures {
     let pixel = |[r, g, b]: [u8; 3]| Image::from(Picture::filled(1, 1, [r, g, b, 255]));
     let bark = BarkTextures {
@@ -121,7 +121,8 @@ pub fn plain(species: &Species) -> TreeTextures {
         bark_upper: None,
         bark_twig: None,
         leaf: pixel(species.foliage.colour),
-        atlas: Atlas::whole(species.foliage.twig_length_m),
+        atlas: Atlas::whole(species.foliage.twig_length_m)
+            .with_leaf(twig::plain_leaf(&species.foliage)),
         leaf_variants: Vec::new(),
     }
 }

@@ -295,3 +295,30 @@ fn contact_sheet() {
     }
     std::fs::write(dir.join("ground.png"), ground(512, Seed::new(1)).to_png().unwrap()).unwrap();
 }
+
+/// No twig or leaf is cut at the border of its cell, nor touches its neighbour's.
+#[test]
+fn no_leaf_is_cut_at_the_border_of_its_cell() {
+    for name in crate::species::builtin_names().into_iter().filter(|n| !n.starts_with("table3/")) {
+        let species = crate::species::load(name).unwrap();
+        if !matches!(species.foliage.shape, LeafShape::Needle | LeafShape::Tuft | LeafShape::Bundle)
+        {
+            let (picture, atlas) = twig::draw(&species, 512, Seed::new(1));
+            for (k, cell) in atlas.cells().iter().chain(atlas.leaves()).enumerate() {
+                let at = |s: f32, t: f32| {
+                    let uv = cell.uv(s, t);
+                    let [x, y] = [uv.x, 1.0 - uv.y].map(|c| (c * 512.0) as u32);
+                    picture.data[(y.min(511) * 512 + x.min(511)) as usize][3]
+                };
+                for step in 0..=400 {
+                    let along = (step as f32 / 400.0).clamp(0.002, 0.998);
+                    let sides = [at(0.002, along), at(0.998, along), at(along, 0.998)];
+                    assert!(
+                        sides.iter().all(|a| *a < 128),
+                        "{name}, cell {k}: {sides:?} at {along}"
+                    );
+                }
+            }
+        }
+    }
+}

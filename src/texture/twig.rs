@@ -31,6 +31,8 @@ const PAINT_LIMIT: usize = 60_000;
 
 /// Alpha from which on a leaf is seen.
 pub const CUTOFF: f32 = 0.5;
+/// Sideways bend of a leaf's tip at most, share of its length.
+const MOST_BENT: f32 = 0.14;
 /// Half the side of the plain squares over the picture's, to their middles.
 const PLAIN: f32 = 1.0 / 16.0;
 
@@ -135,6 +137,19 @@ fn leaf_length_m(foliage: &Foliage) -> f32 {
         _ => foliage.leaf_length_m,
     }
     .max(1e-4)
+}
+
+/// The cell of one leaf where there is no picture: its outline on a plain ground.
+pub fn plain_leaf(foliage: &Foliage) -> Cell {
+    let outline = outline(foliage);
+    let reach: [[f32; 2]; BANDS] = std::array::from_fn(|band| {
+        let widest = outline[64 * band / BANDS..=64 * (band + 1) / BANDS].iter().copied();
+        let half = (LEAF_SHARE * widest.fold(0.01, f32::max)).min(0.5);
+        [0.5 - half, 0.5 + half]
+    });
+    let coverage = 2.0 * LEAF_SHARE * outline.iter().sum::<f32>() / outline.len() as f32;
+    let size_m = leaf_length_m(foliage) / LEAF_SHARE;
+    Cell { min: Vec2::ZERO, max: Vec2::ONE, size_m, reach, coverage: coverage.min(1.0) }
 }
 
 /// A user's own picture of a twig `size_m` long: one cell.
@@ -345,14 +360,17 @@ impl Painter<'_> {
             });
             return;
         }
-        let (outline, bend) = (self.outline, self.jitter(0.05));
+        let outline = self.outline;
+        let room = 0.48 - LEAF_SHARE * outline.iter().copied().fold(0.0, f32::max);
+        let bend = self.jitter(0.05).clamp(-room.max(0.0), room.max(0.0));
+        let narrower = (1.0 + room.min(0.0) / 0.48).max(0.1);
         let shade = self.draws.between(0.88, 1.0);
         self.canvas.leaf(&Leaf {
             outline: &outline,
             base: Vec2::new(0.5, 0.02),
             along: Vec2::Y,
             length: LEAF_SHARE,
-            open: [1.0; 2],
+            open: [narrower; 2],
             bend,
             colour,
             light: [light, light * shade],
@@ -481,9 +499,18 @@ impl Painter<'_> {
             let depth = if layer == 0 { 0.35 * shoot.depth } else { 0.4 + 0.6 * shoot.depth };
             let (colour, light) = self.tint(depth);
             // Whole leaves: one that would leave the cell turns to the other side.
+            let widest = self.outline.iter().copied().fold(0.0, f32::max);
             let fits = |heading: f32| {
-                let tip = base + Vec2::new(heading.sin(), heading.cos()) * (stalk + size);
-                tip.x > 0.01 && tip.x < 0.99 && tip.y > 0.005 && tip.y < 0.99
+                let along = Vec2::new(heading.sin(), heading.cos());
+                let inside = |at: f32, half: f32| {
+                    let (middle, half) = (base + along * (stalk + at * size), along.perp() * half);
+                    [middle - half, middle + half]
+                        .iter()
+                        .all(|p| p.x > 0.01 && p.x < 0.99 && p.y > 0.005 && p.y < 0.99)
+                };
+                // The bend moves the middle by a quarter of what it moves the tip.
+                let bent = MOST_BENT * size;
+                inside(1.0, bent) && inside(0.5, widest * size + 0.25 * bent)
             };
             let turns = [heading, heading - 2.0 * swing, heading - 1.6 * heading];
             let Some(heading) = turns.into_iter().find(|h| fits(*h)) else { continue };
@@ -501,7 +528,7 @@ impl Painter<'_> {
             let other = (tilt + self.jitter(0.25)).clamp(0.3, 1.0);
             let shade = self.draws.between(0.86, 1.0);
             let open = if self.draws.unit() < 0.5 { [tilt, other] } else { [other, tilt] };
-            let bend = self.jitter(0.14);
+            let bend = self.jitter(MOST_BENT);
             if shape == LeafShape::Pinnate {
                 self.compound(base, along, size, open, colour, light);
                 continue;
