@@ -46,7 +46,7 @@ const MOST_TRIANGLES: usize = 40_000_000;
 const MOST_SPARSE: usize = 600;
 const MOST_SHELL: usize = 400;
 /// How far cards may grow to make up for those left out, and at the sparse level.
-const MOST_ENLARGED: f32 = 3.0;
+const MOST_ENLARGED_CARDS: f32 = 3.0;
 const MOST_ENLARGED_SPARSE: f32 = 6.0;
 /// … and whatever is asked for.
 const MOST_SCALE: f32 = 24.0;
@@ -149,7 +149,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let most = twig.as_ref().map_or(budget / room.triangles.max(1), |t| t.count);
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
     let all = spots.len();
-    let limit = if is_sparse { MOST_ENLARGED_SPARSE } else { MOST_ENLARGED };
+    let limit = if is_sparse { MOST_ENLARGED_SPARSE } else { MOST_ENLARGED_CARDS };
     let by_cards = || wanted(&hull, species, atlas, all.min(most), all, share).clamp(1.0, limit);
     let usual = twig.as_ref().map_or_else(by_cards, |t| t.scale);
     let enlarge = order.twig_scale.map_or(usual, |scale| scale.clamp(0.05, MOST_SCALE));

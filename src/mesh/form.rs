@@ -18,7 +18,7 @@ use crate::seed::Seed;
 
 /// Directions of gravity in a twig's frame, evenly over the sphere: 25 degrees apart.
 const DOWNS: usize = 64;
-/// Steps of the fall of tips.
+/// Steps of the fall of tips that hang.
 const SAGS: usize = 3;
 /// A size over the next smaller one.
 const LARGER: f32 = 1.25;
@@ -35,6 +35,7 @@ struct Form {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Kind {
     down: usize,
+    /// Step of the fall, from 1 on; 0 for twigs that stand.
     sag: usize,
     /// Steps from a metre.
     size: i32,
@@ -51,29 +52,30 @@ impl Kind {
             }
         }
         let share = (pose.sag - SAG[0]) / (SAG[1] - SAG[0]);
-        let sag = (share * SAGS as f32).clamp(0.0, SAGS as f32 - 1.0) as usize;
+        let step = (share * SAGS as f32).clamp(0.0, SAGS as f32 - 1.0) as usize;
+        let sag = if pose.sag > 0.0 { 1 + step } else { 0 };
         let size = (pose.size_m.max(1e-6).ln() / LARGER.ln()).round() as i32;
         Kind { down: nearest.0, sag, size }
     }
 
-    fn build(self, twig: &Twig, hangs: bool, down: Vec3A, seed: Seed) -> Form {
+    fn build(self, twig: &Twig, down: Vec3A, seed: Seed) -> Form {
         // The twig's own frame as it stands where gravity is -z.
         let stand = Quat::from_rotation_arc(Vec3::from(down), Vec3::NEG_Z);
         let size_m = LARGER.powi(self.size);
-        let share = (self.sag as f32 + 0.5) / SAGS as f32;
+        let share = (self.sag as f32 - 0.5) / SAGS as f32;
         let facing = stand * Vec3::Y;
         let pose = Pose {
             base: Vec3::ZERO,
             heading: stand * Vec3::X,
             facing,
             size_m,
-            sag: if hangs { SAG[0] + share * (SAG[1] - SAG[0]) } else { 0.0 },
+            sag: if self.sag > 0 { SAG[0] + share * (SAG[1] - SAG[0]) } else { 0.0 },
             mirrored: false,
             outward: facing,
             crown: Vec3::ZERO,
             is_plain: true,
         };
-        let key = (self.down * SAGS + self.sag) as u64;
+        let key = (self.down * (SAGS + 1) + self.sag) as u64;
         let seed = seed.derive("form", key << 32 | u64::from(self.size as u32));
         let emit = |_, out: &mut Piece| twig.emit(&pose, &mut seed.draws(), out);
         let made = fill(1, twig.room(), emit, None);
@@ -115,8 +117,7 @@ pub fn set(twig: &Twig, poses: &[Pose], seed: Seed, wind: Option<(&Wind, &[Spot]
     let mut used = kinds.clone();
     used.par_sort_unstable();
     used.dedup();
-    let hangs = poses.iter().any(|p| p.sag > 0.0);
-    let build = |kind: &Kind| kind.build(twig, hangs, downs[kind.down], seed);
+    let build = |kind: &Kind| kind.build(twig, downs[kind.down], seed);
     let forms: Vec<Form> = used.par_iter().map(build).collect();
     let bent = twig.bent();
     let emit = |k: usize, out: &mut Piece| {

@@ -87,11 +87,6 @@ pub fn smooth(position: &mut [Vec3], parent: &[u32], axis: &[u32], scaffold: &[u
     }
 }
 
-/// Least distance between shoots of one node that hang, share of their length.
-const APART: f32 = 0.1;
-/// How often a shoot is moved from all that it came near.
-const ROUNDS: usize = 8;
-
 /// Lets shoots of order `from` and above turn towards the ground, by `hang` degrees a metre from
 /// where they leave their parent, each axis by a share of its own; no lower than `clearance_m`.
 /// Shoots of one node that come to hang side by side stay [`APART`].
@@ -119,29 +114,15 @@ pub fn hang(
             let share = 0.45 + 0.85 * Seed::new(u64::from(axis[i])).draws().unit();
             drop_deg[i] = drop_deg[p] + hang * length * share;
         }
-        let turned = lifted(edge / length.max(1e-9), -drop_deg[i].to_radians().min(3.0)) * length;
-        let mut turned = turned;
-        // Away from one may be near another.
-        for _ in 0..ROUNDS {
-            let mut is_apart = true;
-            let mut beside = last[p];
-            while beside != NO_PARENT {
-                let other = position[beside as usize] - position[p];
-                if (turned - other).length_squared() < (APART * length).powi(2) {
-                    // To the side on which it was.
-                    let way = before[i] - before[beside as usize];
-                    let aside = way - other * (way.dot(other) / other.length_squared().max(1e-12));
-                    let aside = aside
-                        .try_normalize()
-                        .unwrap_or_else(|| other.any_orthogonal_vector().normalize_or_zero());
-                    turned = (turned + aside * (2.0 * APART * length)).normalize_or_zero() * length;
-                    is_apart = false;
-                }
-                beside = earlier[beside as usize];
-            }
-            if is_apart {
-                break;
-            }
+        let mut turned =
+            lifted(edge / length.max(1e-9), -drop_deg[i].to_radians().min(3.0)) * length;
+        if order[i] >= from {
+            let node = |j: u32| (j != NO_PARENT).then_some(j as usize);
+            let siblings = || {
+                std::iter::successors(node(last[p]), |&j| node(earlier[j]))
+                    .map(|j| [before[j] - before[p], position[j] - position[p]])
+            };
+            turned = apart(edge, turned, siblings);
         }
         (earlier[i], last[p]) = (last[p], i as u32);
         let mut there = position[p] + turned;
@@ -154,6 +135,40 @@ pub fn hang(
         }
         position[i] = there;
     }
+}
+
+/// Least distance of a shoot that hangs from those of the same node, share of its length.
+const APART: f32 = 0.1;
+/// How often it is moved away from all that it is near: away from one may be near another.
+const ROUNDS: usize = 8;
+
+/// A shoot that has turned from `edge` to `turned`, as long, and at least [`APART`] from its siblings,
+/// each given as it was and as it is now; to the side on which it was of them.
+fn apart<I: Iterator<Item = [Vec3; 2]>>(
+    edge: Vec3,
+    mut turned: Vec3,
+    siblings: impl Fn() -> I,
+) -> Vec3 {
+    let length = edge.length();
+    for _ in 0..ROUNDS {
+        let mut is_apart = true;
+        for [was, is] in siblings() {
+            if turned.distance(is) >= APART * length {
+                continue;
+            }
+            let way = edge - was;
+            let aside = way - way.project_onto(is);
+            let aside = aside
+                .try_normalize()
+                .unwrap_or_else(|| is.any_orthogonal_vector().normalize_or_zero());
+            turned = (turned + aside * (2.0 * APART * length)).normalize_or_zero() * length;
+            is_apart = false;
+        }
+        if is_apart {
+            break;
+        }
+    }
+    turned
 }
 
 #[cfg(test)]
@@ -205,5 +220,14 @@ mod tests {
                 assert!(apart > 0.07, "{i} and {j}: {apart}");
             }
         }
+    }
+
+    #[test]
+    fn what_does_not_hang_is_not_moved_aside() {
+        // Two shoots of the first order within a hundredth of their length.
+        let mut position = vec![Vec3::Z, Vec3::new(1.0, 0.0, 1.0), Vec3::new(1.0, 0.01, 1.0)];
+        let before = position.clone();
+        hang(&mut position, &[NO_PARENT, 0, 0], (&[0, 1, 2], &[0, 1, 1]), 2, 20.0, 0.1);
+        assert_eq!(position, before);
     }
 }

@@ -498,7 +498,8 @@ impl Painter<'_> {
             let stalk = petiole * size * self.draws.between(0.7, 1.1);
             let depth = if layer == 0 { 0.35 * shoot.depth } else { 0.4 + 0.6 * shoot.depth };
             let (colour, light) = self.tint(depth);
-            // Whole leaves: one that would leave the cell turns to the other side.
+            // Whole leaves: one that would leave the cell turns to the other side of its shoot, else
+            // of the cell.
             let widest = self.outline.iter().copied().fold(0.0, f32::max);
             let fits = |heading: f32| {
                 let along = Vec2::new(heading.sin(), heading.cos());
@@ -512,7 +513,7 @@ impl Painter<'_> {
                 let bent = MOST_BENT * size;
                 inside(1.0, bent) && inside(0.5, widest * size + 0.25 * bent)
             };
-            let turns = [heading, heading - 2.0 * swing, heading - 1.6 * heading];
+            let turns = [heading, heading - 2.0 * swing, -0.6 * heading];
             let Some(heading) = turns.into_iter().find(|h| fits(*h)) else { continue };
             let along = Vec2::new(heading.sin(), heading.cos());
             let foot = base + along * stalk;

@@ -10,6 +10,7 @@ use crate::diagnostic::Result;
 use crate::lod::{Silhouettes, Views};
 use crate::mesh::{self, FoliageLevel, Junctions, MeshOptions, TreeMesh};
 use crate::render::capture::Sitter;
+use crate::scene::Apart;
 use crate::seed::Seed;
 use crate::skeleton::stability::Case;
 use crate::skeleton::{self, Detail, NO_PARENT, Skeleton, Target};
@@ -37,8 +38,10 @@ pub(super) fn cases() -> Vec<(&'static str, Case)> {
         levels: "a silhouette beside itself" => "no distance", 0.0 "m", same_silhouette;
         levels: "a silhouette beside itself shifted by 1 m" => "1 m, to one sample",
             1.0 "samples off", shifted_silhouette;
-        levels: "a silhouette beside itself shifted by a quarter of a sample" => "a few samples, by leaves no larger than one",
-            6.0 "samples", nearly_same_silhouette;
+        levels: "a silhouette beside itself shifted by a quarter of a sample" => "half a sample, RMS",
+            0.5 "samples", nearly_same_silhouette;
+        levels: "the worst of that" => "a twig's length: a leaf smaller than a sample comes or goes",
+            1.0 "of it", farthest_of_nearly_same;
         texture: "textures of 1 and 3 pixels asked for" => "64 drawn", 0.0 "pixels off", texture_sizes;
     }
 }
@@ -212,7 +215,7 @@ fn no_trees() -> Result<f64> {
 }
 
 /// A birch beside itself, moved sideways; metres, and the side of a sample.
-fn beside(shift_m: f32) -> Result<(f32, f32)> {
+fn beside(shift_m: f32) -> Result<(Apart, f32)> {
     let species = birch()?;
     let skeleton = grown(&species, 10.0, 300)?;
     let textures = texture::for_species(&species, 64, Seed::new(1));
@@ -231,23 +234,31 @@ fn beside(shift_m: f32) -> Result<(f32, f32)> {
     let sitter = Sitter::outlines(&models, &scene.materials, &scene.textures);
     let of = |model| Silhouettes::of(&sitter, model, around, Views::Sides);
     let (first, second) = (of(0)?, of(1)?);
-    Ok((first.apart(&second).worst_m, first.sample_m))
+    Ok((first.apart(&second), first.sample_m))
 }
 
 fn same_silhouette() -> Result<f64> {
-    Ok(beside(0.0)?.0.into())
+    Ok(beside(0.0)?.0.worst_m.into())
 }
 
 fn shifted_silhouette() -> Result<f64> {
-    let (worst_m, sample_m) = beside(1.0)?;
+    let (Apart { worst_m, .. }, sample_m) = beside(1.0)?;
     // Leaves beside the way may be nearer than the place moved from, but the foot is alone.
     Ok(f64::from((worst_m - 1.0).abs() / sample_m))
 }
 
 fn nearly_same_silhouette() -> Result<f64> {
+    let (Apart { rms_m, .. }, sample_m) = by_a_quarter()?;
+    Ok((rms_m / sample_m).into())
+}
+
+fn farthest_of_nearly_same() -> Result<f64> {
+    Ok((by_a_quarter()?.0.worst_m / birch()?.foliage.twig_length_m).into())
+}
+
+fn by_a_quarter() -> Result<(Apart, f32)> {
     let (_, sample_m) = beside(0.0)?;
-    let (worst_m, sample_m) = beside(0.25 * sample_m)?;
-    Ok((worst_m / sample_m).into())
+    beside(0.25 * sample_m)
 }
 
 fn texture_sizes() -> Result<f64> {
