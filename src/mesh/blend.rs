@@ -1,6 +1,8 @@
 //! Where one bark gives way to another within a facet: the line between them, from a field that is
 //! known at the facet's corners. Facets that share an edge meet in the same point of it.
 
+use std::sync::OnceLock;
+
 use glam::Vec2;
 
 /// The line stays this far from corners, as a share of an edge: no slivers.
@@ -16,123 +18,102 @@ pub enum Spot {
 
 /// The ends of the edges, low, right, high, left: to the right, and upwards, on both sides of each.
 pub const ENDS: [[usize; 2]; 4] = [[0, 1], [1, 2], [3, 2], [0, 3]];
-const PLACE: [Vec2; 4] = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+
+/// Corners and edges in one row.
+type Code = u8;
 
 impl Spot {
-    fn place(self) -> Vec2 {
-        match self {
-            Spot::Corner(k) => PLACE[k],
-            Spot::Edge(e, t) => PLACE[ENDS[e][0]].lerp(PLACE[ENDS[e][1]], t),
-        }
-    }
-}
-
-/// On which side of the line: below 0, on it, above.
-type Side = i8;
-
-/// A polygon of few corners, and where they are within the facet.
-#[derive(Clone, Copy)]
-struct Ring {
-    spot: [(Spot, Side, Vec2); 8],
-    len: usize,
-}
-
-impl Ring {
-    fn new() -> Ring {
-        Ring { spot: [(Spot::Corner(0), 0, Vec2::ZERO); 8], len: 0 }
-    }
-
-    fn push(&mut self, spot: (Spot, Side, Vec2)) {
-        self.spot[self.len] = spot;
-        self.len += 1;
-    }
-
-    fn all(&self) -> &[(Spot, Side, Vec2)] {
-        &self.spot[..self.len]
+    fn of(code: Code, field: &[f32; 4]) -> Spot {
+        let Some(edge) = usize::from(code).checked_sub(4) else {
+            return Spot::Corner(usize::from(code));
+        };
+        let [a, b] = ENDS[edge].map(|c| field[c]);
+        Spot::Edge(edge, (a / (a - b)).clamp(MARGIN, 1.0 - MARGIN))
     }
 }
 
 /// Cuts a facet: gives triangles, counter-clockwise, each with whether the field is above 0 there.
 /// `may_cut`: which edges may have corners of their own; elsewhere the line ends in a corner.
 pub fn cut(field: [f32; 4], may_cut: [bool; 4], mut triangle: impl FnMut(bool, [Spot; 3])) {
-    let is_above = field.map(|f| f >= 0.0);
-    if is_above == [is_above[0]; 4] {
-        triangle(is_above[0], [0, 1, 2].map(Spot::Corner));
-        triangle(is_above[0], [0, 2, 3].map(Spot::Corner));
-        return;
+    /// Of every case, once it is met.
+    static CUTS: [OnceLock<Triangles>; 512] = [const { OnceLock::new() }; 512];
+    let bit = |is: bool, k: usize| usize::from(is) << k;
+    let case = (0..4).map(|k| bit(field[k] >= 0.0, k) | bit(may_cut[k], k + 4)).sum::<usize>()
+        | bit(field.iter().sum::<f32>() >= 0.0, 8);
+    for &(is_above, codes) in CUTS[case].get_or_init(|| triangles(case)) {
+        triangle(is_above, codes.map(|code| Spot::of(code, &field)));
     }
+}
+
+/// The triangles of a facet, and whether the field is above 0 in each.
+type Triangles = Vec<(bool, [Code; 3])>;
+
+/// On which side of the line: below 0, on it, above.
+type Side = i8;
+
+/// The triangles of a case: which corners are above 0, which edges may be cut, whether the mean is
+/// above 0.
+fn triangles(case: usize) -> Triangles {
+    let is = |k: usize| case >> k & 1 == 1;
+    let is_above = [0, 1, 2, 3].map(is);
+    let mut out = Vec::new();
+    if is_above == [is_above[0]; 4] {
+        return [[0, 1, 2], [0, 2, 3]].map(|t| (is_above[0], t)).to_vec();
+    }
+    let may_cut = [4, 5, 6, 7].map(is);
     let mut side: [Side; 4] = is_above.map(|a| if a { 1 } else { -1 });
     let turns = |k: usize| is_above[k] != is_above[(k + 1) % 4];
     for k in (0..4).filter(|&k| turns(k) && !may_cut[k]) {
         side[if is_above[k] { k } else { (k + 1) % 4 }] = 0;
     }
-    let mut ring = Ring::new();
-    let mut push = |spot: Spot, side: Side| ring.push((spot, side, spot.place()));
+    let mut ring = Vec::new();
     for k in 0..4 {
-        push(Spot::Corner(k), side[k]);
+        ring.push((k as Code, side[k]));
         if turns(k) && may_cut[k] {
-            let [a, b] = ENDS[k].map(|c| field[c]);
-            push(Spot::Edge(k, (a / (a - b)).clamp(MARGIN, 1.0 - MARGIN)), 0);
+            ring.push((k as Code + 4, 0));
         }
     }
-    let has = |s: Side| ring.all().iter().any(|p| p.1 == s);
-    let mean: f32 = field.iter().sum();
+    let has = |s: Side| ring.iter().any(|p| p.1 == s);
     // The corners off the line on one side are cut off, each run with what bounds it; the rest is
     // the other side.
     let off: Side = match (has(1), has(-1)) {
-        (true, true) if mean >= 0.0 => -1,
+        (true, true) if is(8) => -1,
         (true, true) => 1,
-        (above, _) => return fan(&ring, above, &mut triangle),
-    };
-    let mut rest = Ring::new();
-    ring.all().iter().filter(|p| p.1 != off).for_each(|&p| rest.push(p));
-    fan(&rest, off < 0, &mut triangle);
-    let at = |k: usize| ring.spot[k % ring.len];
-    for start in (0..ring.len).filter(|&k| at(k).1 == off && at(k + ring.len - 1).1 != off) {
-        let mut part = Ring::new();
-        part.push(at(start + ring.len - 1));
-        let mut k = start;
-        while at(k).1 == off {
-            part.push(at(k));
-            k += 1;
+        (above, _) => {
+            fan(&ring, above, &mut out);
+            return out;
         }
-        part.push(at(k));
-        fan(&part, off > 0, &mut triangle);
+    };
+    let rest: Vec<_> = ring.iter().filter(|p| p.1 != off).copied().collect();
+    fan(&rest, off < 0, &mut out);
+    let at = |k: usize| ring[k % ring.len()];
+    for start in (0..ring.len()).filter(|&k| at(k).1 == off && at(k + ring.len() - 1).1 != off) {
+        let end = (start..).find(|&k| at(k).1 != off).unwrap_or(start);
+        let part: Vec<_> = (start + ring.len() - 1..=end + ring.len()).map(at).collect();
+        fan(&part, off > 0, &mut out);
     }
+    out
 }
 
-/// Triangles of a convex polygon, from the corner that makes the smallest of them largest: some
-/// corners lie on a line.
-fn fan(ring: &Ring, is_above: bool, triangle: &mut impl FnMut(bool, [Spot; 3])) {
-    let n = ring.len;
-    if n < 3 {
-        return;
-    }
-    let wrapped = |i: usize| &ring.spot[if i < n { i } else { i - n }];
-    let least = |from: usize| {
-        let a = ring.spot[from].2;
-        let mut edge = wrapped(from + 1).2 - a;
-        let mut least = f32::INFINITY;
-        for k in 2..n {
-            let next = wrapped(from + k).2 - a;
-            least = least.min(edge.perp_dot(next));
-            edge = next;
-        }
-        least
+/// Triangles of a convex polygon, from the corner that makes the smallest of them largest where edges
+/// are cut in the middle: some corners lie on a line.
+fn fan(ring: &[(Code, Side)], is_above: bool, out: &mut Triangles) {
+    const PLACE: [Vec2; 4] = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+    let place = |code: Code| match usize::from(code) {
+        edge @ 4.. => ENDS[edge - 4].map(|c| PLACE[c]).iter().sum::<Vec2>() * 0.5,
+        corner => PLACE[corner],
     };
-    let (mut from, mut largest) = (0, f32::NEG_INFINITY);
-    if n > 3 {
-        // From opposite corners four are cut alike.
-        for k in 0..if n == 4 { 2 } else { n } {
-            let least = least(k);
-            if least > largest {
-                (from, largest) = (k, least);
-            }
-        }
-    }
-    for k in 2..n {
-        triangle(is_above, [from, from + k - 1, from + k].map(|i| wrapped(i).0));
-    }
+    let n = ring.len();
+    let fan = |from: usize| (2..n).map(move |k| [0, k - 1, k].map(|i| ring[(from + i) % n].0));
+    let least = |from: usize| {
+        let areas = fan(from).map(|t| {
+            let [a, b, c] = t.map(place);
+            (b - a).perp_dot(c - a)
+        });
+        areas.fold(f32::INFINITY, f32::min)
+    };
+    let best = (0..n).reduce(|best, k| if least(k) > least(best) { k } else { best });
+    out.extend(best.into_iter().flat_map(fan).map(|t| (is_above, t)));
 }
 
 #[cfg(test)]
@@ -140,6 +121,16 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    impl Spot {
+        fn place(self) -> Vec2 {
+            const PLACE: [Vec2; 4] = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+            match self {
+                Spot::Corner(k) => PLACE[k],
+                Spot::Edge(e, t) => PLACE[ENDS[e][0]].lerp(PLACE[ENDS[e][1]], t),
+            }
+        }
+    }
 
     proptest! {
         /// Whatever the field: the parts cover the facet once, keep its corners, and have the points

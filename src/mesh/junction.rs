@@ -16,7 +16,7 @@
 
 use std::f32::consts::TAU;
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec3A};
 
 use super::path::{Knot, Least, Ring, Sides, Start};
 
@@ -30,8 +30,8 @@ const ROOM_AROUND: f32 = 0.08;
 /// A foot is longer than wide by no more than the inverse.
 const LEAST_LEAN: f32 = 0.45;
 
-/// Near enough to the bark, in the branch's radii.
-const ON_BARK: f32 = 0.01;
+/// Near enough to the bark, in the branch's radii: its foot is laid onto it.
+const ON_BARK: f32 = 0.05;
 
 /// A branch's foot on its parent's path.
 #[derive(Debug, Clone, Copy)]
@@ -98,13 +98,14 @@ struct Place {
 }
 
 /// The place nearest to `p`, downhill from the segment given.
-fn nearest(path: &[Ring], mut segment: usize, p: Vec3) -> Place {
+fn nearest(path: &[Ring], mut segment: usize, p: Vec3A) -> Place {
     let last = path.len() - 2;
     let mut came = 0;
     let mut share = 0.0;
+    let (mut a, mut chord) = (Vec3A::ZERO, Vec3A::ZERO);
     for _ in 0..64 {
-        let (a, b) = (path[segment].centre, path[segment + 1].centre);
-        let chord = b - a;
+        a = path[segment].centre.into();
+        chord = Vec3A::from(path[segment + 1].centre) - a;
         share = (p - a).dot(chord) / chord.length_squared().max(1e-20);
         if share > 1.0 && segment < last && came >= 0 {
             (segment, came) = (segment + 1, 1);
@@ -115,9 +116,9 @@ fn nearest(path: &[Ring], mut segment: usize, p: Vec3) -> Place {
         }
     }
     let share = share.clamp(0.0, 1.0);
-    let (a, b) = (&path[segment], &path[segment + 1]);
-    let radius_m = a.radius_m + (b.radius_m - a.radius_m) * share;
-    let depth_m = radius_m - p.distance(a.centre.lerp(b.centre, share));
+    let [low, high] = [path[segment].radius_m, path[segment + 1].radius_m];
+    let radius_m = low + (high - low) * share;
+    let depth_m = radius_m - p.distance(a + chord * share);
     Place { segment, share, radius_m, depth_m }
 }
 
@@ -135,12 +136,15 @@ pub fn leave(
         return None;
     }
     let first = path.partition_point(|r| r.arc_m <= base_arc_m).clamp(1, path.len() - 1) - 1;
-    let Place { mut segment, depth_m: mut inner, .. } = nearest(path, first, knots[0].at);
+    let at_knot = |i: usize| Vec3A::from(knots[i].at);
+    let mut from = at_knot(0);
+    let Place { mut segment, depth_m: mut inner, .. } = nearest(path, first, from);
     let mut walked = 0.0;
     let mut found = None;
     for (i, w) in knots.windows(2).enumerate() {
-        let step = w[0].at.distance(w[1].at);
-        let end = nearest(path, segment, w[1].at);
+        let way = at_knot(i + 1) - from;
+        let step = way.length();
+        let end = nearest(path, segment, from + way);
         let mut outer = end.depth_m;
         if outer < 0.0 {
             // False position, every other time by halves.
@@ -152,7 +156,7 @@ pub fn leave(
                 }
                 let t = if k % 2 == 0 { inner / (inner - outer) } else { 0.5 };
                 let middle = lo + (hi - lo) * t.clamp(0.02, 0.98);
-                let near = nearest(path, segment, w[0].at.lerp(w[1].at, middle));
+                let near = nearest(path, segment, from + way * middle);
                 let d = near.depth_m;
                 if d > 0.0 {
                     (lo, inner) = (middle, d)
@@ -166,29 +170,32 @@ pub fn leave(
             }
             let out = if inner <= 0.0 { lo } else { hi };
             let radius = w[0].radius_m + (w[1].radius_m - w[0].radius_m) * out;
-            let at = w[0].at.lerp(w[1].at, out);
+            let at = from + way * out;
             let place = place.unwrap_or_else(|| nearest(path, segment, at));
-            found = Some((walked + step * out, at, w[1].at - w[0].at, radius, i + 1, place));
+            let direction = if step > 0.0 { way / step } else { Vec3A::Z };
+            found = Some((walked + step * out, at, direction, radius, i + 1, place));
             walked += step;
             break;
         }
         (segment, inner) = (end.segment, outer);
+        from += way;
         walked += step;
     }
     let (on_branch_m, at, direction, radius, beyond, place) = found?;
-    let ring = between(&path[place.segment], &path[place.segment + 1], place.share);
-    let direction = direction.normalize_or(Vec3::Z);
-    let away = at - ring.centre;
-    let across = away - ring.tangent * ring.tangent.dot(away);
-    let radial = across
-        .try_normalize()
-        .or_else(|| (direction - ring.tangent * ring.tangent.dot(direction)).try_normalize())
-        .unwrap_or(ring.normal);
+    let [low, high] = [&path[place.segment], &path[place.segment + 1]];
+    let mix = |of: fn(&Ring) -> Vec3| Vec3A::from(of(low)).lerp(of(high).into(), place.share);
+    let tangent = mix(|r| r.tangent).normalize_or(low.tangent.into());
+    // Its angle about the tangent counts alone.
+    let normal = mix(|r| r.normal);
+    let square = |v: Vec3A| (v - tangent * tangent.dot(v)).try_normalize();
+    let radial = square(at - mix(|r| r.centre))
+        .or_else(|| square(direction))
+        .unwrap_or_else(|| tangent.any_orthonormal_vector());
     let host = place.radius_m.max(least.radius_m);
     let r = radius.max(least.radius_m).min(host);
     let has_collar = has_collar(r, sides);
     let wide = r * if has_collar { COLLAR } else { NO_COLLAR };
-    let stance = Stance::of(direction, &ring, radial);
+    let stance = Stance::of(direction, tangent, radial);
     let [half_around, half_along] = stance.foot().map(|axis| wide * axis.length());
     let rise_m = stance.rise_m(r, wide);
     // A stub shorter than its collar is bark.
@@ -201,15 +208,15 @@ pub fn leave(
     Some(Branch {
         child,
         rank,
-        arc_m: ring.arc_m,
+        arc_m: low.arc_m + (high.arc_m - low.arc_m) * place.share,
         half_m: half_along,
-        turn: radial.dot(ring.binormal()).atan2(radial.dot(ring.normal)),
+        turn: radial.dot(tangent.cross(normal)).atan2(radial.dot(normal)),
         half_turn: (half_around / host).min(0.94).asin(),
         start: Start {
-            at,
-            away: radial,
-            across: stance.across(&ring, radial),
-            direction,
+            at: at.into(),
+            away: radial.into(),
+            across: stance.across(tangent, radial).into(),
+            direction: direction.into(),
             arc_m: on_branch_m,
             radius_m: r,
             wide_m: wide,
@@ -229,10 +236,11 @@ struct Stance {
 }
 
 impl Stance {
-    fn of(direction: Vec3, ring: &Ring, radial: Vec3) -> Stance {
-        let around = ring.tangent.cross(radial);
-        let onward = Vec2::new(direction.dot(around), direction.dot(ring.tangent));
-        let onward = if onward.length() > 0.05 { onward.normalize() } else { Vec2::Y };
+    fn of(direction: Vec3A, tangent: Vec3A, radial: Vec3A) -> Stance {
+        let around = tangent.cross(radial);
+        let onward = Vec2::new(direction.dot(around), direction.dot(tangent));
+        let length = onward.length();
+        let onward = if length > 0.05 { onward / length } else { Vec2::Y };
         Stance { lean: direction.dot(radial), onward }
     }
 
@@ -252,8 +260,8 @@ impl Stance {
     }
 
     /// Unit; at right angles to the branch, in the bark.
-    fn across(&self, ring: &Ring, radial: Vec3) -> Vec3 {
-        ring.tangent.cross(radial) * self.onward.y - ring.tangent * self.onward.x
+    fn across(&self, tangent: Vec3A, radial: Vec3A) -> Vec3A {
+        tangent.cross(radial) * self.onward.y - tangent * self.onward.x
     }
 }
 
@@ -264,16 +272,17 @@ pub fn has_collar(radius_m: f32, sides: &Sides) -> bool {
 
 /// A ring of the path between two others.
 fn between(a: &Ring, b: &Ring, t: f32) -> Ring {
-    let tangent = a.tangent.lerp(b.tangent, t).normalize_or(a.tangent);
-    let normal = a.normal.lerp(b.normal, t);
+    let lerp = |a: Vec3, b: Vec3| Vec3A::from(a).lerp(b.into(), t);
+    let tangent = lerp(a.tangent, b.tangent).normalize_or(a.tangent.into());
+    let normal = lerp(a.normal, b.normal);
     let normal = (normal - tangent * tangent.dot(normal))
         .try_normalize()
         .unwrap_or_else(|| tangent.any_orthonormal_vector());
     let mix = |a: f32, b: f32| a + (b - a) * t;
     Ring {
-        centre: a.centre.lerp(b.centre, t),
-        tangent,
-        normal,
+        centre: lerp(a.centre, b.centre).into(),
+        tangent: tangent.into(),
+        normal: normal.into(),
         radius_m: mix(a.radius_m, b.radius_m),
         arc_m: mix(a.arc_m, b.arc_m),
         slope: mix(a.slope, b.slope),
@@ -507,13 +516,15 @@ fn settle(rings: &[Ring], holes: &mut [Hole]) {
         let edge = hole.half_t + 0.06;
         hole.t = ((hole.arc_m - a.arc_m) / height).min(1.0 - edge).max(edge);
         let ring = between(a, b, hole.t);
+        let tangent = Vec3A::from(ring.tangent);
         let (s, c) = ((hole.facet as f32 + hole.x) / a.sides as f32 * TAU).sin_cos();
-        let radial = ring.normal * c + ring.binormal() * s;
+        let radial = Vec3A::from(ring.normal) * c + Vec3A::from(ring.binormal()) * s;
         let start = &mut hole.start;
-        let stance = Stance::of(start.direction, &ring, radial);
+        let stance = Stance::of(start.direction.into(), tangent, radial);
         hole.foot = stance.foot().map(Vec2::normalize);
-        start.at = ring.centre + radial * ring.radius_m;
-        (start.away, start.across) = (radial, stance.across(&ring, radial));
+        start.at = ring.centre + Vec3::from(radial * ring.radius_m);
+        start.away = radial.into();
+        start.across = stance.across(tangent, radial).into();
         start.rise_m = stance.rise_m(start.radius_m, start.wide_m);
     }
 }

@@ -1,7 +1,7 @@
 //! Parts of a tube's grid of facets that are no whole facets: about the foot of a branch, and where
 //! two barks meet.
 
-use glam::{Mat2, Vec2, Vec3};
+use glam::{Mat2, Vec2, Vec3, Vec3A};
 
 use super::Surface;
 use super::blend;
@@ -69,15 +69,15 @@ pub fn fill(
         let rows = [(p + k) as usize, (q + k) as usize];
         let weight = [(1.0 - share) * (1.0 - t), share * (1.0 - t), (1.0 - share) * t, share * t];
         let across = |column: &[Vec3]| {
-            let [[a, b], [c, d]] = rows.map(|i| [column[i], column[i + 1]]);
+            let [[a, b], [c, d]] = rows.map(|i| [column[i], column[i + 1]].map(Vec3A::from));
             (a * weight[0] + b * weight[1]) + (c * weight[2] + d * weight[3])
         };
         let position = across(&out.position);
         let normal = across(&out.normal);
-        let normal = normal.try_normalize().unwrap_or(out.normal[rows[0]]);
+        let normal = normal.normalize_or(out.normal[rows[0]].into());
         let along = [0, 1].map(|row| from[row] + (to[row] - from[row]) * (x / facets as f32));
-        out.position.push(position);
-        out.normal.push(normal);
+        out.position.push(position.into());
+        out.normal.push(normal.into());
         out.uv.push(Vec2::new(along[0] + (along[1] - along[0]) * t, low.v + (high.v - low.v) * t));
     }
     // Both counter-clockwise; the outer edge from its upper right, the inner one from its top. Each

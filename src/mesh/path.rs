@@ -506,7 +506,13 @@ fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, across: Option<Vec3>, out
                 Quat::from_rotation_arc(tangent, next) * normal
             };
             let flat = carried - next * carried.dot(next);
-            normal = flat.try_normalize().unwrap_or_else(|| next.any_orthonormal_vector());
+            // All but unit: a step of Newton's method spares a root.
+            let off = 1.0 - flat.length_squared();
+            normal = if off.abs() < 0.01 {
+                flat * (1.0 + 0.5 * off)
+            } else {
+                flat.try_normalize().unwrap_or_else(|| next.any_orthonormal_vector())
+            };
             tangent = next;
         }
         let lobe = lobes.get(i).copied().unwrap_or(0.0);

@@ -22,7 +22,7 @@ use super::junction::{Hole, mask};
 use super::patch::{fill, on_edge};
 use super::path::{MAX_SIDES, MIN_SIDES, Ring, fold};
 use super::wind::{Sway, Wind};
-use super::young::{BARKS, Blend, COATS, Coat, FINEST, FOLDED_GIRTH, Luck, Mix, Young};
+use super::young::{BARKS, Blend, COATS, Coat, FINEST, FOLDED_GIRTH, Limits, Luck, Mix, Young};
 use crate::seed::Seed;
 
 /// Tables of the rings of every number of sides.
@@ -169,6 +169,7 @@ pub struct Bark<'a> {
     mixes: Vec<Mix>,
     /// Index and place of the corners about a hole.
     about: Vec<(u32, Vec2)>,
+    limits: Limits,
     facing: Facing,
 }
 
@@ -185,6 +186,7 @@ impl<'a> Bark<'a> {
             base: Vec::new(),
             mixes: Vec::new(),
             about: Vec::new(),
+            limits: Limits::default(),
             facing: Facing::default(),
         }
     }
@@ -245,13 +247,14 @@ impl<'a> Bark<'a> {
         }
         self.begin(shape);
         let start = self.surface.each_ref().map(|s| s.index.len());
-        let Bark { surface, wind, seed, circles, rims, sway, base, mixes, about, facing, .. } =
+        let Bark { surface, wind, seed, circles, rims, sway, base, mixes, about, limits, facing, .. } =
             self;
         let has_collar = out_of.is_some_and(|o| o.has_collar);
         let mut luck = Luck::new(*seed, shape.key);
         let swing = wind.map(|w| (w, &sway[..]));
         let maker = Maker { rings, base, has_collar, circles, swing };
         facing.begin();
+        limits.begin();
         let coat = mixes[0].most();
         if holes.is_empty() && mixes.iter().all(|m| !m.mixes() && m.most() == coat) {
             maker.plain(coat, &mut luck, surface, facing);
@@ -304,19 +307,31 @@ impl<'a> Bark<'a> {
                             .pair
                             .map(|c| corners_in(i, c, slots, &mut surface[c.bark()], &mut luck))
                     });
-                    let field = |ring: &Ring, share: f32, k: u32, luck: &mut Luck| {
-                        share - luck.limit((k % sides) as f32 / sides as f32, ring)
-                    };
                     let [low, high] = [0, 1].map(|r| (&rings[i - 1 + r], blended.share[r]));
-                    let mut left =
-                        [low, high].map(|(ring, share)| field(ring, share, 0, &mut luck));
+                    limits.band([i - 1, i], rings, &mut luck);
+                    let field = |k: u32| {
+                        let limit = limits.at(k);
+                        [low.1 - limit[0], high.1 - limit[1]]
+                    };
+                    let is_in = |facets: u64, k: u32| facets >> (k % sides) & 1 == 1;
+                    let mut left = field(0);
                     for k in 0..sides {
-                        let right =
-                            [low, high].map(|(ring, share)| field(ring, share, k + 1, &mut luck));
+                        let right = field(k + 1);
                         let at = [left[0], right[0], right[1], left[1]];
                         left = right;
-                        let is_in = |facets: u64, k: u32| facets >> (k % sides) & 1 == 1;
                         if is_in(taken, k) {
+                            continue;
+                        }
+                        let corners = |b: usize| {
+                            let left = k + twin(&rings[i], blended.pair[b].is_folded(), k);
+                            [p[b] + left, p[b] + k + 1, q[b] + k + 1, q[b] + left]
+                        };
+                        let is_above = at.map(|f| f >= 0.0);
+                        if is_above == [is_above[0]; 4] {
+                            let b = usize::from(is_above[0]);
+                            let [c0, c1, c2, c3] = corners(b);
+                            let out = &mut surface[blended.pair[b].bark()];
+                            out.index.extend([c0, c1, c2, c0, c2, c3]);
                             continue;
                         }
                         let may_cut = [
@@ -327,16 +342,14 @@ impl<'a> Bark<'a> {
                         ];
                         // Of each coat, by the facet's edge.
                         let mut on_edges = [[None; 4]; 2];
+                        let corner = [0, 1].map(corners);
                         blend::cut(at, may_cut, |is_second, spots| {
                             let b = usize::from(is_second);
-                            let coat = blended.pair[b];
-                            let left = k + twin(&rings[i], coat.is_folded(), k);
-                            let corner = [p[b] + left, p[b] + k + 1, q[b] + k + 1, q[b] + left];
-                            let out = &mut surface[coat.bark()];
+                            let out = &mut surface[blended.pair[b].bark()];
                             let corners = spots.map(|s| match s {
-                                Spot::Corner(k) => corner[k],
+                                Spot::Corner(k) => corner[b][k],
                                 Spot::Edge(edge, t) => *on_edges[b][edge]
-                                    .get_or_insert_with(|| on_edge(edge, t, corner, out)),
+                                    .get_or_insert_with(|| on_edge(edge, t, corner[b], out)),
                             });
                             out.index.extend(corners);
                         });
@@ -592,17 +605,20 @@ fn rim(
     is_folded: bool,
     out: &mut Surface,
 ) {
-    let (laid, binormal) = (circles.laid(ring.sides, is_folded), ring.binormal());
+    let laid = circles.laid(ring.sides, is_folded);
+    let [centre, tangent, u, v] =
+        [ring.centre, ring.tangent, ring.normal, ring.binormal()].map(Vec3A::from);
     let start = out.position.len();
     out.position.extend(base.iter().map(|corner| corner.0));
     out.normal.extend(base.iter().zip(&laid.corner).map(|(&(position, parent, _), c)| {
         // Its own roundness, as the hole has it.
-        let away = position - ring.centre;
-        let away = away - ring.tangent * ring.tangent.dot(away);
-        let own = away.try_normalize().unwrap_or(ring.normal * c.x + binormal * c.y);
+        let away = Vec3A::from(position) - centre;
+        let away = away - tangent * tangent.dot(away);
+        let own = away.try_normalize().unwrap_or(u * c.x + v * c.y);
+        let parent = Vec3A::from(parent);
         // In a crotch the branch's side faces the parent: there its own counts most.
         let weight = if is_collar { 2.0 - 2.0 * parent.dot(own) } else { 3.0 };
-        (parent + own * weight).normalize_or(own)
+        Vec3::from((parent + own * weight).normalize_or(own))
     }));
     close(ring, start, is_folded, out);
     lay(ring, laid, is_folded, &mut out.uv);

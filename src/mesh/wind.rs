@@ -171,12 +171,12 @@ impl Wind {
         debug_assert_eq!(surface.wind.len(), surface.position.len());
     }
 
-    /// Adds the whole tree's part to the vertices of wood that move as rings do.
+    /// Adds the whole tree's part to the vertices of wood that move as rings do, which have none.
     pub fn rise(&self, surface: &mut Surface) {
-        if let Some(k) = self.profile.tree_channel() {
-            for (p, colour) in surface.position.iter().zip(&mut surface.wind) {
-                colour[k] = byte(self.tree(p.z));
-            }
+        let Some(k) = self.profile.tree_channel() else { return };
+        for (p, colour) in surface.position.iter().zip(&mut surface.wind) {
+            let part = u32::from(byte(self.tree(p.z))) << (8 * k);
+            *colour = (u32::from_le_bytes(*colour) | part).to_le_bytes();
         }
     }
 
@@ -202,7 +202,8 @@ impl Wind {
 
     /// How much the whole tree moves at a height.
     fn tree(&self, z: f32) -> f32 {
-        (z * self.per_m).clamp(0.0, 1.0).powi(2)
+        let share = (z * self.per_m).clamp(0.0, 1.0);
+        share * share
     }
 
     /// The colour of wood where the whole tree stands still.
@@ -232,9 +233,9 @@ impl Wind {
     }
 }
 
-/// 0…255, rounded; without the call that `round` is where the machine has no instruction for it.
+/// 0…1 as 0…255, rounded: adding 2²³ leaves whole numbers in the last bits.
 fn byte(share: f32) -> u8 {
-    (share * 255.0 + 0.5) as u8
+    (share * 255.0 + (1 << 23) as f32).to_bits() as u8
 }
 
 #[cfg(test)]

@@ -3,6 +3,8 @@
 
 use std::f32::consts::TAU;
 
+use glam::Vec4;
+
 use super::path::Ring;
 use crate::seed::Seed;
 
@@ -153,27 +155,68 @@ impl Luck {
     /// Share of a bark from which on a place has it, 0…1: one reaches into the other in tongues and
     /// leaves islands. `turn`: part of a full turn around the ring.
     pub fn limit(&mut self, turn: f32, ring: &Ring) -> f32 {
-        let phase = self.phase() / TAU;
+        limit(turn, self.waves(ring))
+    }
+
+    /// Turns of the waves at a ring's first corner.
+    fn waves(&mut self, ring: &Ring) -> Vec4 {
+        const PHASE: Vec4 = Vec4::new(1.0, 2.3, 4.1, 5.2);
+        const RISE: Vec4 = Vec4::new(0.25, -0.9, 0.4, 2.7);
         // Girths along the tube; few where it is thin.
         let is_folded = ring.girth < FOLDED_GIRTH[1];
         let along = ring.v / if is_folded { 0.25 } else { ring.repeats };
-        let waves = [
-            (0.16, 2.0, 1.0, 0.25),
-            (0.15, 5.0, 2.3, -0.9),
-            (0.1, 11.0, 4.1, 0.4),
-            (0.12, 7.0, 5.2, 2.7),
-        ];
-        let wave = |(high, n, p, rise): (f32, f32, f32, f32)| {
-            high * sine(n * turn + p * phase + rise * along)
-        };
-        (0.5 + waves.map(wave).iter().sum::<f32>()).clamp(0.001, 0.999)
+        PHASE * (self.phase() / TAU) + RISE * along
     }
 }
 
-/// Sine of so many turns, fewer than a million, within 0.001.
-fn sine(turns: f32) -> f32 {
+fn limit(turn: f32, waves: Vec4) -> f32 {
+    const HIGH: Vec4 = Vec4::new(0.16, 0.15, 0.1, 0.12);
+    const AROUND: Vec4 = Vec4::new(2.0, 5.0, 11.0, 7.0);
+    (0.5 + HIGH.dot(sine(AROUND * turn + waves))).clamp(0.001, 0.999)
+}
+
+/// The limits at the corners of the rings of one band of a tube, the first of each again at the end.
+#[derive(Default)]
+pub struct Limits {
+    below: Vec<f32>,
+    above: Vec<f32>,
+    /// The ring of those above.
+    ring: usize,
+}
+
+impl Limits {
+    /// Before a tube.
+    pub fn begin(&mut self) {
+        self.ring = usize::MAX;
+    }
+
+    /// Those of a band between two rings of as many sides; bands come from the foot up.
+    pub fn band(&mut self, [low, high]: [usize; 2], rings: &[Ring], luck: &mut Luck) {
+        std::mem::swap(&mut self.below, &mut self.above);
+        if self.ring != low || self.below.len() != rings[low].sides as usize + 1 {
+            Self::fill(&mut self.below, &rings[low], rings[high].sides, luck);
+        }
+        Self::fill(&mut self.above, &rings[high], rings[high].sides, luck);
+        self.ring = high;
+    }
+
+    /// Of the lower ring and the upper one.
+    pub fn at(&self, corner: u32) -> [f32; 2] {
+        [&self.below, &self.above].map(|limits| limits.get(corner as usize).copied().unwrap_or(0.5))
+    }
+
+    fn fill(limits: &mut Vec<f32>, ring: &Ring, sides: u32, luck: &mut Luck) {
+        let waves = luck.waves(ring);
+        limits.clear();
+        limits.extend((0..sides).map(|k| limit(k as f32 / sides as f32, waves)));
+        limits.extend(limits.first().copied());
+    }
+}
+
+/// Sines of so many turns, fewer than a million, within 0.001.
+fn sine(turns: Vec4) -> Vec4 {
     /// Adding it rounds to whole numbers.
-    const ROUND: f32 = 1.5 * (1 << 23) as f32;
+    const ROUND: Vec4 = Vec4::splat(1.5 * (1 << 23) as f32);
     // −½…½, and the half turn that is left as a quarter about 0.
     let part = turns - ((turns + ROUND) - ROUND);
     let fold = 0.25 - (part.abs() - 0.25).abs();
@@ -191,7 +234,7 @@ mod tests {
         for k in -20_000..20_000 {
             let turns = k as f32 * 0.001_37;
             let true_sine = (f64::from(turns) * std::f64::consts::TAU).sin() as f32;
-            assert!((sine(turns) - true_sine).abs() < 1e-3, "{turns}");
+            assert!((sine(Vec4::splat(turns)).w - true_sine).abs() < 1e-3, "{turns}");
         }
     }
 }
