@@ -253,7 +253,6 @@ pub fn rings(
 fn leave(kept: &[Knot], start: &Start, least_step: f32, path: &mut Vec<Knot>) {
     let r = start.radius_m;
     path.push(Knot { at: start.at, radius_m: start.wide_m });
-    let length: f32 = kept.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
     let mut from = start.arc_m + start.rise_m;
     // A foot that gave way to another takes the branch along, less and less.
     let moved = locate(kept, start.arc_m).map_or(Vec3::ZERO, |(_, k)| start.at - k.at);
@@ -263,6 +262,7 @@ fn leave(kept: &[Knot], start: &Start, least_step: f32, path: &mut Vec<Knot>) {
         at + moved * (left * left)
     };
     if start.has_collar {
+        let length: f32 = kept.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
         let lean = start.direction.dot(start.away);
         let least_height_m = r * (0.1 + (1.0 - lean * lean).max(0.0).sqrt());
         for (rise, wide) in [(start.rise_m, 1.1), (start.rise_m + 1.6 * r, 1.0)] {

@@ -247,8 +247,20 @@ impl<'a> Bark<'a> {
         }
         self.begin(shape);
         let start = self.surface.each_ref().map(|s| s.index.len());
-        let Bark { surface, wind, seed, circles, rims, sway, base, mixes, about, limits, facing, .. } =
-            self;
+        let Bark {
+            surface,
+            wind,
+            seed,
+            circles,
+            rims,
+            sway,
+            base,
+            mixes,
+            about,
+            limits,
+            facing,
+            ..
+        } = self;
         let has_collar = out_of.is_some_and(|o| o.has_collar);
         let mut luck = Luck::new(*seed, shape.key);
         let swing = wind.map(|w| (w, &sway[..]));
@@ -466,6 +478,9 @@ impl Maker<'_> {
     /// and the apex.
     fn may_stray(&self, i: usize) -> bool {
         let rings = self.rings;
+        if is_plain_cone(rings, self.base, self.has_collar) {
+            return false;
+        }
         let is_rim = i == 1 && !self.base.is_empty();
         let is_last = i + 2 == rings.len();
         i == 0
@@ -561,6 +576,25 @@ impl Maker<'_> {
     }
 }
 
+/// Whether a tube is one cone out of a hole about its own line, longer than the hole slants: then each
+/// facet faces away from that line, and upwards, as the normals of its corners do.
+fn is_plain_cone(rings: &[Ring], base: &[Corner], has_collar: bool) -> bool {
+    /// Length over the radius of the foot.
+    const SLENDER: f32 = 4.0;
+    let ([foot, apex], Some(last)) = (rings, base.last()) else { return false };
+    let [centre, tangent] = [foot.centre, foot.tangent].map(Vec3A::from);
+    let mut before = Vec3A::from(last.0) - centre;
+    let mut goes_around = |corner: &Corner| {
+        let here = Vec3A::from(corner.0) - centre;
+        let turn = before.cross(here).dot(tangent);
+        before = here;
+        turn > 0.0
+    };
+    !has_collar
+        && apex.arc_m - foot.arc_m > SLENDER * foot.radius_m
+        && base.iter().all(|corner| goes_around(corner))
+}
+
 /// Bits of the facets that the blocks of some feet take.
 fn facets_of(holes: &[Hole], sides: u32) -> u64 {
     holes.iter().fold(0, |m, h| m | mask(h.facet, h.facets, sides))
@@ -615,10 +649,12 @@ fn rim(
         let away = Vec3A::from(position) - centre;
         let away = away - tangent * tangent.dot(away);
         let own = away.try_normalize().unwrap_or(u * c.x + v * c.y);
-        let parent = Vec3A::from(parent);
+        if !is_collar {
+            return Vec3::from(own);
+        }
         // In a crotch the branch's side faces the parent: there its own counts most.
-        let weight = if is_collar { 2.0 - 2.0 * parent.dot(own) } else { 3.0 };
-        Vec3::from((parent + own * weight).normalize_or(own))
+        let parent = Vec3A::from(parent);
+        (parent + own * (2.0 - 2.0 * parent.dot(own))).normalize_or(own).into()
     }));
     close(ring, start, is_folded, out);
     lay(ring, laid, is_folded, &mut out.uv);
