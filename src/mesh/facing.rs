@@ -2,6 +2,8 @@
 //! aslant, a normal may look away from a triangle it belongs to. Such a one is turned back, just far
 //! enough. Limit: where the surface is folded back on itself no normal suits all.
 
+use glam::Vec3A;
+
 use super::Surface;
 use super::path::Ring;
 use super::piece::straighten;
@@ -20,20 +22,22 @@ pub fn may_stray(low: &Ring, high: &Ring) -> bool {
     const LEFT: [f32; 4] = [0.42, 0.64, 0.76, 0.82];
     const STEEP: f32 = 0.7;
     const MEETING: f32 = 0.5;
-    let way = high.centre - low.centre;
-    let length = way.length();
-    let (thick, change) =
-        (low.radius_m.max(high.radius_m), (high.radius_m - low.radius_m) / length);
-    let sides = low.sides.min(high.sides).clamp(3, 6) as usize;
-    let follows = |ring: &Ring| {
-        let along = ring.tangent.dot(way) / length;
-        let left = LEFT[sides - 3] - (ring.slope - change).abs();
+    let way = Vec3A::from(high.centre) - Vec3A::from(low.centre);
+    let per_m = way.length_recip();
+    let tangents = [low.tangent, high.tangent].map(Vec3A::from);
+    let thick = low.radius_m.max(high.radius_m) * per_m;
+    let change = (high.radius_m - low.radius_m) * per_m;
+    let left = LEFT[low.sides.min(high.sides).clamp(3, 6) as usize - 3];
+    let follows = |ring: &Ring, tangent: Vec3A| {
+        let along = tangent.dot(way) * per_m;
+        let left = left - (ring.slope - change).abs();
         along > 0.0 && left > 0.0 && 1.0 - along * along <= left * left
     };
-    let is_plain = follows(low)
-        && follows(high)
+    let bend_sq = (tangents[1] - tangents[0]).length_squared();
+    let is_plain = follows(low, tangents[0])
+        && follows(high, tangents[1])
         && change.abs() <= STEEP
-        && thick * (high.tangent - low.tangent).length() <= MEETING * length
+        && thick * thick * bend_sq <= MEETING * MEETING
         && low.lobe.max(high.lobe) == 0.0;
     // NaN is not plain.
     !is_plain

@@ -14,7 +14,7 @@
 //!
 //! A ring that would cut through a foot moves to its edge, and a foot's band keeps its sides.
 
-use std::f32::consts::TAU;
+use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 use glam::{Vec2, Vec3, Vec3A};
 
@@ -197,6 +197,7 @@ pub fn leave(
     let wide = r * if has_collar { COLLAR } else { NO_COLLAR };
     let stance = Stance::of(direction, tangent, radial);
     let [half_around, half_along] = stance.foot().map(|axis| wide * axis.length());
+    let sine = (half_around / host).min(0.94);
     let rise_m = stance.rise_m(r, wide);
     // A stub shorter than its collar is bark.
     let stub_m = (rise_m + r).max(2.0 * least.step_m);
@@ -210,8 +211,8 @@ pub fn leave(
         rank,
         arc_m: low.arc_m + (high.arc_m - low.arc_m) * place.share,
         half_m: half_along,
-        turn: radial.dot(tangent.cross(normal)).atan2(radial.dot(normal)),
-        half_turn: (half_around / host).min(0.94).asin(),
+        turn: angle(radial.dot(normal), radial.dot(tangent.cross(normal))),
+        half_turn: angle((1.0 - sine * sine).sqrt(), sine),
         start: Start {
             at: at.into(),
             away: radial.into(),
@@ -225,6 +226,18 @@ pub fn leave(
             sides: sides.of(wide.max(radius)),
         },
     })
+}
+
+/// Angle of a direction from x towards y, −π…π, within 3e-4: near enough for a place around a tube.
+fn angle(x: f32, y: f32) -> f32 {
+    let (wide, high) = (x.abs(), y.abs());
+    let (less, more) = if wide < high { (wide, high) } else { (high, wide) };
+    let t = less / more.max(1e-30);
+    let s = t * t;
+    let octant = t * (1.0 + s * (-0.327_623 + s * (0.159_314 - s * 0.046_496_5)));
+    let quarter = if wide < high { FRAC_PI_2 - octant } else { octant };
+    let half = if x < 0.0 { PI - quarter } else { quarter };
+    half.copysign(y)
 }
 
 /// How a branch stands on the bark of its parent.
@@ -532,6 +545,16 @@ fn settle(rings: &[Ring], holes: &mut [Hole]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn angles_are_those_of_the_library() {
+        for k in -3141..3142 {
+            let turn = k as f32 * 0.001;
+            let (y, x) = turn.sin_cos();
+            assert!((angle(x * 0.01, y * 0.01) - turn).abs() < 3e-4, "{turn}");
+        }
+        assert_eq!(angle(0.0, 0.0), 0.0);
+    }
 
     #[test]
     fn a_foot_is_shifted_around_by_no_more_than_its_half_width() {

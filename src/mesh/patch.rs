@@ -61,23 +61,26 @@ pub fn fill(
     let inner = hole.start.sides;
     // Texture coordinates around at the block's four corners: between them they are even.
     let [from, to] = [0, facets].map(|k| [p, q].map(|row| out.uv[(row + k) as usize].x));
+    let per_facet = (facets as f32).recip();
+    // Places and normals at the corners of the facet at hand.
+    let mut cell = (u32::MAX, [Vec3A::ZERO; 4], [Vec3A::ZERO; 4]);
     for c in &circle[..inner as usize] {
         let x = hole.x + hole.half_x * hole.foot[0].dot(*c);
         let t = hole.t + hole.half_t * hole.foot[1].dot(*c);
         let k = (x as u32).min(facets - 1);
+        if k != cell.0 {
+            let corner = [p + k, p + k + 1, q + k, q + k + 1].map(|i| i as usize);
+            let of = |column: &[Vec3]| corner.map(|i| Vec3A::from(column[i]));
+            cell = (k, of(&out.position), of(&out.normal));
+        }
         let share = x - k as f32;
-        let rows = [(p + k) as usize, (q + k) as usize];
         let weight = [(1.0 - share) * (1.0 - t), share * (1.0 - t), (1.0 - share) * t, share * t];
-        let across = |column: &[Vec3]| {
-            let [[a, b], [c, d]] = rows.map(|i| [column[i], column[i + 1]].map(Vec3A::from));
+        let across = |[a, b, c, d]: [Vec3A; 4]| {
             (a * weight[0] + b * weight[1]) + (c * weight[2] + d * weight[3])
         };
-        let position = across(&out.position);
-        let normal = across(&out.normal);
-        let normal = normal.normalize_or(out.normal[rows[0]].into());
-        let along = [0, 1].map(|row| from[row] + (to[row] - from[row]) * (x / facets as f32));
-        out.position.push(position.into());
-        out.normal.push(normal.into());
+        let along = [0, 1].map(|row| from[row] + (to[row] - from[row]) * (x * per_facet));
+        out.position.push(across(cell.1).into());
+        out.normal.push(across(cell.2).normalize_or(cell.2[0]).into());
         out.uv.push(Vec2::new(along[0] + (along[1] - along[0]) * t, low.v + (high.v - low.v) * t));
     }
     // Both counter-clockwise; the outer edge from its upper right, the inner one from its top. Each
@@ -101,18 +104,32 @@ pub fn fill(
             (j, far) = (k, out);
         }
     }
+    let start = out.index.len();
+    out.index.resize(start + 3 * (outer + inner) as usize, first);
+    let mut faces = out.index[start..].as_chunks_mut::<3>().0.iter_mut();
+    let mut add = |face: [u32; 3]| {
+        if let Some(slot) = faces.next() {
+            *slot = face;
+        }
+    };
     let mut left = outer;
     for i in 0..inner {
         let away = away(i);
-        while left > 0 && corner[onward(j)].1.dot(away) > corner[j].1.dot(away) {
-            out.index.extend([corner[j].0, corner[onward(j)].0, first + i]);
-            (j, left) = (onward(j), left - 1);
+        let mut here = corner[j].1.dot(away);
+        while left > 0 {
+            let next = onward(j);
+            let beyond = corner[next].1.dot(away);
+            if beyond <= here {
+                break;
+            }
+            add([corner[j].0, corner[next].0, first + i]);
+            (j, here, left) = (next, beyond, left - 1);
         }
         let next = if i + 1 == inner { first } else { first + i + 1 };
-        out.index.extend([corner[j].0, next, first + i]);
+        add([corner[j].0, next, first + i]);
     }
     for _ in 0..left {
-        out.index.extend([corner[j].0, corner[onward(j)].0, first]);
+        add([corner[j].0, corner[onward(j)].0, first]);
         j = onward(j);
     }
     first

@@ -110,17 +110,19 @@ pub fn straighten(position: &[Vec3], normal: &mut [Vec3], index: &[u32], first: 
         let corners = t.map(|i| (i - first) as usize);
         let [a, b, c] = corners.map(|i| Vec3A::from(position[i]));
         let front = (b - a).cross(c - a);
-        let [d, e, f] = corners.map(|i| Vec3A::from(normal[i]).dot(front));
+        let dots = corners.map(|i| Vec3A::from(normal[i]).dot(front));
+        let [d, e, f] = dots;
         let least = if d < e { d } else { e };
         let least = if f < least { f } else { least };
         // Few need a root.
-        if least * least.abs() < LEAST_COSINE * LEAST_COSINE * front.length_squared() {
-            let front = Vec3::from(front.normalize_or_zero());
-            for i in corners {
-                let n = normal[i];
-                let cosine = n.dot(front);
-                if cosine < LEAST_COSINE {
-                    normal[i] = (n + front * (2.0 * LEAST_COSINE - cosine)).normalize_or(front);
+        let length_sq = front.length_squared();
+        if least * least.abs() < LEAST_COSINE * LEAST_COSINE * length_sq {
+            let per_length = length_sq.sqrt().recip();
+            let front = front * per_length;
+            for (i, dot) in corners.into_iter().zip(dots) {
+                let turn = 2.0 * LEAST_COSINE - dot * per_length;
+                if turn > LEAST_COSINE {
+                    normal[i] = (Vec3A::from(normal[i]) + front * turn).normalize_or(front).into();
                     has_turned = true;
                 }
             }

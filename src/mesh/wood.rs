@@ -229,6 +229,7 @@ impl Planner<'_> {
         out_of.clear();
         out_of.resize(count_of as usize, NONE);
         start.clear();
+        start.reserve(count_of as usize);
         let (mut tubes, mut sagitta_m) = (0, 0.0f32);
         for c in root..count_of {
             let comes_from = out_of[c as usize];
@@ -270,9 +271,13 @@ impl Planner<'_> {
                     }
                 }
             }
-            made.clear();
             holes.clear();
-            junction::open(path, branches, self.least, made, holes);
+            if branches.is_empty() {
+                std::mem::swap(made, path);
+            } else {
+                made.clear();
+                junction::open(path, branches, self.least, made, holes);
+            }
             for hole in &*holes {
                 out_of[hole.child as usize] = start.len() as u32;
                 start.push(hole.start);
