@@ -7,6 +7,7 @@ use std::cell::OnceCell;
 use glam::{Mat3, Vec2, Vec3};
 
 use super::camera::{Projected, View, corner};
+use super::dither;
 use super::model::{Mesh, Order};
 use super::raster::{Corner, Rect, clip, fill};
 use super::texture::{Edge, Pyramid};
@@ -327,6 +328,9 @@ struct Brush<'a> {
     is_mirrored: bool,
 }
 
+/// What is more see-through is not there.
+const LEAST_ALPHA: f32 = 1.0 / 255.0;
+
 impl Brush<'_> {
     fn triangle<C: Canvas + ?Sized>(
         &self,
@@ -371,6 +375,11 @@ impl Brush<'_> {
         };
         let tangent = OnceCell::new();
         let tangent = || *tangent.get_or_init(|| tangents(self.view, corner));
+        // Sheets behind each other let different samples through.
+        let offset = || {
+            let bits = at[0].nearness.to_bits().wrapping_mul(0x9e37_79b9);
+            (bits >> 8) as f32 / (1 << 24) as f32
+        };
         let facing = if is_back { -1.0 } else { 1.0 };
         let width = self.view.width;
         fill([a, b, c], rect, |x, y, weight| {
@@ -389,10 +398,13 @@ impl Brush<'_> {
             let k = k.map(|v| v * w);
             let uv = corner[0].uv * k[0] + corner[1].uv * k[1] + corner[2].uv * k[2];
             let lod = if is_large { lod_at_depth_1() + 1.5 * w.log2() } else { mean_lod() };
-            if let (Some(cutoff), Some(texture)) = (self.paint.cutoff, self.colour)
-                && texture.alpha(uv, lod, self.edge) < cutoff
-            {
-                return;
+            if let (Some(mut cutoff), Some(texture)) = (self.paint.cutoff, self.colour) {
+                if C::IS_SHADED && texture.is_averaged(lod) {
+                    cutoff = (dither(x as u32, y as u32) + offset()).fract().max(LEAST_ALPHA);
+                }
+                if texture.alpha(uv, lod, self.edge) < cutoff {
+                    return;
+                }
             }
             if !C::IS_SHADED {
                 return canvas.put(i, Sample { nearness, ..Sample::NOTHING });

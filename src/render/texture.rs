@@ -1,8 +1,10 @@
 //! Textures as pyramids of ever smaller pictures, read at the size they have on the screen.
 //!
 //! Colour is averaged in linear light and weighted by alpha, so that no fringe of the colour
-//! behind a leaf shows. For masked materials alpha is rescaled on every level until as many
-//! texels pass the cutoff as on the finest (Castaño 2010), so that far trees keep their leaves.
+//! behind a leaf shows. A mean alpha is the share of the samples that a masked material hides (see
+//! `draw`: Wyman and McGuire 2017, hashed alpha), so that far needles stay airy. For outlines, which
+//! no samples are averaged over, alpha is rescaled on every level until as many texels pass the
+//! cutoff as on the finest (Castaño 2010).
 
 use std::borrow::Cow;
 use std::sync::LazyLock;
@@ -83,10 +85,15 @@ impl<'a> Pyramid<'a> {
             }
             levels.push(halved(last, is_srgb));
         }
-        if let (Some(cutoff), Some(wanted)) = (cutoff, wanted) {
+        if let (Purpose::Outline, Some(cutoff), Some(wanted)) = (purpose, cutoff, wanted) {
             levels[1..].par_iter_mut().for_each(|level| keep_coverage(level, cutoff, wanted));
         }
         Some(Pyramid { levels, is_srgb })
+    }
+
+    /// Whether a texel read at a level is the mean of several.
+    pub fn is_averaged(&self, lod: f32) -> bool {
+        lod >= 0.5 && self.levels.len() > 1
     }
 
     /// Texels of the finest level.
@@ -221,7 +228,7 @@ mod tests {
             }
         }
         let pyramid =
-            Pyramid::new(&picture, Colorspace::Srgb, Some(0.5), Purpose::Picture).unwrap();
+            Pyramid::new(&picture, Colorspace::Srgb, Some(0.5), Purpose::Outline).unwrap();
         let wanted = coverage(&pyramid.levels[0], 0.5, 1.0);
         for level in &pyramid.levels[1..] {
             let got = coverage(level, 0.5, 1.0);
