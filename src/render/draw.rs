@@ -375,10 +375,11 @@ impl Brush<'_> {
         };
         let tangent = OnceCell::new();
         let tangent = || *tangent.get_or_init(|| tangents(self.view, corner));
-        // Sheets behind each other let different samples through.
-        let offset = || {
+        // Sheets behind each other let different samples through: the noise is repeated and shifted.
+        let noise = |x: i32, y: i32| {
             let bits = at[0].nearness.to_bits().wrapping_mul(0x9e37_79b9);
-            (bits >> 8) as f32 / (1 << 24) as f32
+            let (times, shift) = (1 + (bits >> 29), (bits >> 8 & 0xffff) as f32 / 65_536.0);
+            (dither(x as u32, y as u32) * times as f32 + shift).fract()
         };
         let facing = if is_back { -1.0 } else { 1.0 };
         let width = self.view.width;
@@ -400,7 +401,7 @@ impl Brush<'_> {
             let lod = if is_large { lod_at_depth_1() + 1.5 * w.log2() } else { mean_lod() };
             if let (Some(mut cutoff), Some(texture)) = (self.paint.cutoff, self.colour) {
                 if C::IS_SHADED && texture.is_averaged(lod) {
-                    cutoff = (dither(x as u32, y as u32) + offset()).fract().max(LEAST_ALPHA);
+                    cutoff = noise(x, y).max(LEAST_ALPHA);
                 }
                 if texture.alpha(uv, lod, self.edge) < cutoff {
                     return;

@@ -106,6 +106,32 @@ fn the_nearer_surface_hides_the_farther_in_any_order() {
 }
 
 #[test]
+fn far_needles_hide_their_share_and_sheets_behind_them_a_share_of_the_rest() {
+    // Needles of four texels of ten: sixteen texels a sample from afar.
+    let mut needles = Picture::filled(640, 640, [255, 255, 255, 0]);
+    for (x, y) in (0..640).flat_map(|x| (0..640).map(move |y| (x, y))) {
+        if x % 10 < 4 {
+            needles.set(x, y, [255; 4]);
+        }
+    }
+    let textures =
+        [Texture { name: "needles".into(), image: needles.into(), colorspace: Colorspace::Srgb }];
+    let materials = [
+        material("needles", RED, Some(0), Alpha::Mask { cutoff: 0.5 }),
+        material("behind", GREEN, Some(0), Alpha::Mask { cutoff: 0.5 }),
+    ];
+    let sheet =
+        |y: f32, material: u32| part(square(Vec3::Y * y, Vec3::X * 5.0, Vec3::Z * 5.0), material);
+    let p = draw_models(vec![&[sheet(0.0, 0), sheet(0.1, 1)]], &materials, &textures);
+    let inside = || (22..58).flat_map(|x| (22..58).map(move |y| (x, y)));
+    let share = |is: fn([u8; 4]) -> bool| {
+        inside().filter(|&(x, y)| is(p.at(x, y))).count() as f32 / (36.0 * 36.0)
+    };
+    assert!((share(is_red) - 0.4).abs() < 0.04, "{}", share(is_red));
+    assert!((share(is_green) - 0.4 * 0.6).abs() < 0.08, "{}", share(is_green));
+}
+
+#[test]
 fn masked_texels_are_holes_and_backs_of_closed_surfaces_are_not_drawn() {
     let mut leaf = Picture::filled(64, 64, [255; 4]);
     for y in 0..64 {
