@@ -157,7 +157,7 @@ impl<'a> Twig<'a> {
             LeafShape::Tuft => 3.3,
             LeafShape::Bundle => 45.0,
             LeafShape::Lanceolate => 4.0,
-            LeafShape::Round => 1.6,
+            LeafShape::Round | LeafShape::Cordate | LeafShape::Obovate => 1.6,
             LeafShape::Pinnate => 3.0,
             _ => 2.4,
         };
@@ -431,7 +431,8 @@ impl<'a> Twig<'a> {
         let sag = draws.between(0.0, 0.2);
         // The cell holds a leaf and a margin.
         let size_m = pose.size_m * cell.size_m / f.leaf_length_m.max(1e-6);
-        let blade = Pose { base: foot, size_m, sag, mirrored: draws.unit() < 0.5, ..*pose };
+        let base = foot - pose.heading * (cell.foot * size_m);
+        let blade = Pose { base, size_m, sag, mirrored: draws.unit() < 0.5, ..*pose };
         let fold_rad = draws.between(0.1, 0.5);
         emit(&blade, self.organ.blade(self.build), fold_rad, cell, outline, out);
     }
@@ -458,7 +459,8 @@ impl<'a> Twig<'a> {
             let side = if n % 2 == 0 { across } else { -across };
             let turn = if is_last { 0.0 } else { draws.between(1.1, 1.3) };
             let heading = pose.heading * turn.cos() + side * turn.sin();
-            let base = pose.base + pose.heading * pose.size_m * t;
+            let foot = pose.base + pose.heading * pose.size_m * t;
+            let base = foot - heading * (cell.foot * size_m);
             let sag = draws.between(0.0, 0.15);
             let leaflet = Pose { base, heading, size_m, sag, ..*pose };
             emit(&leaflet, self.organ.blade(self.build), 0.2, cell, outline, out);
@@ -493,7 +495,8 @@ fn sin_cos(x: f32) -> (f32, f32) {
 /// Length of the petiole over that of the blade.
 fn petiole(shape: LeafShape) -> f32 {
     match shape {
-        LeafShape::Round => 0.5,
+        LeafShape::Round => 0.7,
+        LeafShape::Cordate => 0.45,
         LeafShape::Deltoid => 0.35,
         LeafShape::Lobed | LeafShape::Lanceolate => 0.08,
         _ => 0.2,

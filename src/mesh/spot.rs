@@ -223,9 +223,12 @@ pub fn stance(shape: LeafShape) -> Stance {
         LeafShape::Bundle => s(0.75, false, 0.0, 0.9, 0.6),
         LeafShape::Deltoid => s(0.7, false, 0.45, 0.7, 0.35),
         LeafShape::Lanceolate => s(0.6, false, 0.45, 0.7, 0.45),
-        LeafShape::Ovate | LeafShape::Round | LeafShape::Lobed | LeafShape::Pinnate => {
-            s(0.85, false, 0.5, 0.6, 0.55)
-        }
+        LeafShape::Ovate
+        | LeafShape::Round
+        | LeafShape::Cordate
+        | LeafShape::Obovate
+        | LeafShape::Lobed
+        | LeafShape::Pinnate => s(0.85, false, 0.5, 0.6, 0.55),
     }
 }
 

@@ -207,8 +207,12 @@ pub enum LeafShape {
     Ovate,
     /// Rhombic to triangular with a long point (birch).
     Deltoid,
-    /// Nearly round (aspen).
+    /// Nearly round, with blunt teeth (aspen).
     Round,
+    /// Heart-shaped, with a drawn-out tip (lime).
+    Cordate,
+    /// Widest above its middle, with a short abrupt tip (hazel).
+    Obovate,
     /// Lobed (oak).
     Lobed,
     /// Narrow (willow).
