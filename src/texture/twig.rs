@@ -422,6 +422,28 @@ impl Painter<'_> {
     }
 
     fn leafy(&mut self, main: Shoot, bough: bool) {
+        let shoots = self.clothed(main, bough);
+        // Deep leaves first, then wood, then the leaves in front of it.
+        for is_front in [false, true] {
+            for (shoot, half, places) in &shoots {
+                if is_front {
+                    self.wood(shoot, *half, half * 0.4);
+                }
+                for place in places.iter().filter(|p| p.is_front == is_front) {
+                    if self.spent() {
+                        return;
+                    }
+                    if !self.has_fallen() {
+                        self.hang(place, shoot.depth);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Shoots, their half widths at the base, and where their leaves stand; without those on which
+    /// no leaf has room.
+    fn clothed(&mut self, main: Shoot, bough: bool) -> Vec<(Shoot, f32, Vec<Place>)> {
         let leaf = self.share(self.species.foliage.leaf_length_m).clamp(0.01, 0.5);
         // Room for the leaf at the tip.
         let main = Shoot { length: main.length.min(0.97 - leaf), ..main };
@@ -456,28 +478,11 @@ impl Painter<'_> {
             shoots.extend(self.laterals(&main, spacing, form).into_iter().map(|s| (s, 0.004)));
         }
         shoots.push((main, if bough { 0.006 } else { 0.008 }));
-        // A shoot on which no leaf has room is left out.
-        let shoots: Vec<(Shoot, f32, Vec<Place>)> = shoots
+        shoots
             .into_iter()
             .map(|(shoot, half)| (shoot, half, self.places(&shoot, leaf)))
             .filter(|(.., places)| !places.is_empty())
-            .collect();
-        // Deep leaves first, then wood, then the leaves in front of it.
-        for is_front in [false, true] {
-            for (shoot, half, places) in &shoots {
-                if is_front {
-                    self.wood(shoot, *half, half * 0.4);
-                }
-                for place in places.iter().filter(|p| p.is_front == is_front) {
-                    if self.spent() {
-                        return;
-                    }
-                    if !self.has_fallen() {
-                        self.hang(place, shoot.depth);
-                    }
-                }
-            }
-        }
+            .collect()
     }
 
     /// Where leaves stand on a shoot: whole ones. One that would leave the cell turns to the other
@@ -631,6 +636,43 @@ impl Painter<'_> {
                 light: [light, light * 0.92],
                 veins: 0.0,
             });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_shoot_ends_in_a_leaf() {
+        for name in ["corylus_avellana", "tilia_cordata", "betula_pendula", "quercus_robur"] {
+            let species = crate::species::load(name).unwrap();
+            let outline = Outline::of(&species.foliage);
+            for seed in 0..20 {
+                let mut painter = Painter {
+                    canvas: Canvas::new(16, 1),
+                    species: &species,
+                    outline: &outline,
+                    size_m: species.foliage.twig_length_m,
+                    draws: Seed::new(seed).draws(),
+                    painted: 0,
+                    kept: 1.0,
+                };
+                let main = Shoot {
+                    base: Vec2::new(0.5, 0.01),
+                    angle: 0.0,
+                    length: 0.9,
+                    bend: 0.05,
+                    depth: 0.8,
+                };
+                let shoots = painter.clothed(main, false);
+                assert!(shoots.len() > 3, "{name} {seed}: {} shoots", shoots.len());
+                for (shoot, _, places) in &shoots {
+                    let end = shoot.at(1.0);
+                    assert!(places.iter().any(|p| p.base == end), "{name} {seed}: a bare end");
+                }
+            }
         }
     }
 }
