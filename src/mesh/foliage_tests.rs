@@ -100,7 +100,7 @@ fn a_larch_has_every_needle() {
         column.truncate(keep);
     }
     // Long beside its twigs, and no spire, so that these and their needles are as long as usual.
-    young.position = vec![Vec3::ZERO, Vec3::Z * 2.0, Vec3::new(2.0, 0.0, 1.96)];
+    young.position = vec![Vec3::ZERO, Vec3::Z * 4.0, Vec3::new(2.0, 0.0, 3.96)];
     young.radius_m = vec![0.004; keep];
     young.order.truncate(keep);
     young.birth.truncate(keep);
@@ -147,6 +147,26 @@ fn every_leaf_hides_as_much_at_any_budget() {
         }
         let (_, cover, _) = hidden(Some(triangles / 2000));
         assert!(cover < 0.5, "{name}: {cover}");
+    }
+}
+
+/// A seedling has needles along its stem, not at its top alone.
+#[test]
+fn a_seedling_is_needled_all_along() {
+    for name in ["larix_decidua", "picea_abies", "pinus_sylvestris"] {
+        for height_m in [0.3, 0.6, 1.0] {
+            let mut tree = grown_to(name, Some(height_m));
+            tree.1.foliage = tree.1.foliage.at_height(height_m);
+            let all = leaves(&tree, FoliageLevel::Geometry, None);
+            let what = format!("{name}, {height_m} m");
+            let high_m = all.bounds().1.z;
+            let mut quarter = [0usize; 4];
+            for p in &all.position {
+                quarter[((p.z / high_m * 4.0).max(0.0) as usize).min(3)] += 1;
+            }
+            let least = all.position.len() / 60;
+            assert!(quarter.iter().all(|n| *n > least), "{what}: {quarter:?}");
+        }
     }
 }
 

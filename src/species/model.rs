@@ -270,6 +270,36 @@ fn all() -> f32 {
     1.0
 }
 
+/// Whether a tree is young: 1 up to a metre high … 0 from three metres on.
+pub fn youth(height_m: f32) -> f32 {
+    (0.5 * (3.0 - height_m)).clamp(0.0, 1.0)
+}
+
+impl Foliage {
+    /// Twigs at most so long: where they are shorter than usual they are closer, by the root of that,
+    /// and their leaves a little smaller.
+    #[must_use]
+    pub fn within(&self, most_m: f32) -> Foliage {
+        let short = (most_m / self.twig_length_m.max(1e-6)).clamp(1e-3, 1.0);
+        let small = short.powf(0.3);
+        Foliage {
+            twig_length_m: self.twig_length_m * short,
+            twigs_per_m: self.twigs_per_m / short.sqrt(),
+            leaf_length_m: self.leaf_length_m * small,
+            leaf_width_m: self.leaf_width_m * small,
+            ..self.clone()
+        }
+    }
+
+    /// Of a tree of that height: a young one has short twigs that hang little.
+    #[must_use]
+    pub fn at_height(&self, height_m: f32) -> Foliage {
+        let hangs = 1.0 - 0.8 * youth(height_m);
+        let droop = if self.droop > 0.0 { self.droop * hangs } else { self.droop };
+        Foliage { droop, ..self.within(0.3 * height_m) }
+    }
+}
+
 /// Cones, berries or catkins beside the leaves: a model of your own.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -78,7 +78,8 @@ impl Painter<'_> {
         let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.006, 0.3);
         // A bough is seen from afar: it fills its cell, and its tufts hold together.
         let (gap, reach, angle) = if bough { (0.075, 0.62, 0.85) } else { (0.11, 0.4, 0.7) };
-        let mut shoots = self.laterals(&main, gap, [reach, angle, 0.0]);
+        // On a seedling's short twig needles are long.
+        let mut shoots = self.laterals(&main, f32::max(gap, 1.1 * needle), [reach, angle, 0.0]);
         if bough {
             let mut fine = Vec::new();
             for lateral in shoots.iter().filter(|l| l.length > 0.12) {
@@ -147,7 +148,7 @@ impl Painter<'_> {
     pub(super) fn brushes(&mut self, main: Shoot, bough: bool) {
         let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.02, 0.35);
         let gap = if bough { 0.05 } else { 0.12 };
-        let mut shoots = self.laterals(&main, gap, [0.55, 0.9, 0.0]);
+        let mut shoots = self.laterals(&main, f32::max(gap, 0.5 * needle), [0.55, 0.9, 0.0]);
         if bough {
             let mut fine = Vec::new();
             for lateral in shoots.iter().filter(|l| l.length > 0.16) {
