@@ -150,15 +150,21 @@ fn every_leaf_hides_as_much_at_any_budget() {
     }
 }
 
-/// A seedling has needles along its stem, not at its top alone.
+/// A seedling has needles along its stem, not at its top alone, and spends its budget on them.
 #[test]
-fn a_seedling_is_needled_all_along() {
+fn a_seedling_is_needled_all_along_and_uses_its_budget() {
     for name in ["larix_decidua", "picea_abies", "pinus_sylvestris"] {
         for height_m in [0.3, 0.6, 1.0] {
             let mut tree = grown_to(name, Some(height_m));
             tree.1.foliage = tree.1.foliage.at_height(height_m);
             let all = leaves(&tree, FoliageLevel::Geometry, None);
             let what = format!("{name}, {height_m} m");
+            for share in [0.6, 0.75, 0.9] {
+                let budget = (all.triangles() as f32 * share) as usize;
+                let s = leaves(&tree, FoliageLevel::Geometry, Some(budget));
+                let used = s.triangles() as f32 / budget as f32;
+                assert!((0.85..=1.0).contains(&used), "{what}, {share}: {used}");
+            }
             let high_m = all.bounds().1.z;
             let mut quarter = [0usize; 4];
             for p in &all.position {
