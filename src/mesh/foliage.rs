@@ -21,7 +21,7 @@ use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
-use crate::species::model::{LEAST_KEPT, LeafShape};
+use crate::species::model::{Foliage as Leaves, LEAST_KEPT, LeafShape};
 use crate::texture::Atlas;
 
 /// What stands for the leaves, from nothing to every one of them.
@@ -97,6 +97,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let bears = skeleton.bears_leaves(f.bearing_radius_m);
     // The crown is that of all shoots, however few bear leaves; the same at any budget.
     let Some(hull) = Hull::around(skeleton, &bears) else { return Ok(Foliage::default()) };
+    let f = &f.within(hull.longest_twig_m());
     let mut spots = spots(skeleton, &skeleton.axes(), f, &bears, &hull);
     if spots.is_empty() {
         return Ok(Foliage::default());
@@ -150,7 +151,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
     let all = spots.len();
     let limit = if is_sparse { MOST_ENLARGED_SPARSE } else { MOST_ENLARGED_CARDS };
-    let by_cards = || wanted(&hull, species, atlas, all.min(most), all, share).clamp(1.0, limit);
+    let by_cards = || wanted(&hull, f, atlas, all.min(most), all, share).clamp(1.0, limit);
     let usual = twig.as_ref().map_or_else(by_cards, |t| t.scale);
     let enlarge = order.twig_scale.map_or(usual, |scale| scale.clamp(0.05, MOST_SCALE));
     if let Some(twig) = &mut twig {
@@ -197,23 +198,15 @@ const BLEND: [f32; 2] = [-0.15, 0.9];
 
 /// How much larger than a twig cards are, so that the leaves cover as much of the crown's hull as
 /// the species' do; bounded by what thinning took away. Bare twigs keep the sum of their areas.
-fn wanted(
-    hull: &Hull,
-    species: &Species,
-    atlas: &Atlas,
-    kept: usize,
-    all: usize,
-    share: f32,
-) -> f32 {
+fn wanted(hull: &Hull, f: &Leaves, atlas: &Atlas, kept: usize, all: usize, share: f32) -> f32 {
     let cells = atlas.cells();
     let coverage = cells.iter().map(|c| c.coverage).sum::<f32>() / cells.len() as f32;
     let thinned = all as f32 / kept.max(1) as f32;
-    if species.foliage.kept < LEAST_KEPT {
+    if f.kept < LEAST_KEPT {
         return thinned.sqrt();
     }
-    let twig = species.foliage.twig_length_m.max(1e-3);
+    let twig = f.twig_length_m.max(1e-3);
     let one = coverage.max(0.05) * twig * twig * 0.8;
-    let f = &species.foliage;
     let cover = share * f.kept.min(1.0) * f.cover.clamp(0.0, 1.0);
     let wanted = cover * hull.area_sq_m() / (kept.max(1) as f32 * one);
     wanted.min(thinned.max(3.0) * 2.0).max(1.0).sqrt()

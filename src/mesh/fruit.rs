@@ -29,7 +29,7 @@ pub fn fruit(skeleton: &Skeleton, order: &Order<'_>) -> Surface {
     let from_m = hull.height_m(fruit.from);
     let per_m = leaves.twigs_per_m.max(fruit.per_m);
     let stand = Foliage {
-        twig_length_m: fruit.length_m,
+        twig_length_m: fruit.length_m.min(hull.longest_twig_m()),
         twigs_per_m: per_m,
         droop: fruit.droop,
         ..leaves.clone()

@@ -10,7 +10,7 @@
 //! There are as many twigs as it takes for them to hide of the crown what the species' leaves do; what
 //! a twig hides is measured on two of them. Every twig of a tree has the same number of triangles, so
 //! that a budget is met exactly. A small budget simplifies first the wood of twigs and the form of
-//! needles, then leaves needles or leaves out and widens the rest until the twig hides as much as
+//! needles, of as many as it must, then leaves needles or leaves out and widens the rest until the twig hides as much as
 //! before, and at last leaves out whole twigs and enlarges the rest. Limits: twigs do not know of each
 //! other and may cross; leaves grow to no more than [`MOST_WIDENED`], past which the crown is thinner
 //! than the species'.
@@ -103,6 +103,8 @@ pub struct Twig<'a> {
     outlines: Vec<Vec<Row>>,
     organ: Organ,
     build: Build,
+    /// Needles of a light twig that are folded all the same.
+    folded: usize,
     /// Needles from one place.
     cluster: usize,
     /// Side shoots, and the length of the longest over the twig's.
@@ -157,7 +159,7 @@ impl<'a> Twig<'a> {
             LeafShape::Tuft => 3.3,
             LeafShape::Bundle => 45.0,
             LeafShape::Lanceolate => 4.0,
-            LeafShape::Round => 1.6,
+            LeafShape::Round | LeafShape::Cordate | LeafShape::Obovate => 1.6,
             LeafShape::Pinnate => 3.0,
             _ => 2.4,
         };
@@ -171,6 +173,7 @@ impl<'a> Twig<'a> {
             outlines: outlines(atlas, organ.blade(Build::Full)),
             organ,
             build: Build::Full,
+            folded: 0,
             cluster: if organ == Organ::Needle { cluster } else { 1 },
             sides,
             side_length,
@@ -207,6 +210,9 @@ impl<'a> Twig<'a> {
             let main = (leaves / each_place * sparser) as usize;
             let main = main.saturating_sub(sides * side).clamp(least, most);
             twig.places = [main, side];
+            if is_needle {
+                twig.folded = each.saturating_sub(twig.room().triangles).min(twig.leaves());
+            }
         }
         twig.count = (budget / twig.room().triangles.max(1)).min(enough);
         let missing = needed / twig.count.max(1) as f32;
@@ -312,8 +318,8 @@ impl<'a> Twig<'a> {
     pub fn room(&self) -> Room {
         let (wood, leaf) = (self.wood_room(), self.organ.room(self.build));
         Room {
-            vertices: wood.vertices + self.leaves() * leaf.vertices,
-            triangles: wood.triangles + self.leaves() * leaf.triangles,
+            vertices: wood.vertices + self.leaves() * leaf.vertices + self.folded,
+            triangles: wood.triangles + self.leaves() * leaf.triangles + self.folded,
         }
     }
 
@@ -350,15 +356,23 @@ impl<'a> Twig<'a> {
                 (self.side_length * shape * draws.between(0.75, 1.2)).max(0.04) * pose.size_m;
             let (base, _) = main.at(t);
             let side = Shoot { base, along, length, sag: pose.sag, radius: 0.003 * pose.size_m };
-            self.shoot(&side, 1, pose, draws, out);
+            self.shoot(&side, k + 1, pose, draws, out);
         }
     }
 
-    /// A shoot's wood and leaves; `order`: 0 the main one, 1 a side shoot.
-    fn shoot(&self, shoot: &Shoot, order: usize, pose: &Pose, draws: &mut Draws, out: &mut Piece) {
+    /// Whether the needle of a number, of those of a twig, is folded: evenly as many as are.
+    fn is_folded(&self, number: usize) -> bool {
+        let folded = |below: usize| below * self.folded / self.leaves().max(1);
+        self.build == Build::Full || folded(number + 1) > folded(number)
+    }
+
+    /// The wood and leaves of a shoot: the main one (0), or a side shoot (from 1 on).
+    fn shoot(&self, shoot: &Shoot, number: usize, pose: &Pose, draws: &mut Draws, out: &mut Piece) {
+        let order = number.min(1);
         shoot.wood(self.build.pieces()[order], self.atlas.wood(), pose, out);
         let f = self.foliage;
         let places = self.places[order];
+        let before = order * self.places[0] + number.saturating_sub(1) * self.places[1];
         let young_twig = (pose.size_m / self.usual_m).min(1.0).sqrt();
         let leaf_m = Vec2::new(f.leaf_length_m, f.leaf_width_m) * self.widened * young_twig;
         // Turns as points of the unit circle.
@@ -378,7 +392,7 @@ impl<'a> Twig<'a> {
             // Needles of one place fan out about it.
             let mut turn = around;
             around = around.rotate(golden);
-            for _ in 0..self.cluster {
+            for nth in 0..self.cluster {
                 let mut radial = across * turn.x + beside * turn.y;
                 turn = turn.rotate(beside_it);
                 if self.organ != Organ::Needle {
@@ -402,7 +416,10 @@ impl<'a> Twig<'a> {
                 let cell = self.leaf_cell(draws);
                 let leaf = Pose { base: foot, heading, facing, size_m: size, ..*pose };
                 match self.organ {
-                    Organ::Needle => needle(&leaf, leaf_m.y, self.build, cell.0, out),
+                    Organ::Needle => {
+                        let is_folded = self.is_folded((before + k) * self.cluster + nth);
+                        needle(&leaf, leaf_m.y, is_folded, cell.0, out);
+                    }
                     Organ::Leaf => self.leaf(&leaf, cell, draws, out),
                     Organ::Compound(count) => self.compound(&leaf, count, cell, draws, out),
                 }
@@ -431,7 +448,8 @@ impl<'a> Twig<'a> {
         let sag = draws.between(0.0, 0.2);
         // The cell holds a leaf and a margin.
         let size_m = pose.size_m * cell.size_m / f.leaf_length_m.max(1e-6);
-        let blade = Pose { base: foot, size_m, sag, mirrored: draws.unit() < 0.5, ..*pose };
+        let base = foot - pose.heading * (cell.foot * size_m);
+        let blade = Pose { base, size_m, sag, mirrored: draws.unit() < 0.5, ..*pose };
         let fold_rad = draws.between(0.1, 0.5);
         emit(&blade, self.organ.blade(self.build), fold_rad, cell, outline, out);
     }
@@ -458,7 +476,8 @@ impl<'a> Twig<'a> {
             let side = if n % 2 == 0 { across } else { -across };
             let turn = if is_last { 0.0 } else { draws.between(1.1, 1.3) };
             let heading = pose.heading * turn.cos() + side * turn.sin();
-            let base = pose.base + pose.heading * pose.size_m * t;
+            let foot = pose.base + pose.heading * pose.size_m * t;
+            let base = foot - heading * (cell.foot * size_m);
             let sag = draws.between(0.0, 0.15);
             let leaflet = Pose { base, heading, size_m, sag, ..*pose };
             emit(&leaflet, self.organ.blade(self.build), 0.2, cell, outline, out);
@@ -493,7 +512,8 @@ fn sin_cos(x: f32) -> (f32, f32) {
 /// Length of the petiole over that of the blade.
 fn petiole(shape: LeafShape) -> f32 {
     match shape {
-        LeafShape::Round => 0.5,
+        LeafShape::Round => 0.7,
+        LeafShape::Cordate => 0.45,
         LeafShape::Deltoid => 0.35,
         LeafShape::Lobed | LeafShape::Lanceolate => 0.08,
         _ => 0.2,
@@ -504,14 +524,14 @@ fn petiole(shape: LeafShape) -> f32 {
 const RHOMBUS: f32 = 1.7;
 
 /// A folded blade, widest below its middle, that hides as much as a needle; or a triangle that does.
-fn needle(pose: &Pose, width_m: f32, build: Build, cell: &Cell, out: &mut Piece) {
+fn needle(pose: &Pose, width_m: f32, is_folded: bool, cell: &Cell, out: &mut Piece) {
     let across = pose.heading.cross(pose.facing);
     let half = 0.5 * RHOMBUS * width_m.max(1e-5);
     let middle = pose.base + pose.heading * (0.4 * pose.size_m) - pose.facing * (0.6 * half);
     let ridge = pose.facing;
     let [right, left] = [0.5, -0.5].map(|lean| (ridge + across * lean).normalize_or(ridge));
     let tip = (pose.base + pose.heading * pose.size_m, ridge, cell.uv(0.5, 0.95));
-    if build == Build::Light {
+    if !is_folded {
         let right = (pose.base + across * half, right, cell.uv(0.65, 0.4));
         let left = (pose.base - across * half, left, cell.uv(0.35, 0.4));
         out.blade([right, tip, left], [[0, 1, 2]]);

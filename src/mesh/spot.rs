@@ -4,7 +4,7 @@ use glam::{Quat, Vec3};
 
 use crate::seed::Draws;
 use crate::skeleton::{Axis, Skeleton};
-use crate::species::model::{Foliage, LeafShape};
+use crate::species::model::{Foliage, LeafShape, youth};
 
 /// Golden angle.
 pub const GOLDEN_RAD: f32 = 2.399_963;
@@ -48,9 +48,16 @@ pub struct Hull {
 const TOP: f32 = 0.1;
 /// Twigs at the apex of a spire are so long, as a share of their usual length, and its leader.
 const TIP_TWIG: f32 = 0.3;
+const LEADER: f32 = 0.85;
+/// The same of a young tree, which is no spire yet, and the least slope of its top.
+const YOUNG_TIP: f32 = 0.6;
+const YOUNG_SLOPE: f32 = 0.35;
 /// No place for a twig counts more than so many of usual ones, however small its twig.
 const MOST_WEIGHT: f32 = 6.0;
-const LEADER: f32 = 0.85;
+/// … and deep inside a crown no less than so much of one outside.
+const LEAST_WEIGHT: f32 = 0.35;
+/// Length of a twig over half that of the crown, at most.
+const MOST_OF_CROWN: f32 = 0.6;
 
 impl Hull {
     /// Around the nodes at the ends of the shoots that bear leaves; `None` for none.
@@ -69,7 +76,7 @@ impl Hull {
             centre,
             half: ((hi - lo) * Vec3::new(0.5, 0.5, 0.65)).max(Vec3::splat(0.05)),
             apex,
-            tip_slope: reach_m / top_m,
+            tip_slope: (reach_m / top_m).max(YOUNG_SLOPE * youth(apex.z)),
         })
     }
 
@@ -78,13 +85,19 @@ impl Hull {
         Hull { tip_slope: 1e9, ..self }
     }
 
+    /// The longest twig for which the crown has room.
+    pub fn longest_twig_m(&self) -> f32 {
+        MOST_OF_CROWN * self.half.max_element()
+    }
+
     /// How much shorter a twig of a given length is, so that a spire narrows to its leader.
     fn tapered(&self, at: Vec3, twig_m: f32) -> f32 {
         if at == self.apex {
             return LEADER;
         }
         let room_m = (self.apex.z - at.z) * self.tip_slope;
-        (room_m / twig_m + TIP_TWIG).min(1.0)
+        let tip = TIP_TWIG + (YOUNG_TIP - TIP_TWIG) * youth(self.apex.z);
+        (room_m / twig_m + tip).min(1.0)
     }
 
     /// Unit direction outwards at a place, and how far out that is (1 at the hull).
@@ -172,16 +185,18 @@ pub fn spots(
     out
 }
 
-/// About `most` of the spots, evenly: those deep inside the crown go first; where twigs, `twig_m`
+/// About `most` of the spots, evenly: those deep inside the crown go first, but of a young one, which
+/// casts no shade; where twigs, `twig_m`
 /// long as a rule, are small more stay, so that a spire is as full at its tip as below.
 pub fn thinned(spots: Vec<Spot>, hull: &Hull, most: usize, enlarge: f32, twig_m: f32) -> Vec<Spot> {
     if spots.len() <= most {
         return spots;
     }
+    let least = LEAST_WEIGHT + (1.0 - LEAST_WEIGHT) * youth(hull.apex.z);
     let weight = |s: &Spot| {
         let size = hull.scale(s.at, enlarge) * hull.tapered(s.at, twig_m);
         let small = hull.scale(Vec3::ZERO, enlarge) / size;
-        f64::from(hull.outward(s.at).1.clamp(0.35, 1.0) * (small * small).min(MOST_WEIGHT))
+        f64::from(hull.outward(s.at).1.clamp(least, 1.0) * (small * small).min(MOST_WEIGHT))
     };
     let total: f64 = spots.iter().map(weight).sum();
     let rate = most as f64 / total.max(1e-9);
@@ -223,9 +238,12 @@ pub fn stance(shape: LeafShape) -> Stance {
         LeafShape::Bundle => s(0.75, false, 0.0, 0.9, 0.6),
         LeafShape::Deltoid => s(0.7, false, 0.45, 0.7, 0.35),
         LeafShape::Lanceolate => s(0.6, false, 0.45, 0.7, 0.45),
-        LeafShape::Ovate | LeafShape::Round | LeafShape::Lobed | LeafShape::Pinnate => {
-            s(0.85, false, 0.5, 0.6, 0.55)
-        }
+        LeafShape::Ovate
+        | LeafShape::Round
+        | LeafShape::Cordate
+        | LeafShape::Obovate
+        | LeafShape::Lobed
+        | LeafShape::Pinnate => s(0.85, false, 0.5, 0.6, 0.55),
     }
 }
 
@@ -297,8 +315,7 @@ impl Pose {
         heading = heading.normalize_or(shoot);
         heading = (heading * (1.0 - droop.abs()) - Vec3::Z * droop).normalize_or(heading);
         let roll = draws.between(-stance.roll, stance.roll);
-        let twig_m = f.twig_length_m.min(0.6 * hull.half.max_element()).clamp(1e-3, 20.0)
-            * draws.between(0.8, 1.2);
+        let twig_m = f.twig_length_m.clamp(1e-3, 20.0) * draws.between(0.8, 1.2);
         let twig_m = twig_m * hull.tapered(spot.at, twig_m);
         // Never longer than boughs may be.
         let most_m = (1.5 * hull.half.truncate().max_element()).max(BOUGH_FROM * twig_m);

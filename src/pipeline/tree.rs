@@ -171,14 +171,16 @@ fn stand(
     frame: Frame,
     run: &mut Recorder,
 ) -> Result<Grown> {
-    let species = &job.state.look(&job.species, job.seed);
+    let foliage = job.species.foliage.at_height(skeleton.height_m());
+    let own = Species { foliage, ..job.species.clone() };
+    let species = &job.state.look(&own, job.seed);
     let leaf_share = job.state.leaf_share(&job.species);
     let textures = run.stage("texture", |warnings| {
         warnings.extend(species.remarks.iter().cloned());
         let mut textures = paint(species, job.texture_px, job.seed, &job.cache)?;
         if job.has_variants {
             textures.leaf_variants =
-                leaf_variants(&job.species, job.state, job.texture_px, job.seed, &job.cache)?;
+                leaf_variants(&own, job.state, job.texture_px, job.seed, &job.cache)?;
         }
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;

@@ -11,12 +11,15 @@ use glam::{Vec2, Vec3};
 
 use crate::crown::Crown;
 use crate::seed::Seed;
-use crate::species::model::Size;
+use crate::species::model::{Size, youth};
 
 const ROWS: usize = 16;
 const SECTORS: usize = 16;
 /// The thinnest crown or thinnest part of one, metres.
 const LEAST_RADIUS_M: f32 = 0.02;
+
+/// Crown radius of a young tree over its height, at most.
+const YOUNG_WIDTH: f32 = 0.26;
 
 /// Tree-local metres, root at the origin, Z up.
 #[derive(Debug, Clone)]
@@ -36,10 +39,12 @@ pub struct Envelope {
 
 impl Envelope {
     /// The envelope of a tree of the species at `height_m`: crown diameter goes with height, a
-    /// little less than in proportion (exponent 0.9).
+    /// little less than in proportion (exponent 0.9); a young tree is slender whatever it becomes.
     pub fn of_species(size: &Size, uneven: f32, height_m: f32, seed: Seed) -> Envelope {
         let scale = (height_m / size.height_m.max(0.1)).powf(0.9);
-        let radius_m = (0.5 * size.crown_diameter_m * scale).max(LEAST_RADIUS_M);
+        let grown_m = 0.5 * size.crown_diameter_m * scale;
+        let slender_m = grown_m.min(YOUNG_WIDTH * height_m);
+        let radius_m = (grown_m + (slender_m - grown_m) * youth(height_m)).max(LEAST_RADIUS_M);
         // Young trees keep their lower branches.
         let lift = (height_m / size.height_m.max(0.1)).clamp(0.0, 1.0).powf(0.5);
         let base_m = height_m * (size.crown_base * lift).clamp(0.0, 0.9);

@@ -28,7 +28,7 @@ use crate::crown::Crown;
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::species::Species;
-use crate::species::model::{Growth, Habit, is_level};
+use crate::species::model::{Growth, Habit, is_level, youth};
 use crate::species::rule::OF_TREE;
 
 /// Heights a tree may have, metres.
@@ -61,6 +61,9 @@ impl Detail {
 
 /// Nodes of a tree between which detail is bounded.
 const NODES: std::ops::RangeInclusive<u32> = 40..=200_000;
+/// Nodes of a young tree, and sets of laterals on its stem, at least.
+const YOUNG_NODES: f32 = 140.0;
+const YOUNG_INTERNODES: f32 = 8.0;
 /// Nodes at which a species' counts of whorls are meant.
 const FULL_NODES: f32 = 4000.0;
 /// Nodes that a stem needs: a tree of few has fewer stems.
@@ -141,7 +144,10 @@ fn fineness(e: &Envelope, species: &Species, detail: Detail) -> (u32, f32) {
     match wished {
         Some(spacing_m) => (max_nodes, spacing_m.max(1e-3 * e.height_m)),
         None => {
-            let most = (volume_m3 / least_m.powi(3)).clamp(*NODES.start() as f32, max_nodes as f32);
+            let fewest = *NODES.start() as f32;
+            let fewest = fewest + (YOUNG_NODES - fewest) * youth(e.height_m);
+            let max_nodes = max_nodes as f32;
+            let most = (volume_m3 / least_m.powi(3)).clamp(fewest.min(max_nodes), max_nodes);
             (most as u32, (volume_m3 / most).cbrt())
         }
     }
@@ -242,9 +248,11 @@ impl<'a> Tree<'a> {
         let grown = self.species.size.height_m * (1.0 - self.species.size.crown_base);
         let fineness = (self.max_nodes as f32 / FULL_NODES).cbrt().min(1.5);
         let tallness = (self.envelope.crown_length_m() / grown.max(0.1)).powf(0.4).min(1.6);
+        let young = youth(self.envelope.height_m);
+        let fewest = 3 + ((YOUNG_INTERNODES - 3.0) * young).round() as u32;
         let internodes = match self.growth.internodes {
             0 | 1 => 1,
-            n => ((n as f32 * fineness * tallness).round() as u32).max(3),
+            n => ((n as f32 * fineness * tallness).round() as u32).max(fewest.min(n.max(3))),
         };
         let of_tree = self.of_tree();
         let seed = self.seed.derive("rule", 0);
@@ -416,7 +424,9 @@ impl<'a> Tree<'a> {
         } else {
             along
         };
-        let mix = |pair: [f32; 2]| pair[0] + (pair[1] - pair[0]) * top;
+        // All branches of a young tree are such as are at the top of an old one.
+        let place = top + (1.0 - top) * 0.7 * youth(self.envelope.height_m);
+        let mix = |pair: [f32; 2]| pair[0] + (pair[1] - pair[0]) * place;
         let spin = self.growth.roll_deg.to_radians() * (internode * sets + (sets - 1 - set)) as f32;
         let azimuth = shoot.azimuth_rad + spin + habit.irregular * draws.between(-0.9, 0.9);
         let tilt = match habit.angle_deg {
@@ -618,7 +628,7 @@ impl<'a> Tree<'a> {
         let (axis, order) = polish::axes(&self.position, &self.parent, &self.scaffold);
         polish::smooth(&mut self.position, &self.parent, &axis, &self.scaffold, 2);
         let from = if self.growth.stem < 0.95 { 3 } else { 2 };
-        let hang = self.growth.hang;
+        let hang = self.growth.hang * (1.0 - youth(e.height_m));
         let placed = (axis.as_slice(), order.as_slice());
         polish::hang(&mut self.position, &self.parent, placed, from, hang, self.clearance_m);
         // What hangs far below the crown is dropped.

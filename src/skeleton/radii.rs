@@ -20,6 +20,10 @@ const SHED: f64 = 0.5;
 /// Widening of a stem's foot.
 const FLARE: f64 = 0.35;
 
+/// Least diameter of a young tree's stem at a tenth of its height: metres, and metres a metre of
+/// height. Seedlings are 50 to 80 times as high as thick at the root collar.
+const SEEDLING: (f32, f32) = (0.0015, 0.01);
+
 /// What radii follow from, besides the shape.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pipes {
@@ -42,7 +46,8 @@ impl Pipes {
     }
 
     /// The allometric stem radius of a tree of `height_m`, from a grown tree of the species: stem
-    /// diameter goes with height^1.5 (elastic similarity, McMahon 1973).
+    /// diameter goes with height^1.5 (elastic similarity, McMahon 1973), but a young tree, measured at
+    /// its foot, is no more slender than [`SEEDLING`].
     pub fn for_height(
         exponent: f32,
         tip_radius_m: f32,
@@ -51,9 +56,13 @@ impl Pipes {
         height_m: f32,
     ) -> Pipes {
         let scale = (height_m / grown_height_m.max(0.1)).max(1e-3);
-        let stem = 0.5 * grown_diameter_m * scale.powf(1.5);
-        let measured_at_m =
-            if height_m > 2.0 * BREAST_HEIGHT_M { BREAST_HEIGHT_M } else { 0.1 * height_m };
+        let elastic = 0.5 * grown_diameter_m * scale.powf(1.5);
+        let (stem, measured_at_m) = if height_m > 2.0 * BREAST_HEIGHT_M {
+            (elastic, BREAST_HEIGHT_M)
+        } else {
+            let least = 0.5 * (SEEDLING.0 + SEEDLING.1 * height_m);
+            (elastic.max(least), 0.1 * height_m)
+        };
         // A seedling's stem is no thinner than a few hundredths of a shoot's tip would allow.
         let tip = tip_radius_m.max(1e-4).min(0.5 * stem.max(4e-4));
         Pipes { exponent, tip_radius_m: tip, stem_radius_m: stem.max(2.0 * tip), measured_at_m }
@@ -189,6 +198,15 @@ mod tests {
         let seedling = Pipes::for_height(2.3, 0.002, 20.0, 0.3, 0.1);
         assert!(seedling.stem_radius_m >= 2.0 * seedling.tip_radius_m);
         assert!(seedling.measured_at_m < 0.1);
+    }
+
+    #[test]
+    fn seedlings_are_as_thick_as_seedlings_are() {
+        for (height_m, low_mm, high_mm) in [(0.3, 4.0, 8.0), (0.6, 6.0, 12.0), (1.0, 9.0, 18.0)] {
+            let pipes = Pipes::for_height(2.3, 0.0025, 28.0, 0.44, height_m);
+            let mm = 2000.0 * pipes.stem_radius_m;
+            assert!((low_mm..high_mm).contains(&mm), "{height_m} m: {mm} mm");
+        }
     }
 
     proptest! {

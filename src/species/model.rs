@@ -207,8 +207,12 @@ pub enum LeafShape {
     Ovate,
     /// Rhombic to triangular with a long point (birch).
     Deltoid,
-    /// Nearly round (aspen).
+    /// Nearly round, with blunt teeth (aspen).
     Round,
+    /// Heart-shaped, with a drawn-out tip (lime).
+    Cordate,
+    /// Widest above its middle, with a short abrupt tip (hazel).
+    Obovate,
     /// Lobed (oak).
     Lobed,
     /// Narrow (willow).
@@ -264,6 +268,36 @@ pub struct Foliage {
 
 fn all() -> f32 {
     1.0
+}
+
+/// Whether a tree is young: 1 up to a metre high … 0 from three metres on.
+pub fn youth(height_m: f32) -> f32 {
+    (0.5 * (3.0 - height_m)).clamp(0.0, 1.0)
+}
+
+impl Foliage {
+    /// Twigs at most so long: where they are shorter than usual they are closer, by the root of that,
+    /// and their leaves a little smaller.
+    #[must_use]
+    pub fn within(&self, most_m: f32) -> Foliage {
+        let short = (most_m / self.twig_length_m.max(1e-6)).clamp(1e-3, 1.0);
+        let small = short.powf(0.3);
+        Foliage {
+            twig_length_m: self.twig_length_m * short,
+            twigs_per_m: self.twigs_per_m / short.sqrt(),
+            leaf_length_m: self.leaf_length_m * small,
+            leaf_width_m: self.leaf_width_m * small,
+            ..self.clone()
+        }
+    }
+
+    /// Of a tree of that height: a young one has short twigs that hang little.
+    #[must_use]
+    pub fn at_height(&self, height_m: f32) -> Foliage {
+        let hangs = 1.0 - 0.8 * youth(height_m);
+        let droop = if self.droop > 0.0 { self.droop * hangs } else { self.droop };
+        Foliage { droop, ..self.within(0.3 * height_m) }
+    }
 }
 
 /// Cones, berries or catkins beside the leaves: a model of your own.

@@ -19,6 +19,8 @@ pub struct Cell {
     pub reach: [[f32; 2]; BANDS],
     /// Opaque share of the cell's area, 0…1.
     pub coverage: f32,
+    /// Where the stalk ends in a leaf's cell, share of the side from the bottom; of a twig 0.
+    pub foot: f32,
 }
 
 /// A cross-section of a cell's outline.
@@ -170,7 +172,14 @@ impl Atlas {
     /// One cell that fills the picture, which shows `size_m` metres.
     pub fn whole(size_m: f32) -> Self {
         let reach = [[0.0, 1.0]; BANDS];
-        Atlas::of_one(Cell { min: Vec2::ZERO, max: Vec2::ONE, size_m, reach, coverage: 0.5 })
+        Atlas::of_one(Cell {
+            min: Vec2::ZERO,
+            max: Vec2::ONE,
+            size_m,
+            reach,
+            coverage: 0.5,
+            foot: 0.0,
+        })
     }
 
     /// One cell, for twig and leaf.

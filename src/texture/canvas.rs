@@ -3,6 +3,7 @@
 
 use glam::Vec2;
 
+use super::outline::Outline;
 use crate::raster::Picture;
 
 /// A square canvas; coordinates 0…1, y up.
@@ -25,13 +26,11 @@ pub struct Stroke {
     pub light: [f32; 2],
 }
 
-/// Half widths along a leaf, as shares of its length.
-pub type Outline = [f32; 65];
-
 /// A flat leaf as it is seen: its outline, leant, bent and lit.
 #[derive(Debug, Clone, Copy)]
 pub struct Leaf<'a> {
     pub outline: &'a Outline,
+    /// Where the petiole meets the blade.
     pub base: Vec2,
     /// Unit direction from base to tip.
     pub along: Vec2,
@@ -43,6 +42,9 @@ pub struct Leaf<'a> {
     pub colour: [f32; 3],
     /// Brightness of each half.
     pub light: [f32; 2],
+    /// How far the margin is shifted towards the tip on one side, and from it on the other, in the
+    /// middle of the leaf, share of its length.
+    pub skew: f32,
     /// Side veins a leaf; 0 for none.
     pub veins: f32,
 }
@@ -101,32 +103,32 @@ impl Canvas {
     }
 
     pub fn leaf(&mut self, l: &Leaf) {
-        let reach = l.outline.iter().copied().fold(0.0, f32::max) * l.length
-            + l.bend.abs() * l.length
-            + self.pixel();
-        let tip = l.base + l.along * l.length;
+        let foot = l.outline.foot;
+        let reach = (l.outline.widest.max(foot) + l.bend.abs()) * l.length + self.pixel();
+        let tip = l.base + l.along * (l.length * (1.0 - foot));
         let side = l.along.perp();
+        let rib = (0.08 * l.outline.widest).min(0.018);
         self.paint(l.base.min(tip) - reach, l.base.max(tip) + reach, |p| {
             let q = (p - l.base) / l.length;
-            let y = q.dot(l.along);
+            let up = q.dot(l.along);
+            let y = up + foot;
             if !(0.0..1.0).contains(&y) {
                 return None;
             }
-            let x = q.dot(side) - l.bend * y * y;
+            let x = q.dot(side) - l.bend * up * up;
             let half = usize::from(x < 0.0);
             let x = x.abs() / l.open[half].max(0.05);
-            let at = y * 64.0;
-            let k = at as usize;
-            let width = l.outline[k] + (l.outline[k + 1] - l.outline[k]) * (at - k as f32);
-            if x > width {
+            let shifted = 4.0 * l.skew * y * (1.0 - y);
+            let [gap, width] = l.outline.at(if half == 0 { y + shifted } else { y - shifted });
+            if x > width || x < gap {
                 return None;
             }
             let mut light = l.light[half] * (1.04 - 0.18 * (x / width.max(1e-6)).powi(3));
-            if x < 0.018 {
+            if x < rib {
                 light *= 1.16;
             } else if l.veins > 0.0 {
-                let vein = ((y - 0.9 * x) * l.veins).rem_euclid(1.0);
-                light *= if vein < 0.18 { 1.07 } else { 1.0 - 0.05 * vein };
+                let vein = ((up - 0.9 * x) * l.veins).rem_euclid(1.0);
+                light *= if vein < 0.15 { 1.07 } else { 1.0 - 0.05 * vein };
             }
             Some(l.colour.map(|c| c * light))
         });

@@ -6,6 +6,7 @@ pub mod bark;
 mod canvas;
 mod ground;
 mod noise;
+mod outline;
 pub mod stored;
 mod twig;
 

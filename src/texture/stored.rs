@@ -21,6 +21,7 @@ const SOURCES: &[(&str, &str)] = &[
     ("ground.rs", include_str!("ground.rs")),
     ("mod.rs", include_str!("mod.rs")),
     ("noise.rs", include_str!("noise.rs")),
+    ("outline.rs", include_str!("outline.rs")),
     ("stored.rs", include_str!("stored.rs")),
     ("twig.rs", include_str!("twig.rs")),
     ("twig/needle.rs", include_str!("twig/needle.rs")),

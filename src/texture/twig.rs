@@ -11,7 +11,8 @@ use glam::Vec2;
 use rayon::prelude::*;
 
 use super::atlas::{Atlas, BANDS, Cell};
-use super::canvas::{Canvas, Leaf, Outline, Stroke, keep_cover};
+use super::canvas::{Canvas, Leaf, Stroke, keep_cover};
+use super::outline::Outline;
 use crate::raster::{Picture, pad_transparent};
 use crate::seed::{Draws, Seed};
 use crate::species::model::{Bark, Foliage, LEAST_KEPT, LeafShape};
@@ -21,8 +22,9 @@ use crate::species::{Species, own};
 const BOUGH: f32 = 2.4;
 /// Golden angle.
 const GOLDEN_RAD: f32 = 2.399_963;
-/// Share of its cell that a single leaf is long.
+/// Share of its cell that a single leaf is long, and where it begins.
 const LEAF_SHARE: f32 = 0.96;
+const LEAF_FROM: f32 = 0.02;
 /// Where leaves have fallen, one twig has more left than the other, and than boughs: powers of the
 /// share that is left.
 const UNEVEN: [f32; 3] = [0.6, 1.6, 1.0];
@@ -33,6 +35,10 @@ const PAINT_LIMIT: usize = 60_000;
 pub const CUTOFF: f32 = 0.5;
 /// Sideways bend of a leaf's tip at most, share of its length.
 const MOST_BENT: f32 = 0.14;
+/// Shift of a leaf's halves against each other at most, share of its length.
+const MOST_SKEWED: f32 = 0.045;
+/// Half the width of a petiole over the leaf's length.
+const PETIOLE: f32 = 0.014;
 /// Half the side of the plain squares over the picture's, to their middles.
 const PLAIN: f32 = 1.0 / 16.0;
 
@@ -58,6 +64,7 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
         (Part::Leaf, [3, 2]),
         (Part::Leaf, [2, 3]),
     ];
+    let outline = Outline::of(f);
     let drawn: Vec<(Vec<[u8; 4]>, u32, f32)> = parts
         .into_par_iter()
         .enumerate()
@@ -72,7 +79,7 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
             let mut painter = Painter {
                 canvas: Canvas::new(side as usize, factor),
                 species,
-                outline: outline(f),
+                outline: &outline,
                 size_m,
                 draws: seed.derive("twig", k as u64).draws(),
                 painted: 0,
@@ -91,7 +98,8 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
         let [left, bottom] = corner.map(|c| c * quarter / 2);
         let span = *side as f32 / picture.width as f32;
         let min = Vec2::new(left as f32, bottom as f32) / picture.width as f32;
-        let cell = describe(pixels, *side as usize, *size_m, min, span);
+        let foot = if part == Part::Leaf { foot(&outline) } else { 0.0 };
+        let cell = Cell { foot, ..describe(pixels, *side as usize, *size_m, min, span) };
         if part == Part::Leaf { &mut leaves } else { &mut cells }.push(cell);
         for y in 0..*side {
             let row = picture.height - 1 - (bottom + y);
@@ -139,17 +147,27 @@ fn leaf_length_m(foliage: &Foliage) -> f32 {
     .max(1e-4)
 }
 
+/// Where the petiole meets the blade in a leaf's cell, share of its side.
+fn foot(outline: &Outline) -> f32 {
+    LEAF_FROM + LEAF_SHARE * outline.foot
+}
+
 /// The cell of one leaf where there is no picture: its outline on a plain ground.
 pub fn plain_leaf(foliage: &Foliage) -> Cell {
-    let outline = outline(foliage);
+    let outline = Outline::of(foliage);
     let reach: [[f32; 2]; BANDS] = std::array::from_fn(|band| {
-        let widest = outline[64 * band / BANDS..=64 * (band + 1) / BANDS].iter().copied();
-        let half = (LEAF_SHARE * widest.fold(0.01, f32::max)).min(0.5);
+        let [from, to] = [band, band + 1].map(|b| b as f32 / BANDS as f32);
+        let half = (LEAF_SHARE * outline.reach(from, to).max(0.01)).min(0.5);
         [0.5 - half, 0.5 + half]
     });
-    let coverage = 2.0 * LEAF_SHARE * outline.iter().sum::<f32>() / outline.len() as f32;
-    let size_m = leaf_length_m(foliage) / LEAF_SHARE;
-    Cell { min: Vec2::ZERO, max: Vec2::ONE, size_m, reach, coverage: coverage.min(1.0) }
+    Cell {
+        min: Vec2::ZERO,
+        max: Vec2::ONE,
+        size_m: leaf_length_m(foliage) / LEAF_SHARE,
+        reach,
+        coverage: (LEAF_SHARE * outline.area()).min(1.0),
+        foot: foot(&outline),
+    }
 }
 
 /// A user's own picture of a twig `size_m` long: one cell.
@@ -192,7 +210,7 @@ fn describe(pixels: &[[u8; 4]], side: usize, size_m: f32, min: Vec2, span: f32) 
         }
     }
     let coverage = seen as f32 / (side * side).max(1) as f32;
-    Cell { min, max: min + span, size_m, reach, coverage }
+    Cell { min, max: min + span, size_m, reach, coverage, foot: 0.0 }
 }
 
 /// Scales the pixels so that what is seen has the mean luminance of `colour`; hues stay.
@@ -212,49 +230,10 @@ fn match_colour(picture: &mut Picture, colour: [u8; 3]) {
     }
 }
 
-/// Half widths along the leaf, scaled to the species' length and width.
-fn outline(foliage: &Foliage) -> Outline {
-    let shape = |y: f32| -> f32 {
-        match foliage.shape {
-            LeafShape::Ovate => (std::f32::consts::PI * y.powf(0.72)).sin().max(0.0).powf(0.85),
-            LeafShape::Deltoid => {
-                let body =
-                    if y < 0.28 { (y / 0.28).powf(0.55) } else { ((1.0 - y) / 0.72).powf(1.25) };
-                let tooth = (y * 13.0).rem_euclid(1.0);
-                body * (1.0 - 0.14 * tooth)
-            }
-            LeafShape::Round => {
-                let d = (2.0 * y - 1.0).abs();
-                (1.0 - d * d).max(0.0).sqrt() * (1.0 - 0.05 * (y * 60.0).cos())
-            }
-            LeafShape::Lobed => {
-                let body = (std::f32::consts::PI * y.powf(1.35)).sin().max(0.0).powf(0.7);
-                let lobe = 0.5 - 0.5 * (y * std::f32::consts::TAU * 4.0 + 0.6).cos();
-                body * (0.55 + 0.45 * lobe)
-            }
-            LeafShape::Lanceolate | LeafShape::Pinnate => {
-                (std::f32::consts::PI * y.powf(0.85)).sin().max(0.0)
-            }
-            LeafShape::Needle | LeafShape::Tuft | LeafShape::Bundle => 1.0,
-        }
-    };
-    // A leaflet of a compound leaf is three times as long as wide.
-    let ratio = match foliage.shape {
-        LeafShape::Pinnate => 0.17,
-        _ => 0.5 * foliage.leaf_width_m / foliage.leaf_length_m.max(1e-6),
-    };
-    let ratio = ratio.clamp(0.005, 0.8);
-    let mut table = [0.0; 65];
-    for (k, half) in table.iter_mut().enumerate() {
-        *half = shape(k as f32 / 64.0) * ratio;
-    }
-    table
-}
-
 struct Painter<'a> {
     canvas: Canvas,
     species: &'a Species,
-    outline: Outline,
+    outline: &'a Outline,
     size_m: f32,
     draws: Draws,
     painted: usize,
@@ -267,8 +246,26 @@ fn veins(shape: LeafShape) -> f32 {
     match shape {
         LeafShape::Lanceolate | LeafShape::Pinnate => 0.0,
         LeafShape::Lobed => 5.0,
+        LeafShape::Obovate => 8.0,
         _ => 7.0,
     }
+}
+
+/// Whether leaves stand left and right of their shoot, rather than all round.
+fn is_in_two_rows(shape: LeafShape) -> bool {
+    matches!(shape, LeafShape::Cordate | LeafShape::Obovate)
+}
+
+/// Where a leaf stands, in cell coordinates.
+struct Place {
+    base: Vec2,
+    /// Unit direction of petiole and blade.
+    along: Vec2,
+    /// Lengths of petiole and blade.
+    stalk: f32,
+    size: f32,
+    /// Before its shoot, rather than behind it.
+    is_front: bool,
 }
 
 /// A shoot in cell coordinates (0…1), bent evenly along its length.
@@ -361,17 +358,18 @@ impl Painter<'_> {
             return;
         }
         let outline = self.outline;
-        let room = 0.48 - LEAF_SHARE * outline.iter().copied().fold(0.0, f32::max);
+        let room = 0.48 - LEAF_SHARE * outline.widest;
         let bend = self.jitter(0.05).clamp(-room.max(0.0), room.max(0.0));
         let narrower = (1.0 + room.min(0.0) / 0.48).max(0.1);
         let shade = self.draws.between(0.88, 1.0);
         self.canvas.leaf(&Leaf {
-            outline: &outline,
-            base: Vec2::new(0.5, 0.02),
+            outline,
+            base: Vec2::new(0.5, foot(outline)),
             along: Vec2::Y,
             length: LEAF_SHARE,
             open: [narrower; 2],
             bend,
+            skew: self.draws.between(-MOST_SKEWED, MOST_SKEWED),
             colour,
             light: [light, light * shade],
             veins: veins(self.species.foliage.shape),
@@ -390,8 +388,13 @@ impl Painter<'_> {
         }
     }
 
-    /// Side shoots of a shoot, alternately left and right, shaped to fill the cell.
-    fn laterals(&mut self, main: &Shoot, spacing: f32, reach: f32, angle: f32) -> Vec<Shoot> {
+    /// Side shoots of a shoot, alternately left and right, shaped to fill the cell but for a `margin`.
+    fn laterals(
+        &mut self,
+        main: &Shoot,
+        spacing: f32,
+        [reach, angle, margin]: [f32; 3],
+    ) -> Vec<Shoot> {
         let count = (main.length / spacing.max(0.01)).clamp(1.0, 60.0) as usize;
         let mut out = Vec::with_capacity(count);
         for k in 0..count {
@@ -405,11 +408,11 @@ impl Painter<'_> {
             let heading = main.angle + main.bend * t + side * turn;
             // Stay inside the cell.
             let room = if heading.sin() > 0.0 { 0.98 - base.x } else { base.x - 0.02 };
-            let limit = room.max(0.01) / heading.sin().abs().max(0.05);
+            let limit = (room - margin).max(0.01) / heading.sin().abs().max(0.05);
             out.push(Shoot {
                 base,
                 angle: heading,
-                length: length.min(limit).min((0.97 - base.y).max(0.02)),
+                length: length.min(limit).min((0.97 - base.y - margin).max(0.02)),
                 bend: -side * self.draws.between(0.15, 0.5),
                 depth: self.draws.unit(),
             });
@@ -419,6 +422,28 @@ impl Painter<'_> {
     }
 
     fn leafy(&mut self, main: Shoot, bough: bool) {
+        let shoots = self.clothed(main, bough);
+        // Deep leaves first, then wood, then the leaves in front of it.
+        for is_front in [false, true] {
+            for (shoot, half, places) in &shoots {
+                if is_front {
+                    self.wood(shoot, *half, half * 0.4);
+                }
+                for place in places.iter().filter(|p| p.is_front == is_front) {
+                    if self.spent() {
+                        return;
+                    }
+                    if !self.has_fallen() {
+                        self.hang(place, shoot.depth);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Shoots, their half widths at the base, and where their leaves stand; without those on which
+    /// no leaf has room.
+    fn clothed(&mut self, main: Shoot, bough: bool) -> Vec<(Shoot, f32, Vec<Place>)> {
         let leaf = self.share(self.species.foliage.leaf_length_m).clamp(0.01, 0.5);
         // Room for the leaf at the tip.
         let main = Shoot { length: main.length.min(0.97 - leaf), ..main };
@@ -429,124 +454,144 @@ impl Painter<'_> {
             LeafShape::Lanceolate => (0.55, 0.75),
             _ if strands => (0.55, 0.75),
             LeafShape::Lobed => (0.95, 0.9),
-            LeafShape::Round | LeafShape::Ovate => (0.9, 0.75),
+            LeafShape::Round | LeafShape::Ovate | LeafShape::Cordate | LeafShape::Obovate => {
+                (0.9, 0.75)
+            }
             _ => (0.85, 0.6),
         };
         let spacing = 0.75 * leaf.max(0.03);
+        let form = [reach, angle, 0.6 * leaf];
         let mut shoots = Vec::new();
         if bough {
             // Few uneven side shoots, each a clump of its own light: no leaf of leaves.
-            for mut lateral in self.laterals(&main, (spacing * 1.8).max(0.085), reach, angle) {
+            for mut lateral in self.laterals(&main, (spacing * 1.8).max(0.085), form) {
                 lateral.length *= self.draws.between(0.55, 1.05);
                 let (gap, reach) = if strands { (1.2, 0.13) } else { (0.9, 0.24) };
-                let twigs = self.laterals(&lateral, (leaf * gap).max(0.036), reach, angle);
+                let form = [reach, angle, 0.6 * leaf];
+                let twigs = self.laterals(&lateral, (leaf * gap).max(0.036), form);
                 let of_clump =
                     |t: Shoot| Shoot { depth: 0.65 * lateral.depth + 0.35 * t.depth, ..t };
                 shoots.extend(twigs.into_iter().map(|t| (of_clump(t), 0.0015)));
                 shoots.push((lateral, 0.003));
             }
         } else {
-            shoots.extend(
-                self.laterals(&main, spacing, reach, angle).into_iter().map(|s| (s, 0.004)),
-            );
+            shoots.extend(self.laterals(&main, spacing, form).into_iter().map(|s| (s, 0.004)));
         }
         shoots.push((main, if bough { 0.006 } else { 0.008 }));
-        // Deep leaves first, then wood, then the leaves in front of it.
-        for layer in 0..2 {
-            for (shoot, half) in &shoots {
-                if layer == 1 {
-                    self.wood(shoot, *half, half * 0.4);
-                }
-                self.leaves_along(shoot, leaf, layer);
-            }
-        }
+        shoots
+            .into_iter()
+            .map(|(shoot, half)| (shoot, half, self.places(&shoot, leaf)))
+            .filter(|(.., places)| !places.is_empty())
+            .collect()
     }
 
-    fn leaves_along(&mut self, shoot: &Shoot, leaf: f32, layer: usize) {
+    /// Where leaves stand on a shoot: whole ones. One that would leave the cell turns to the other
+    /// side of its shoot, else of the cell; the last of a shoot is made smaller rather than left out.
+    fn places(&mut self, shoot: &Shoot, leaf: f32) -> Vec<Place> {
         let shape = self.species.foliage.shape;
         let (gap, petiole) = match shape {
             LeafShape::Lanceolate => (0.13, 0.06),
             LeafShape::Lobed => (0.24, 0.05),
-            LeafShape::Round => (0.5, 0.5),
+            LeafShape::Round => (0.5, 0.6),
+            LeafShape::Cordate => (0.5, 0.4),
+            LeafShape::Obovate => (0.5, 0.14),
             LeafShape::Deltoid => (0.34, 0.3),
             LeafShape::Pinnate => (0.18, 0.0),
             _ => (0.34, 0.14),
         };
+        let in_two_rows = is_in_two_rows(shape);
         let count = (shoot.length / (gap * leaf)).clamp(1.0, 80.0) as usize;
+        let mut places = Vec::with_capacity(count + 1);
         for k in 0..=count {
-            if self.spent() {
-                return;
-            }
-            if self.has_fallen() {
-                continue;
-            }
             let along = k as f32 / count as f32;
             // An oak's leaves crowd towards the tip.
             let along = if shape == LeafShape::Lobed { along.sqrt() } else { along };
             let t = (0.12 + 0.88 * along).min(1.0);
             let last = k == count;
-            let turn = k as f32 * GOLDEN_RAD + shoot.depth * 6.0;
-            let (across, towards) = turn.sin_cos();
-            if (towards > 0.0) != (layer == 1) && !last {
-                continue;
-            }
+            let (across, towards) = if in_two_rows {
+                (if k % 2 == 0 { 1.0 } else { -1.0 }, self.jitter(1.0))
+            } else {
+                (k as f32 * GOLDEN_RAD + shoot.depth * 6.0).sin_cos()
+            };
             let spread = if last { 0.1 } else { 0.95 };
             let swing = across * spread + self.jitter(0.35);
-            let heading = shoot.angle + shoot.bend * t + swing;
+            let straight = shoot.angle + shoot.bend * t;
+            let heading = straight + swing;
             let base = shoot.at(t);
             let size = leaf * self.draws.between(0.72, 1.08) * (1.0 - 0.25 * t * t);
-            let stalk = petiole * size * self.draws.between(0.7, 1.1);
-            let depth = if layer == 0 { 0.35 * shoot.depth } else { 0.4 + 0.6 * shoot.depth };
-            let (colour, light) = self.tint(depth);
-            // Whole leaves: one that would leave the cell turns to the other side of its shoot, else
-            // of the cell.
-            let widest = self.outline.iter().copied().fold(0.0, f32::max);
-            let fits = |heading: f32| {
-                let along = Vec2::new(heading.sin(), heading.cos());
-                let inside = |at: f32, half: f32| {
-                    let (middle, half) = (base + along * (stalk + at * size), along.perp() * half);
-                    [middle - half, middle + half]
-                        .iter()
-                        .all(|p| p.x > 0.01 && p.x < 0.99 && p.y > 0.005 && p.y < 0.99)
-                };
-                // The bend moves the middle by a quarter of what it moves the tip.
-                let bent = MOST_BENT * size;
-                inside(1.0, bent) && inside(0.5, widest * size + 0.25 * bent)
-            };
+            let stalk = petiole * self.draws.between(0.7, 1.1);
             let turns = [heading, heading - 2.0 * swing, -0.6 * heading];
-            let Some(heading) = turns.into_iter().find(|h| fits(*h)) else { continue };
-            let along = Vec2::new(heading.sin(), heading.cos());
-            let foot = base + along * stalk;
-            let thin = 0.4 * self.canvas.pixel();
-            self.canvas.stroke(&Stroke {
-                from: base,
-                to: foot,
-                half: [thin.max(0.03 * size); 2],
-                colour,
-                light: [light * 0.85; 2],
-            });
-            let tilt = self.draws.between(0.45, 1.0);
-            let other = (tilt + self.jitter(0.25)).clamp(0.3, 1.0);
-            let shade = self.draws.between(0.86, 1.0);
-            let open = if self.draws.unit() < 0.5 { [tilt, other] } else { [other, tilt] };
-            let bend = self.jitter(MOST_BENT);
-            if shape == LeafShape::Pinnate {
-                self.compound(base, along, size, open, colour, light);
-                continue;
-            }
-            let outline = self.outline;
-            self.canvas.leaf(&Leaf {
-                outline: &outline,
-                base: foot,
-                along,
-                length: size,
-                open,
-                bend,
-                colour,
-                light: [light, light * shade],
-                veins: veins(shape),
-            });
+            let sizes = if last { &[1.0, 0.8, 0.6][..] } else { &[1.0] };
+            let place = |size: f32, heading: f32| Place {
+                base,
+                along: Vec2::new(heading.sin(), heading.cos()),
+                stalk: stalk * size,
+                size,
+                is_front: last || towards > 0.0,
+            };
+            let tries = sizes.iter().flat_map(|s| turns.map(|turn| place(size * s, turn)));
+            places.extend(tries.into_iter().find(|p| self.fits(p)));
         }
+        places
+    }
+
+    /// Whether a leaf is within the cell however it bends.
+    fn fits(&self, place: &Place) -> bool {
+        let f = &self.species.foliage;
+        let widest = match f.shape {
+            LeafShape::Pinnate => 0.5 * f.leaf_width_m / f.leaf_length_m.max(1e-6),
+            _ => self.outline.widest,
+        };
+        let Place { base, along, stalk, size, .. } = *place;
+        let inside = |at: f32, half: f32| {
+            let (middle, half) = (base + along * (stalk + at * size), along.perp() * (half * size));
+            [middle - half, middle + half]
+                .iter()
+                .all(|p| p.x > 0.01 && p.x < 0.99 && p.y > 0.005 && p.y < 0.99)
+        };
+        // The bend moves the middle by a quarter of what it moves the tip.
+        inside(1.0, MOST_BENT)
+            && inside(0.3, widest + 0.1 * MOST_BENT)
+            && inside(0.65, widest + 0.4 * MOST_BENT)
+    }
+
+    /// Paints the leaf of a place, and its petiole.
+    fn hang(&mut self, place: &Place, depth: f32) {
+        let Place { base, along, stalk, size, is_front } = *place;
+        let shape = self.species.foliage.shape;
+        let depth = if is_front { 0.4 + 0.6 * depth } else { 0.35 * depth };
+        let (colour, light) = self.tint(depth);
+        let foot = base + along * stalk;
+        let thin = 0.4 * self.canvas.pixel();
+        self.canvas.stroke(&Stroke {
+            from: base,
+            to: foot,
+            half: [thin.max(PETIOLE * size); 2],
+            colour,
+            light: [light * 0.85; 2],
+        });
+        let tilt = self.draws.between(if is_in_two_rows(shape) { 0.7 } else { 0.45 }, 1.0);
+        let other = (tilt + self.jitter(0.25)).clamp(0.3, 1.0);
+        let shade = self.draws.between(0.86, 1.0);
+        let open = if self.draws.unit() < 0.5 { [tilt, other] } else { [other, tilt] };
+        let bend = self.jitter(MOST_BENT);
+        let skew = self.jitter(MOST_SKEWED);
+        if shape == LeafShape::Pinnate {
+            self.compound(base, along, size, open, colour, light);
+            return;
+        }
+        self.canvas.leaf(&Leaf {
+            outline: self.outline,
+            base: foot,
+            along,
+            length: size,
+            open,
+            bend,
+            skew,
+            colour,
+            light: [light, light * shade],
+            veins: veins(shape),
+        });
     }
 
     /// Leaflets in pairs along a rachis.
@@ -570,7 +615,6 @@ impl Painter<'_> {
             light: [light * 0.85; 2],
         });
         let count = f.cluster.clamp(1, 60);
-        let outline = self.outline;
         for n in 0..count {
             let is_last = n + 1 == count;
             let pair = (n / 2) as f32 / ((count - 1) / 2).max(1) as f32;
@@ -580,21 +624,55 @@ impl Painter<'_> {
             let turn = if is_last { 0.0 } else { side * (1.2 + self.jitter(0.1)) };
             let heading = Vec2::from_angle(turn).rotate(along);
             let length = half_width * if is_last { 1.0 } else { open[n as usize % 2].max(0.5) };
-            let tip = base + along * (size * t) + heading * length;
-            if tip.x < 0.005 || tip.x > 0.995 || tip.y > 0.995 || tip.y < 0.0 {
-                continue;
-            }
             self.canvas.leaf(&Leaf {
-                outline: &outline,
+                outline: self.outline,
                 base: base + along * (size * t),
                 along: heading,
                 length,
                 open: [0.9, 0.75],
                 bend: 0.0,
+                skew: 0.0,
                 colour,
                 light: [light, light * 0.92],
                 veins: 0.0,
             });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_shoot_ends_in_a_leaf() {
+        for name in ["corylus_avellana", "tilia_cordata", "betula_pendula", "quercus_robur"] {
+            let species = crate::species::load(name).unwrap();
+            let outline = Outline::of(&species.foliage);
+            for seed in 0..20 {
+                let mut painter = Painter {
+                    canvas: Canvas::new(16, 1),
+                    species: &species,
+                    outline: &outline,
+                    size_m: species.foliage.twig_length_m,
+                    draws: Seed::new(seed).draws(),
+                    painted: 0,
+                    kept: 1.0,
+                };
+                let main = Shoot {
+                    base: Vec2::new(0.5, 0.01),
+                    angle: 0.0,
+                    length: 0.9,
+                    bend: 0.05,
+                    depth: 0.8,
+                };
+                let shoots = painter.clothed(main, false);
+                assert!(shoots.len() > 3, "{name} {seed}: {} shoots", shoots.len());
+                for (shoot, _, places) in &shoots {
+                    let end = shoot.at(1.0);
+                    assert!(places.iter().any(|p| p.base == end), "{name} {seed}: a bare end");
+                }
+            }
         }
     }
 }

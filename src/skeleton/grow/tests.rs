@@ -132,6 +132,29 @@ fn a_habit_is_what_its_species_says() {
     assert!(low.fold(f32::INFINITY, f32::min) > 10.0);
 }
 
+/// One leader, thick enough to stand, side shoots from low on, none wider than high.
+#[test]
+fn seedlings_have_a_stem_and_side_shoots_along_it() {
+    for name in
+        ["larix_decidua", "picea_abies", "pinus_sylvestris", "betula_pendula", "quercus_robur"]
+    {
+        for height_m in [0.3, 0.6, 1.0] {
+            let s = tree(name, height_m, 4000, 1);
+            let what = format!("{name}, {height_m} m");
+            let thick_mm = 2000.0 * s.radius_m[1];
+            let usual_mm = 1.5 + 10.0 * height_m;
+            assert!((0.9 * usual_mm..2.5 * usual_mm).contains(&thick_mm), "{what}: {thick_mm} mm");
+            assert!(s.width_m() < 0.8 * height_m, "{what}: {} m wide", s.width_m());
+            let from = |i: &usize| s.order[*i] == 1 && s.order[s.parent[*i] as usize] == 0;
+            let starts: Vec<f32> =
+                (1..s.len()).filter(from).map(|i| s.position[s.parent[i] as usize].z).collect();
+            assert!(starts.len() >= 4, "{what}: {} side shoots", starts.len());
+            let low = starts.iter().copied().fold(f32::INFINITY, f32::min);
+            assert!(low < 0.45 * height_m, "{what}: the lowest at {low} m");
+        }
+    }
+}
+
 #[test]
 fn same_seed_same_tree_other_seed_another() {
     let a = tree("betula_pendula", 18.0, 900, 9);

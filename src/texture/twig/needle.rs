@@ -59,9 +59,9 @@ impl Painter<'_> {
         // Shoots stand so close that their needles meet.
         let gap = (1.35 * needle).clamp(0.045, 0.2);
         let mut shoots = Vec::new();
-        for lateral in self.laterals(&main, gap, 0.62, 0.95) {
+        for lateral in self.laterals(&main, gap, [0.62, 0.95, 0.0]) {
             if lateral.length > 4.0 * gap {
-                let fine = self.laterals(&lateral, gap, 0.2, 0.85);
+                let fine = self.laterals(&lateral, gap, [0.2, 0.85, 0.0]);
                 shoots.extend(fine.into_iter().map(|s| (s, 0.0012)));
             }
             shoots.push((lateral, 0.0022));
@@ -78,11 +78,12 @@ impl Painter<'_> {
         let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.006, 0.3);
         // A bough is seen from afar: it fills its cell, and its tufts hold together.
         let (gap, reach, angle) = if bough { (0.075, 0.62, 0.85) } else { (0.11, 0.4, 0.7) };
-        let mut shoots = self.laterals(&main, gap, reach, angle);
+        // On a seedling's short twig needles are long.
+        let mut shoots = self.laterals(&main, f32::max(gap, 1.1 * needle), [reach, angle, 0.0]);
         if bough {
             let mut fine = Vec::new();
             for lateral in shoots.iter().filter(|l| l.length > 0.12) {
-                fine.extend(self.laterals(lateral, 0.1, 0.1, 0.7));
+                fine.extend(self.laterals(lateral, 0.1, [0.1, 0.7, 0.0]));
             }
             shoots.extend(fine);
         }
@@ -147,11 +148,11 @@ impl Painter<'_> {
     pub(super) fn brushes(&mut self, main: Shoot, bough: bool) {
         let needle = self.share(self.species.foliage.leaf_length_m).clamp(0.02, 0.35);
         let gap = if bough { 0.05 } else { 0.12 };
-        let mut shoots = self.laterals(&main, gap, 0.55, 0.9);
+        let mut shoots = self.laterals(&main, f32::max(gap, 0.5 * needle), [0.55, 0.9, 0.0]);
         if bough {
             let mut fine = Vec::new();
             for lateral in shoots.iter().filter(|l| l.length > 0.16) {
-                fine.extend(self.laterals(lateral, 0.07, 0.14, 0.8));
+                fine.extend(self.laterals(lateral, 0.07, [0.14, 0.8, 0.0]));
             }
             shoots.extend(fine);
         }
