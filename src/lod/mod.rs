@@ -6,7 +6,7 @@ pub mod impostor;
 pub mod silhouette;
 
 pub use impostor::{Impostor, Kind};
-pub use silhouette::{Silhouettes, Views, cover, looks};
+pub use silhouette::{Cover, Silhouettes, Views, looks};
 
 #[cfg(test)]
 mod tests;

@@ -121,22 +121,49 @@ fn windows((lo, hi): (Vec3, Vec3), views: Views, sides: usize, samples: usize) -
     (0..sides).map(side).chain((views == Views::All).then_some(above)).collect()
 }
 
-/// How many samples a model within `bounds` covers, seen from each of `sides` and, last, from
-/// above; give a sitter for covers ([`Sitter::covers`]), and the same bounds for what is compared.
-///
-/// # Errors
-/// Bounds that are not finite.
-pub fn cover(
-    sitter: &Sitter<'_>,
-    model: u32,
-    bounds: (Vec3, Vec3),
-    sides: usize,
-    samples: usize,
-) -> Result<Vec<usize>> {
-    windows(bounds, Views::All, sides, samples)
-        .par_iter()
-        .map(|w| Ok(sitter.silhouette(model, w)?.into_iter().filter(|c| *c).count()))
-        .collect()
+/// How many samples a model covers.
+pub struct Cover {
+    /// Seen from each side, row by row, the highest first.
+    pub sides: Vec<Vec<usize>>,
+    pub above: usize,
+    /// Height of the highest row's middle, and between rows, metres.
+    top_m: f32,
+    sample_m: f32,
+}
+
+impl Cover {
+    /// Of a model within `bounds`; give a sitter for covers ([`Sitter::covers`]), and the same bounds
+    /// for what is compared.
+    ///
+    /// # Errors
+    /// Bounds that are not finite.
+    pub fn of(
+        sitter: &Sitter<'_>,
+        model: u32,
+        bounds: (Vec3, Vec3),
+        sides: usize,
+        samples: usize,
+    ) -> Result<Cover> {
+        let windows = windows(bounds, Views::All, sides, samples);
+        let mut sides: Vec<Vec<usize>> = windows
+            .par_iter()
+            .map(|w| {
+                let covered = sitter.silhouette(model, w)?;
+                let rows = covered.chunks_exact(w.size[0]);
+                Ok(rows.map(|row| row.iter().filter(|c| **c).count()).collect())
+            })
+            .collect::<Result<_>>()?;
+        let above = sides.pop().map_or(0, |rows| rows.iter().sum());
+        let [_, height] = windows[0].size;
+        let sample_m = windows[0].sample_m;
+        let top_m = windows[0].centre.z + 0.5 * (height - 1) as f32 * sample_m;
+        Ok(Cover { sides, above, top_m, sample_m })
+    }
+
+    /// Height of a row's middle, metres.
+    pub fn height_m(&self, row: usize) -> f32 {
+        self.top_m - row as f32 * self.sample_m
+    }
 }
 
 impl Mask {

@@ -48,8 +48,16 @@ const MOST_SHELL: usize = 400;
 /// How far cards may grow to make up for those left out, and at the sparse level.
 const MOST_ENLARGED_CARDS: f32 = 3.0;
 const MOST_ENLARGED_SPARSE: f32 = 6.0;
-/// … and whatever is asked for.
-const MOST_SCALE: f32 = 24.0;
+
+/// Heights in the crown, evenly from its foot to its top, at which the size of twigs is set.
+pub const HEIGHTS: usize = 6;
+
+/// How much each of [`HEIGHTS`] says of a place at a share of the crown's height: two of them do, and
+/// together 1.
+pub fn at_heights(share: f32) -> [f32; HEIGHTS] {
+    let at = share.clamp(0.0, 1.0) * (HEIGHTS - 1) as f32;
+    std::array::from_fn(|k| (1.0 - (at - k as f32).abs()).max(0.0))
+}
 
 /// What one tree's foliage is made of.
 pub struct Order<'a> {
@@ -62,8 +70,8 @@ pub struct Order<'a> {
     pub detail: bool,
     /// Of the places for leaves, those that bear them.
     pub share: f32,
-    /// How much larger than in nature twigs are; as their number asks where `None`.
-    pub twig_scale: Option<f32>,
+    /// How much larger twigs are at each height than their number asks.
+    pub larger: [f32; HEIGHTS],
     /// Asked for as vertex colours; a shell has none.
     pub wind: Option<&'a Wind>,
     pub seed: Seed,
@@ -152,19 +160,19 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let all = spots.len();
     let limit = if is_sparse { MOST_ENLARGED_SPARSE } else { MOST_ENLARGED_CARDS };
     let by_cards = || wanted(&hull, f, atlas, all.min(most), all, share).clamp(1.0, limit);
-    let usual = twig.as_ref().map_or_else(by_cards, |t| t.scale);
-    let enlarge = order.twig_scale.map_or(usual, |scale| scale.clamp(0.05, MOST_SCALE));
+    let enlarge = twig.as_ref().map_or_else(by_cards, |t| t.scale);
     if let Some(twig) = &mut twig {
         twig.grow(enlarge);
     }
-    // The same twigs at any scale.
-    let kept = thinned(spots, &hull, most, usual, f.twig_length_m);
+    let kept = thinned(spots, &hull, most, enlarge, f.twig_length_m);
     let outlines: Vec<_> = atlas.cells().iter().map(|c| c.outline(shape.rows())).collect();
     let fold = stance(f.shape).fold;
     let wind = order.wind.map(|wind| (wind, kept.as_slice()));
     let stand = |k: usize| {
         let mut draws = seed.derive("card", kept[k].key).draws();
-        (Pose::of(&kept[k], f, &hull, enlarge, &mut draws), draws)
+        let height = at_heights(hull.share(kept[k].at.z));
+        let larger = height.iter().zip(order.larger).map(|(share, larger)| share * larger).sum();
+        (Pose::of(&kept[k], f, &hull, [enlarge, larger], &mut draws), draws)
     };
     let surface = match (model, &twig) {
         (Some(model), _) => {

@@ -39,7 +39,7 @@ fn order(
         budget,
         detail: true,
         share: 1.0,
-        twig_scale: None,
+        larger: [1.0; HEIGHTS],
         wind: None,
         seed: Seed::new(1),
     }

@@ -34,7 +34,7 @@ use crate::skeleton::Skeleton;
 use crate::species::Species;
 use crate::texture::Atlas;
 
-pub use foliage::FoliageLevel;
+pub use foliage::{FoliageLevel, HEIGHTS, at_heights};
 pub use path::{BELOW_GROUND_M, MAX_SIDES};
 pub use wind::{Wind, WindProfile};
 
@@ -249,8 +249,8 @@ pub struct MeshOptions {
     pub wind: Option<WindProfile>,
     /// Share of the places for leaves that bear them, 0…1.
     pub leaf_share: f32,
-    /// How much larger than in nature twigs are; as their number asks where `None`.
-    pub twig_scale: Option<f32>,
+    /// How much larger twigs are than their number asks, at each height of the crown.
+    pub larger: [f32; HEIGHTS],
     /// Buttresses at the ground, cards of more rows.
     pub detail: bool,
     pub junctions: Junctions,
@@ -275,7 +275,7 @@ impl MeshOptions {
         foliage: FoliageLevel::Cards,
         wind: None,
         leaf_share: 1.0,
-        twig_scale: None,
+        larger: [1.0; HEIGHTS],
         detail: false,
         junctions: Junctions::Welded,
     };
@@ -287,7 +287,7 @@ impl MeshOptions {
         foliage: FoliageLevel::Cards,
         wind: None,
         leaf_share: 1.0,
-        twig_scale: None,
+        larger: [1.0; HEIGHTS],
         detail: true,
         junctions: Junctions::Welded,
     };
@@ -389,7 +389,7 @@ fn order<'a>(
         budget: options.triangle_budget.map(|b| b.saturating_sub(triangles)),
         detail: options.detail,
         share: options.leaf_share,
-        twig_scale: options.twig_scale,
+        larger: options.larger,
         wind,
         seed,
     }

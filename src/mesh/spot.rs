@@ -33,7 +33,7 @@ impl Spot {
     }
 }
 
-/// The crown as an upright ellipsoid: says which way is out.
+/// The crown as an upright ellipsoid: says which way is out; and how wide it is at each height.
 #[derive(Debug, Clone, Copy)]
 pub struct Hull {
     pub centre: Vec3,
@@ -42,7 +42,13 @@ pub struct Hull {
     pub apex: Vec3,
     /// How far the crown's top reaches sideways for each metre below the apex.
     pub tip_slope: f32,
+    /// Half the crown's width in layers of one thickness, from its foot to its apex.
+    half_width_m: [f32; LAYERS],
 }
+
+const LAYERS: usize = 24;
+/// Longest cards for several twigs, over the half width of the crown at their height.
+const FIT: f32 = 1.6;
 
 /// Share of the crown's height that counts as its top.
 const TOP: f32 = 0.1;
@@ -70,6 +76,20 @@ impl Hull {
         let top_m = (TOP * (hi.z - lo.z)).max(0.05);
         let in_top = places().filter(|p| p.z >= apex.z - top_m);
         let reach_m = in_top.map(|p| (p - apex).truncate().length()).fold(0.0, f32::max);
+        let mut layers = [None; LAYERS];
+        for p in places() {
+            let share = (p.z - lo.z) / (hi.z - lo.z).max(1e-6);
+            let layer = &mut layers[((share * LAYERS as f32) as usize).min(LAYERS - 1)];
+            let p = p.truncate();
+            let (low, high) = layer.unwrap_or((p, p));
+            *layer = Some((p.min(low), p.max(high)));
+        }
+        let mut half_width_m = [0.0; LAYERS];
+        let mut below_m = 0.0;
+        for (half_m, layer) in half_width_m.iter_mut().zip(layers) {
+            below_m = layer.map_or(below_m, |(low, high)| 0.25 * (high - low).element_sum());
+            *half_m = below_m;
+        }
         let centre =
             Vec3::new(0.5 * (lo.x + hi.x), 0.5 * (lo.y + hi.y), lo.z + 0.35 * (hi.z - lo.z));
         Some(Hull {
@@ -77,6 +97,7 @@ impl Hull {
             half: ((hi - lo) * Vec3::new(0.5, 0.5, 0.65)).max(Vec3::splat(0.05)),
             apex,
             tip_slope: (reach_m / top_m).max(YOUNG_SLOPE * youth(apex.z)),
+            half_width_m,
         })
     }
 
@@ -111,6 +132,23 @@ impl Hull {
     pub fn scale(&self, p: Vec3, enlarge: f32) -> f32 {
         let height = ((p.z - self.centre.z) / (1.5 * self.half.z)).clamp(0.0, 1.0);
         (1.0 - 0.3 * height * height) * (1.0 + (enlarge - 1.0) * (1.0 - 0.35 * height))
+    }
+
+    /// The share of the crown's height that a place is at, 0…1.
+    pub fn share(&self, z: f32) -> f32 {
+        ((z - self.centre.z) / (self.half.z / 0.65) + 0.35).clamp(0.0, 1.0)
+    }
+
+    /// Length of a twig at a place, `twig_m` long as a rule; where it stands for several, no longer
+    /// than suits the crown's width there.
+    pub fn twig_m(&self, at: Vec3, twig_m: f32, enlarge: f32) -> f32 {
+        let twig_m = twig_m * self.tapered(at, twig_m);
+        let layer = (self.share(at.z) * LAYERS as f32 - 0.5).clamp(0.0, (LAYERS - 1) as f32);
+        let (below, t) = (layer as usize, layer.fract());
+        let above = (below + 1).min(LAYERS - 1);
+        let half_m = self.half_width_m[below] * (1.0 - t) + self.half_width_m[above] * t;
+        let most_m = (FIT * half_m).max(twig_m * self.scale(at, 1.0));
+        (twig_m * self.scale(at, enlarge)).min(most_m)
     }
 
     /// The height at a share of the crown's.
@@ -194,8 +232,7 @@ pub fn thinned(spots: Vec<Spot>, hull: &Hull, most: usize, enlarge: f32, twig_m:
     }
     let least = LEAST_WEIGHT + (1.0 - LEAST_WEIGHT) * youth(hull.apex.z);
     let weight = |s: &Spot| {
-        let size = hull.scale(s.at, enlarge) * hull.tapered(s.at, twig_m);
-        let small = hull.scale(Vec3::ZERO, enlarge) / size;
+        let small = twig_m * hull.scale(Vec3::ZERO, enlarge) / hull.twig_m(s.at, twig_m, enlarge);
         f64::from(hull.outward(s.at).1.clamp(least, 1.0) * (small * small).min(MOST_WEIGHT))
     };
     let total: f64 = spots.iter().map(weight).sum();
@@ -294,7 +331,14 @@ impl Pose {
 
     /// Off the shoot by phyllotaxis, drawn down (or up) by the species' droop, turned to the light
     /// as far as its heading allows.
-    pub fn of(spot: &Spot, f: &Foliage, hull: &Hull, enlarge: f32, draws: &mut Draws) -> Pose {
+    /// `enlarge`: for twigs left out; `larger`: how much more than that.
+    pub fn of(
+        spot: &Spot,
+        f: &Foliage,
+        hull: &Hull,
+        [enlarge, larger]: [f32; 2],
+        draws: &mut Draws,
+    ) -> Pose {
         let stance = stance(f.shape);
         let (outward, _) = hull.outward(spot.at);
         let shoot = spot.shoot;
@@ -316,11 +360,11 @@ impl Pose {
         heading = (heading * (1.0 - droop.abs()) - Vec3::Z * droop).normalize_or(heading);
         let roll = draws.between(-stance.roll, stance.roll);
         let twig_m = f.twig_length_m.clamp(1e-3, 20.0) * draws.between(0.8, 1.2);
-        let twig_m = twig_m * hull.tapered(spot.at, twig_m);
         // Never longer than boughs may be.
         let most_m = (1.5 * hull.half.truncate().max_element()).max(BOUGH_FROM * twig_m);
-        let size_m = (twig_m * hull.scale(spot.at, enlarge)).min(most_m);
-        let reach_m = (twig_m * hull.scale(spot.at, enlarge.min(BOUGH_FROM))).min(size_m);
+        let length_m = |enlarge| (hull.twig_m(spot.at, twig_m, enlarge) * larger).min(most_m);
+        let size_m = length_m(enlarge);
+        let reach_m = length_m(enlarge.min(BOUGH_FROM));
         // The outer part sinks under its weight, except where it stands.
         let sag = if f.droop >= 0.0 { draws.between(SAG[0], SAG[1]) } else { 0.0 };
         // What would hang into the ground lies on it.

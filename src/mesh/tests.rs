@@ -449,7 +449,7 @@ fn speed() {
         budget: None,
         detail: true,
         share: 1.0,
-        twig_scale: None,
+        larger: [1.0; HEIGHTS],
         wind: None,
         seed,
     };
