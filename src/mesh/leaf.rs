@@ -39,6 +39,8 @@ const MOST_ENLARGED: f32 = 2.4;
 const TILTED: f32 = 0.8;
 /// Places for needles or leaves on one shoot at most.
 const MOST_PLACES: f32 = 4_000.0;
+/// Opening of a shoot's last leaf over that of the others.
+const AT_TIP: f32 = 0.3;
 /// Share of the crown's outside in the normals of needles, and of leaves.
 const BENT: [f32; 2] = [0.45, 0.55];
 
@@ -384,6 +386,9 @@ impl<'a> Twig<'a> {
         };
         for k in 0..places {
             let along_share = (k as f32 + draws.unit()) / places as f32;
+            // A leafy shoot ends in a leaf.
+            let is_last = self.organ != Organ::Needle && k + 1 == places;
+            let along_share = if is_last { 1.0 } else { along_share };
             let t = self.from + (1.0 - self.from) * along_share;
             let (foot, along) = shoot.at(t);
             let young = 1.0 - 0.3 * t * t * t;
@@ -401,7 +406,8 @@ impl<'a> Twig<'a> {
                         (radial - pose.facing * 0.6 * radial.dot(pose.facing)).normalize_or(radial);
                 }
                 let spread = draws.between(self.opening[0], self.opening[1]);
-                let (sin, cos) = sin_cos(spread * (1.0 - 0.25 * t));
+                let spread = spread * if is_last { AT_TIP } else { 1.0 - 0.25 * t };
+                let (sin, cos) = sin_cos(spread);
                 let heading = along * cos + radial * sin;
                 let heading = match self.organ {
                     Organ::Needle => heading + pose.facing * 0.12,
@@ -601,6 +607,44 @@ impl Shoot {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::species::load;
+
+    #[test]
+    fn every_leafy_shoot_ends_in_a_leaf() {
+        for name in ["corylus_avellana", "tilia_cordata", "sorbus_aucuparia"] {
+            let species = load(name).unwrap();
+            let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+            let twig = Twig::new(&species.foliage, &atlas, 10, 1.0, usize::MAX);
+            let pose = Pose {
+                base: Vec3::ZERO,
+                heading: Vec3::X,
+                facing: Vec3::Z,
+                size_m: species.foliage.twig_length_m,
+                sag: 0.1,
+                mirrored: false,
+                outward: Vec3::Z,
+                crown: Vec3::ZERO,
+                is_plain: true,
+            };
+            let emit = |_, out: &mut Piece| twig.emit(&pose, &mut Seed::new(5).draws(), out);
+            let s = fill(1, twig.room(), emit, None);
+            let of = |uv: Vec2| {
+                let with = s.uv.iter().zip(&s.position).filter(move |(at, _)| **at == uv);
+                with.map(|(_, p)| *p).collect::<Vec<Vec3>>()
+            };
+            // Three rings more to the main shoot's tip, one to a side shoot's.
+            let (wood, stalks) = (of(atlas.wood()), of(atlas.fill()));
+            let ring = |k: usize| (wood[3 * k] + wood[3 * k + 1] + wood[3 * k + 2]) / 3.0;
+            let tips =
+                std::iter::once(ring(3)).chain((0..twig.sides).map(|side| ring(5 + 2 * side)));
+            for tip in tips {
+                let foot = |stalk: &[Vec3; 3]| 0.5 * (stalk[0] + stalk[1]);
+                let near = stalks.as_chunks::<3>().0.iter().map(|k| foot(k).distance(tip));
+                let nearest = near.fold(f32::INFINITY, f32::min);
+                assert!(nearest < 1e-4, "{name}: a bare tip, the next leaf {nearest} m away");
+            }
+        }
+    }
 
     #[test]
     fn sines_are_those_of_the_library() {
