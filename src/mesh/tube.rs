@@ -584,15 +584,13 @@ fn is_plain_cone(rings: &[Ring], base: &[Corner], has_collar: bool) -> bool {
     let ([foot, apex], Some(last)) = (rings, base.last()) else { return false };
     let [centre, tangent] = [foot.centre, foot.tangent].map(Vec3A::from);
     let mut before = Vec3A::from(last.0) - centre;
-    let mut goes_around = |corner: &Corner| {
+    let goes_around = |corner: &Corner| {
         let here = Vec3A::from(corner.0) - centre;
         let turn = before.cross(here).dot(tangent);
         before = here;
         turn > 0.0
     };
-    !has_collar
-        && apex.arc_m - foot.arc_m > SLENDER * foot.radius_m
-        && base.iter().all(|corner| goes_around(corner))
+    !has_collar && apex.arc_m - foot.arc_m > SLENDER * foot.radius_m && base.iter().all(goes_around)
 }
 
 /// Bits of the facets that the blocks of some feet take.
