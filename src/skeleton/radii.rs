@@ -47,7 +47,7 @@ impl Pipes {
 
     /// The allometric stem radius of a tree of `height_m`, from a grown tree of the species: stem
     /// diameter goes with height^1.5 (elastic similarity, McMahon 1973), but a young tree, measured at
-    /// its foot, is no more slender than [`SEEDLING`].
+    /// its foot, is no more slender than seedlings are.
     pub fn for_height(
         exponent: f32,
         tip_radius_m: f32,
