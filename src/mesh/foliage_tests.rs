@@ -142,7 +142,7 @@ fn every_leaf_hides_as_much_at_any_budget() {
         assert!(cover > 0.999, "{name}: {cover}");
         for share in [2, 4] {
             let (part, cover, _) = hidden(Some(triangles / share));
-            assert!(cover > 0.98, "{name} 1/{share}: {cover}");
+            assert!(cover > 0.999, "{name} 1/{share}: {cover}");
             assert!((0.75..1.25).contains(&(part / all)), "{name} 1/{share}: {part} of {all} m²");
         }
         let (_, cover, _) = hidden(Some(triangles / 2000));
@@ -274,12 +274,21 @@ fn a_user_s_model_stands_where_twigs_stand() {
 #[test]
 fn leaves_are_as_large_without_pictures() {
     for name in ["quercus_robur", "betula_pendula", "sorbus_aucuparia"] {
-        let (skeleton, species, atlas) = grown_to(name, Some(3.0));
+        let (skeleton, species, _) = grown_to(name, Some(3.0));
+        // The smallest pictures there are: coarser ones blur the edge of a leaf.
+        let atlas = crate::texture::for_species(&species, 512, Seed::new(1)).atlas;
         let plain = crate::texture::plain(&species).atlas;
         let area = |atlas: Atlas| {
             let tree = (skeleton.clone(), species.clone(), atlas);
             let s = leaves(&tree, FoliageLevel::Geometry, None);
-            s.area_sq_m() / s.triangles() as f64
+            let at = |i: u32| s.position[i as usize];
+            let areas = s
+                .index
+                .as_chunks::<3>()
+                .0
+                .iter()
+                .map(|&[a, b, c]| 0.5 * (at(b) - at(a)).cross(at(c) - at(a)).length());
+            areas.fold(0.0, f32::max)
         };
         let (with, without) = (area(atlas), area(plain));
         assert!(without < 1.6 * with && with < 1.6 * without, "{name}: {with} and {without}");

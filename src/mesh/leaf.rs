@@ -30,7 +30,7 @@ const LEAST_SHARE: [f32; 2] = [0.2, 0.5];
 /// How far the area of needles, or leaves, may grow to make up for those left out.
 const MOST_WIDENED: [f32; 2] = [16.0, 4.0];
 /// Share of what is to be hidden that is near enough.
-const NEAR: f32 = 0.98;
+const NEAR: f32 = 0.999;
 /// The power of that by which a needle's length grows: it stays slender.
 const LENGTHENED: f32 = 0.3;
 /// How far twigs may grow to make up for twigs left out.

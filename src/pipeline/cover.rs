@@ -23,7 +23,7 @@ use crate::texture::TreeTextures;
 
 /// Factors tried at each height, how often, and how far that may lead.
 const STEP: [f32; 2] = [0.85, 1.18];
-const ROUNDS: usize = 4;
+const ROUNDS: usize = 6;
 const LARGER: [f32; 2] = [0.3, 3.0];
 /// Cover goes with the size of twigs to this power at least.
 const LEAST_POWER: f32 = 0.4;
