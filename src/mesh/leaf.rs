@@ -10,10 +10,10 @@
 //! There are as many twigs as it takes for them to hide of the crown what the species' leaves do; what
 //! a twig hides is measured on two of them. Every twig of a tree has the same number of triangles, so
 //! that a budget is met exactly. A small budget simplifies first the wood of twigs and the form of
-//! needles, of as many as it must, then leaves needles or leaves out and widens the rest until the twig hides as much as
-//! before, and at last leaves out whole twigs and enlarges the rest. Limits: twigs do not know of each
-//! other and may cross; leaves grow to no more than [`MOST_WIDENED`], past which the crown is thinner
-//! than the species'.
+//! needles, of as many as it must, then leaves needles or leaves out and widens the rest until the
+//! twig hides as much as before, and at last leaves out whole twigs and enlarges the rest. Limits:
+//! twigs do not know of each other and may cross; leaves grow to no more than [`MOST_WIDENED`], past
+//! which the crown is thinner than the species'.
 
 use glam::{Quat, Vec2, Vec3};
 

@@ -224,8 +224,8 @@ pub fn spots(
 }
 
 /// About `most` of the spots, evenly: those deep inside the crown go first, but of a young one, which
-/// casts no shade; where twigs, `twig_m`
-/// long as a rule, are small more stay, so that a spire is as full at its tip as below.
+/// casts no shade; where twigs, `twig_m` long as a rule, are small more stay, so that a spire is as
+/// full at its tip as below.
 pub fn thinned(spots: Vec<Spot>, hull: &Hull, most: usize, enlarge: f32, twig_m: f32) -> Vec<Spot> {
     if spots.len() <= most {
         return spots;

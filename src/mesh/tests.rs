@@ -281,9 +281,6 @@ fn normals_of_wood_look_where_its_triangles_do() {
         }
     }
     // What is left is folded back on itself.
-    if std::env::var("DBG").is_ok() {
-        eprintln!("WORST {worst:?}");
-    }
     assert!(worst.0 < 0.008, "{worst:?}");
 }
 
