@@ -46,6 +46,10 @@ def stand(bpy, path):
     for collider in [o for o in new if o.name.startswith(("UCX_", "UCP_"))]:
         new.remove(collider)
         bpy.data.objects.remove(collider)
+    if path.stem.endswith("_impostor"):
+        # As engines show them: the sheets of a cross would darken each other.
+        for o in new:
+            o.visible_shadow = False
     bpy.context.view_layer.update()
     corners = [o.matrix_world @ Vector(c) for o in new if o.type == "MESH" for c in o.bound_box]
     low, high = Vector(map(min, *corners)), Vector(map(max, *corners))

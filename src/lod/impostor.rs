@@ -8,18 +8,25 @@
 //! sheet that comes with it shows the view from the side.
 //!
 //! Samples are taken 3 × 3 a texel; colour is averaged in linear light over what is seen, alpha
-//! is the share seen, scaled so that as much passes the cutoff, between texels too as viewers see
-//! them, as was covered: single texels of a thin crown would vanish there. Normals are those
-//! of the mesh in the sheet's own tangent space, nearer to the eye where leaves face all ways; what
-//! lies deep between other leaves is darker. Known limit: a sheet has no depth, so that near
-//! by its parts slide against the tree's.
+//! is the share seen, spread so that patch by patch as much passes the cutoff as was covered, between
+//! texels and in smaller versions too. Colour is darker by what of the sky's light does not reach
+//! a place in the tree though it would a sheet with these normals. Normals are in the sheet's own
+//! tangent space: of an octahedral picture the mesh's, nearer to the eye where leaves face all ways;
+//! of a cross those of a round crown, leaning outwards and up, so that light wanes across it as across
+//! the tree though the other sheet meets it at the stem.
+//!
+//! Known limits: a sheet has no depth, so that near by its parts slide against the tree's; seen at
+//! an angle to both sheets a cross is narrower than the tree, by up to 29 %; light that comes from
+//! behind a sheet does not reach it in a path tracer, whatever its normals, and sheets throw
+//! shadows on each other where they throw any.
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::light::{self, Sky};
 use crate::diagnostic::Result;
 use crate::mesh::Surface;
-use crate::raster::{Picture, pad_transparent};
+use crate::raster::{Picture, keep_cover, pad_transparent, spread};
 use crate::render::capture::{self, Sitter, Texel, Window};
 use crate::render::srgb_from_linear;
 use crate::scene::Octahedral;
@@ -47,13 +54,23 @@ pub struct Impostor {
 pub const CUTOFF: f32 = 0.5;
 /// Samples along a side of a texel.
 const PER_TEXEL: usize = 3;
-/// Greatest factor on alpha, and how often it is halved to find the right one.
+/// Greatest factor on alpha, and how often its range is halved to find the right one.
 const MOST_GAIN: f32 = 64.0;
 const HALVINGS: u32 = 10;
-/// How far behind its neighbours a leaf is wholly shaded, over the lesser side of the view; and how
-/// much darker it is then.
-const DEEP: f32 = 0.15;
-const SHADED: f32 = 0.5;
+/// Texels along a block that keeps its cover.
+const BLOCK: usize = 5;
+/// How much brighter than its own a place may be where its sheet gets less light than it does.
+const BRIGHTER: f32 = 2.0;
+/// How far a crown's edge faces away from the square view, and how fast that grows from the stem:
+/// as `(distance / half width)^SOON`.
+const EDGE_RAD: f32 = 1.1;
+const SOON: f32 = 0.4;
+/// How far up a crown faces at its foot and its top, over how far it faces outwards.
+const UPWARDS: (f32, f32) = (0.5, 1.1);
+/// Part of the rows over which a crown's half width is taken.
+const ABOUT: f32 = 0.04;
+/// How much of the mesh's own normals are seen in a round crown's.
+const RELIEF: f32 = 0.8;
 /// Half the distance between both sides of a cross's sheet, metres.
 const APART_M: f32 = 1e-3;
 /// Texels between two views of a cross.
@@ -77,7 +94,8 @@ pub fn bake(
     size_px: u32,
 ) -> Result<Impostor> {
     work::count(Work::Impostors, 1);
-    let of = Model { sitter, model };
+    let sky = Sky::over(sitter, model, bounds)?;
+    let of = Model { sitter, model, sky };
     match kind {
         Kind::Cross => cross(&of, bounds, size_px as usize),
         Kind::Octahedral => octahedral(&of, bounds, size_px),
@@ -88,6 +106,7 @@ pub fn bake(
 struct Model<'a> {
     sitter: &'a Sitter<'a>,
     model: u32,
+    sky: Sky,
 }
 
 /// A sheet: what it shows and where it lies.
@@ -118,7 +137,7 @@ fn cross(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impos
         .par_iter()
         .map(|s| {
             let [w, h] = [s.size.x, s.size.y].map(|m| ((m / texel_m).ceil() as usize).max(4));
-            Frame::take(of, s.centre, s.forward, texel_m, [w, h])
+            Frame::take(of, s.centre, s.forward, texel_m, [w, h], Facing::Round)
         })
         .collect::<Result<_>>()?;
     // Side by side, at the bottom of a picture whose sides are powers of two, as graphics cards
@@ -159,7 +178,14 @@ fn octahedral(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Result<Im
     let views: Vec<Frame> = cells
         .par_iter()
         .map(|&(col, row)| {
-            Frame::take(of, centre, -direction(col, row, FRAMES), texel_m, [side, side])
+            Frame::take(
+                of,
+                centre,
+                -direction(col, row, FRAMES),
+                texel_m,
+                [side, side],
+                Facing::Own,
+            )
         })
         .collect::<Result<_>>()?;
     let whole = side * FRAMES as usize;
@@ -232,12 +258,21 @@ fn quad(
 struct Baked {
     /// Linear light, of what is seen.
     albedo: Vec3,
-    /// In right, up, towards the eye.
+    /// Mean, in right, up, towards the eye.
     normal: Vec3,
     /// Share seen.
     alpha: f32,
-    /// How far before the sheet, mean, metres.
-    before_m: f32,
+    /// Light of the sky that reaches it.
+    light: f32,
+}
+
+/// Which way what a sheet shows faces.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Facing {
+    /// As the mesh does.
+    Own,
+    /// As a round crown about the stem.
+    Round,
 }
 
 /// A view; row 0 on top.
@@ -253,96 +288,96 @@ impl Frame {
         forward: Vec3,
         texel_m: f32,
         [width, height]: [usize; 2],
+        facing: Facing,
     ) -> Result<Frame> {
         let n = PER_TEXEL;
-        let window =
-            Window { centre, forward, sample_m: texel_m / n as f32, size: [width * n, height * n] };
+        let sample_m = texel_m / n as f32;
+        let window = Window { centre, forward, sample_m, size: [width * n, height * n] };
         let [right, up] = capture::sides(forward);
         let sample = of.sitter.portrait(of.model, &window)?;
+        let axes = |v: Vec3| Vec3::new(v.dot(right), v.dot(up), -v.dot(forward));
+        let place = |i: usize| {
+            let (x, y) = (i % (width * n), i / (width * n));
+            let across = (x as f32 + 0.5 - 0.5 * (width * n) as f32) * sample_m;
+            let above = (0.5 * (height * n) as f32 - 0.5 - y as f32) * sample_m;
+            centre + right * across + up * above - forward * sample[i].before_m
+        };
         let texel = (0..width * height)
+            .into_par_iter()
             .map(|i| {
-                let (x, y) = (i % width, i / width);
-                let of = (0..n * n).map(|k| sample[(y * n + k / n) * width * n + x * n + k % n]);
-                let (mut sum, mut seen) = (Baked::default(), 0);
-                for t in of.filter(Texel::is_seen) {
+                let corner = i / width * n * width * n + i % width * n;
+                let seen = (0..n * n)
+                    .map(|k| corner + k / n * width * n + k % n)
+                    .filter(|i| sample[*i].is_seen());
+                let (mut sum, mut count) = (Baked::default(), 0);
+                for t in seen.clone().map(|i| &sample[i]) {
                     sum.albedo += Vec3::from(t.albedo);
                     sum.normal += t.normal;
-                    sum.before_m += t.before_m;
-                    seen += 1;
+                    count += 1;
                 }
-                let share = (seen.max(1) as f32).recip();
-                let m = sum.normal * share;
-                // Leaves that face all ways are lit as one that faces the eye.
-                let all_ways = (1.0 - m.length()).max(0.0);
-                let local = Vec3::new(m.dot(right), m.dot(up), all_ways - m.dot(forward));
+                let share = (count.max(1) as f32).recip();
+                // One place says how light it is in the texel.
+                let light = seen.clone().nth(count / 2).map_or(0.0, |i| {
+                    let Texel { normal, leaf, .. } = sample[i];
+                    of.sky.light(place(i), normal, leaf)
+                });
                 Baked {
                     albedo: sum.albedo * share,
-                    normal: local.normalize_or(Vec3::Z),
-                    alpha: seen as f32 / (n * n) as f32,
-                    before_m: sum.before_m * share,
+                    normal: axes(sum.normal * share),
+                    alpha: count as f32 / (n * n) as f32,
+                    light,
                 }
             })
             .collect();
         let mut frame = Frame { size: [width, height], texel };
-        frame.shade(texel_m, DEEP * texel_m * width.min(height) as f32);
+        match facing {
+            Facing::Own => frame.face_the_eye(),
+            // The stem's root is the origin.
+            Facing::Round => frame.round(-centre.dot(right) / texel_m + 0.5 * width as f32),
+        }
+        for t in frame.texel.iter_mut().filter(|t| t.alpha > 0.0) {
+            let normal = right * t.normal.x + up * t.normal.y - forward * t.normal.z;
+            let on_sheet = light::on_sheet(normal, -forward).max(1e-3);
+            t.albedo = (t.albedo * (t.light / on_sheet).min(BRIGHTER)).min(Vec3::ONE);
+        }
         Ok(frame)
     }
 
-    /// Darkens what lies deep in the crown, behind what is about it: a sheet casts no shadow there.
-    fn shade(&mut self, texel_m: f32, deep_m: f32) {
-        let [w, h] = self.size;
-        let reach = ((0.5 * deep_m / texel_m) as usize).clamp(1, 24);
-        let depth = |t: &Baked| if t.alpha > 0.0 { t.before_m } else { f32::NEG_INFINITY };
-        let before: Vec<f32> = self.texel.iter().map(depth).collect();
-        // The nearest to the eye about each, along rows and then along columns.
-        let nearest = |of: &[f32], len: usize, step: usize, from: usize, i: usize| {
-            let (low, high) = (i.saturating_sub(reach), (i + reach).min(len - 1));
-            (low..=high).map(|k| of[from + k * step]).fold(f32::NEG_INFINITY, f32::max)
-        };
-        let rows: Vec<f32> = (0..w * h).map(|i| nearest(&before, w, 1, i / w * w, i % w)).collect();
-        let light = |(i, t): (usize, &Baked)| {
-            let behind_m = nearest(&rows, h, w, i % w, i / w) - t.before_m;
-            1.0 - SHADED * (behind_m / deep_m.max(1e-6)).clamp(0.0, 1.0)
-        };
-        let lights: Vec<f32> = self.texel.iter().enumerate().map(light).collect();
-        let seen = || self.texel.iter().zip(&lights).filter(|(t, _)| t.alpha > 0.0);
-        let mean = seen().map(|(_, light)| light).sum::<f32>() / seen().count().max(1) as f32;
-        // As bright as before, on the whole.
-        for (t, light) in self.texel.iter_mut().zip(&lights).filter(|(t, _)| t.alpha > 0.0) {
-            t.albedo = (t.albedo * (light / mean.max(1e-3))).min(Vec3::ONE);
+    /// Leaves that face all ways are lit as one that faces the eye.
+    fn face_the_eye(&mut self) {
+        for t in &mut self.texel {
+            let all_ways = (1.0 - t.normal.length()).max(0.0);
+            t.normal = (t.normal + Vec3::Z * all_ways).normalize_or(Vec3::Z);
         }
     }
 
-    /// Factor on alpha at which as much passes the cutoff as the model covers.
-    fn gain(&self) -> f32 {
-        let covered: f32 = self.texel.iter().map(|t| t.alpha).sum();
-        let (mut low, mut high) = (0.0, MOST_GAIN.ln());
-        for _ in 0..HALVINGS {
-            let middle: f32 = 0.5 * (low + high);
-            if self.passing(middle.exp()) < covered { low = middle } else { high = middle }
-        }
-        if low == 0.0 { 1.0 } else { low.exp() }
-    }
-
-    /// Texels' area that passes the cutoff, looked at in 2 × 2 places between texels' middles.
-    fn passing(&self, gain: f32) -> f32 {
+    /// Normals of a round crown about a stem `axis` texels from the left.
+    fn round(&mut self, axis: f32) {
         let [w, h] = self.size;
-        let alpha = |x: usize, y: usize| (self.texel[y * w + x].alpha * gain).min(1.0);
-        let mut passing = 0;
-        for y in 0..h - 1 {
-            let mut left = [alpha(0, y), alpha(0, y + 1)];
-            for x in 1..w {
-                let right = [alpha(x, y), alpha(x, y + 1)];
-                for t in [0.25, 0.75] {
-                    let [top, bottom] = [0, 1].map(|k| left[k] + (right[k] - left[k]) * t);
-                    for u in [0.25, 0.75] {
-                        passing += u32::from(top + (bottom - top) * u >= CUTOFF);
-                    }
-                }
-                left = right;
+        let aside = |x: usize| x as f32 + 0.5 - axis;
+        // Area and second moment about the stem, row by row.
+        let rows: Vec<(f32, f32)> = (self.texel.chunks(w))
+            .map(|row| {
+                row.iter().enumerate().fold((0.0, 0.0), |(area, moment), (x, t)| {
+                    (area + t.alpha, moment + t.alpha * aside(x) * aside(x))
+                })
+            })
+            .collect();
+        let about = (ABOUT * h as f32) as usize;
+        for (y, row) in self.texel.chunks_mut(w).enumerate() {
+            let near = &rows[y.saturating_sub(about)..(y + about + 1).min(h)];
+            let (area, moment) = near.iter().fold((0.0, 0.0), |(a, m), (da, dm)| (a + da, m + dm));
+            // Evenly filled from edge to edge.
+            let half = (3.0 * moment / f32::max(area, 1e-6)).sqrt().max(1.0);
+            let high = 1.0 - (y as f32 + 0.5) / h as f32;
+            let upwards = UPWARDS.0 + (UPWARDS.1 - UPWARDS.0) * high;
+            for (x, t) in row.iter_mut().enumerate() {
+                let off = (aside(x) / half).clamp(-1.0, 1.0);
+                let (s, c) = (EDGE_RAD * off.signum() * off.abs().powf(SOON)).sin_cos();
+                let relief = RELIEF * Vec3::new(t.normal.x, t.normal.y, 0.0);
+                t.normal = (Vec3::new(s, upwards, c) + relief).normalize_or(Vec3::Z);
             }
         }
-        passing as f32 * 0.25
     }
 }
 
@@ -350,6 +385,15 @@ impl Frame {
 struct Board {
     colour: Picture,
     normal: Picture,
+    views: Vec<Place>,
+}
+
+/// Where a view lies: texels from the left and from the top, and its size.
+struct Place {
+    corner: [usize; 2],
+    size: [usize; 2],
+    /// Texels' area that the model covers.
+    covered: f32,
 }
 
 impl Board {
@@ -358,18 +402,23 @@ impl Board {
         Board {
             colour: Picture::filled(w, h, [0; 4]),
             normal: Picture::filled(w, h, [128, 128, 255, 0]),
+            views: Vec::new(),
         }
     }
 
     /// `corner`: texels from the left and from the bottom.
     fn paste(&mut self, frame: &Frame, corner: [usize; 2]) {
         let [w, h] = frame.size;
-        let gain = frame.gain();
+        let alphas: Vec<f32> = frame.texel.iter().map(|t| t.alpha).collect();
+        let top = self.colour.height as usize - corner[1] - h;
+        let covered = alphas.iter().sum::<f32>();
+        self.views.push(Place { corner: [corner[0], top], size: [w, h], covered });
+        let alphas = spread(&alphas, w, BLOCK);
         for (i, t) in frame.texel.iter().enumerate().filter(|(_, t)| t.alpha > 0.0) {
             let x = (corner[0] + i % w) as u32;
-            let y = self.colour.height - (corner[1] + h - i / w) as u32;
+            let y = (top + i / w) as u32;
             let [r, g, b] = t.albedo.to_array().map(|c| srgb_from_linear(c).round() as u8);
-            let alpha = (t.alpha * gain * 255.0).round().min(255.0) as u8;
+            let alpha = (alphas[i] * 255.0).round() as u8;
             self.colour.set(x, y, [r, g, b, alpha]);
             let [nx, ny, nz] = t.normal.to_array().map(|c| ((c * 0.5 + 0.5) * 255.0).round() as u8);
             self.normal.set(x, y, [nx, ny, nz, alpha]);
@@ -378,6 +427,10 @@ impl Board {
 
     fn finish(mut self, surface: Surface, octahedral: Option<Octahedral>) -> Result<Impostor> {
         pad_transparent(&mut self.colour);
+        keep_cover(&mut self.colour, CUTOFF, 1.0);
+        for view in &self.views {
+            fit(&mut self.colour, view);
+        }
         let mut normal = halved(&self.normal);
         pad_transparent(&mut normal);
         for p in &mut normal.data {
@@ -385,6 +438,60 @@ impl Board {
         }
         Ok(Impostor { surface, colour: self.colour, normal, octahedral })
     }
+}
+
+/// Changes a view's alpha so that as much passes the cutoff as is covered: draws what is seen nearer
+/// to the cutoff, or lifts all.
+fn fit(picture: &mut Picture, view: &Place) {
+    let (mut low, mut high) = (0.0f32, 2.0f32);
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        if passing(picture, view, middle) < view.covered { low = middle } else { high = middle }
+    }
+    let [left, top] = view.corner;
+    for row in picture.data.chunks_mut(picture.width as usize).skip(top).take(view.size[1]) {
+        for p in &mut row[left..left + view.size[0]] {
+            let alpha = raised(p[3], high) * 255.0;
+            // Rounding takes nothing over the cutoff.
+            let is_seen = alpha >= CUTOFF * 255.0;
+            p[3] = if is_seen { alpha.ceil() } else { alpha.floor() } as u8;
+        }
+    }
+}
+
+/// Alpha, 0…1, as it is for `by` = 1; below, what is seen is nearer to the cutoff, above all are raised.
+fn raised(alpha: u8, by: f32) -> f32 {
+    let alpha = f32::from(alpha) / 255.0;
+    if by > 1.0 {
+        (alpha * MOST_GAIN.powf(by - 1.0)).min(1.0)
+    } else {
+        alpha.min(CUTOFF + (alpha - CUTOFF) * by)
+    }
+}
+
+/// Texels' area that passes the cutoff, looked at in 2 × 2 places between texels' middles, as viewers
+/// see them: single texels of a thin crown would vanish there.
+fn passing(picture: &Picture, view: &Place, by: f32) -> f32 {
+    let table: Vec<f32> = (0..=255).map(|alpha| raised(alpha, by)).collect();
+    let ([w, h], width) = (view.size, picture.width as usize);
+    let rows: Vec<&[[u8; 4]]> = picture.data.chunks(width).skip(view.corner[1]).take(h).collect();
+    let alpha = |y: usize, x: usize| table[usize::from(rows[y][view.corner[0] + x][3])];
+    let count = |y: usize| {
+        let mut passing = 0;
+        let mut left = [alpha(y, 0), alpha(y + 1, 0)];
+        for x in 1..w {
+            let right = [alpha(y, x), alpha(y + 1, x)];
+            for t in [0.25, 0.75] {
+                let [top, bottom] = [0, 1].map(|k| left[k] + (right[k] - left[k]) * t);
+                for u in [0.25, 0.75] {
+                    passing += usize::from(top + (bottom - top) * u >= CUTOFF);
+                }
+            }
+            left = right;
+        }
+        passing
+    };
+    (0..h - 1).into_par_iter().map(count).sum::<usize>() as f32 * 0.25
 }
 
 /// Normals of 2 × 2 texels by their alpha, of which the mean is kept. Sides are even.

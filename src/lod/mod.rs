@@ -3,6 +3,7 @@
 
 pub mod collision;
 pub mod impostor;
+mod light;
 pub mod silhouette;
 
 pub use impostor::{Impostor, Kind};

@@ -93,13 +93,25 @@ fn an_impostor_covers_what_the_model_covers_in_its_colour() {
     for kind in [Kind::Cross, Kind::Octahedral] {
         let got = impostor::bake(&sitter, 0, bounds, kind, 256).unwrap();
         assert_eq!(got.octahedral.is_some(), kind == Kind::Octahedral);
-        let seen: Vec<_> = got.colour.data.iter().filter(|p| p[3] >= 128).collect();
-        // sRGB of 0.5 and 0.1; what leans back is darker, but not the whole.
-        let mean = |k: usize| seen.iter().map(|p| f32::from(p[k])).sum::<f32>() / seen.len() as f32;
-        assert!((mean(0) - 188.0).abs() < 4.0 && (mean(1) - 89.0).abs() < 4.0);
+        let seen = got.colour.data.iter().filter(|p| p[3] >= 128).count();
         if kind == Kind::Cross {
-            // Under what is transparent too, for mip levels.
-            assert!(got.colour.data.iter().all(|p| p[..3] == [188, 89, 89]));
+            // Lit, it is as bright as the face that it shows; under what is transparent too, for
+            // mip levels.
+            let open = light::on_sheet(-Vec3::Y, -Vec3::Y);
+            let linear = |c: u8| ((f32::from(c) / 255.0 + 0.055) / 1.055).powf(2.4);
+            let mut mean = Vec3::ZERO;
+            for (x, y) in (0..got.normal.height)
+                .flat_map(|y| (0..got.normal.width).map(move |x| (2 * x, 2 * y)))
+            {
+                let part = |c: u8| f32::from(c) / 127.5 - 1.0;
+                let [nx, ny, nz, _] = got.normal.at(x / 2, y / 2).map(part);
+                let normal = Vec3::new(nx, -nz, ny).normalize();
+                let [r, g, ..] = got.colour.at(x, y).map(|c| linear(c));
+                let lit = light::on_sheet(normal, -Vec3::Y) / open;
+                assert!((r * lit - 0.5).abs() < 0.06 && (g * lit - 0.1).abs() < 0.02, "{r} {lit}");
+                mean += Vec3::new(r * lit, g * lit, 1.0);
+            }
+            assert!((mean / mean.z - Vec3::new(0.5, 0.1, 1.0)).length() < 0.01, "{mean}");
             assert_eq!(got.surface.triangles(), 8);
             // Sheets for either side, each before what it stands for, as their normals say.
             for t in got.surface.index.as_chunks::<3>().0 {
@@ -112,11 +124,20 @@ fn an_impostor_covers_what_the_model_covers_in_its_colour() {
             assert!(sides.iter().all(|s| s.is_power_of_two()) && sides[1] == 256, "{sides:?}");
             // The gutters take 8 texels.
             let texel_m = 10.0 / 248.0;
-            let area = seen.len() as f32 * texel_m * texel_m;
+            let area = seen as f32 * texel_m * texel_m;
             assert!((area - 2.0 * 20.0).abs() < 1.0, "two views of 2 m by 10 m: {area}");
-            // Both look squarely at a face: the normal map is flat.
-            let flat = |p: &[u8; 4]| (i32::from(p[0]) - 128).abs() < 3 && p[2] > 250;
-            assert!(got.normal.data.iter().all(flat));
+            // Round: each half leans to its own side, more so at its edge, and up. The stem of the first
+            // sheet is in the middle of its view.
+            let stem = (4.0 + 1.0 / texel_m) as u32 / 2;
+            let half = (1.0 / texel_m) as u32 / 2;
+            let [left, right] = [stem - half / 2, stem + half / 2].map(|x| got.normal.at(x, 64));
+            let [edge, near] = [stem + half - 2, stem + 2].map(|x| got.normal.at(x, 64));
+            assert!((i32::from(left[0]) + i32::from(right[0]) - 255).abs() < 8);
+            assert!(
+                right[0] > near[0] + 20 && edge[0] > right[0] + 6,
+                "{near:?} {right:?} {edge:?}"
+            );
+            assert!(got.normal.data.iter().all(|p| p[1] > 150));
         }
         let model = part(got.surface.clone());
         let textures = [Texture {

@@ -231,7 +231,7 @@ pub fn add(
             base_color_texture: Some(first_texture as u32),
             normal_texture: Some(first_texture as u32 + 1),
             orm_texture: None,
-            roughness: 0.75,
+            roughness: 1.0,
             translucency: LEAF_TRANSLUCENCY,
             alpha: Alpha::Mask { cutoff: impostor::CUTOFF },
             // A cross has sheets for either side.

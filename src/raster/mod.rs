@@ -5,6 +5,7 @@
 
 mod chunks;
 pub mod cog;
+mod cutout;
 mod encoded;
 pub mod geotiff;
 mod groups;
@@ -19,6 +20,7 @@ pub mod trend;
 mod webp;
 mod world_file;
 
+pub use cutout::{keep_cover, spread};
 pub use encoded::Image;
 pub use groups::Groups;
 pub use jpeg::{MOST_JPEG_PX, encode as jpeg};

@@ -31,11 +31,13 @@ pub struct Texel {
     pub normal: Vec3,
     /// Distance before the window's plane through `centre`, metres; −∞ where nothing is seen.
     pub before_m: f32,
+    /// 1 for leaves, 0 for wood.
+    pub leaf: f32,
 }
 
 impl Texel {
     pub const NOTHING: Texel =
-        Texel { albedo: [0.0; 3], normal: Vec3::Z, before_m: f32::NEG_INFINITY };
+        Texel { albedo: [0.0; 3], normal: Vec3::Z, before_m: f32::NEG_INFINITY, leaf: 0.0 };
 
     pub fn is_seen(&self) -> bool {
         self.before_m > f32::NEG_INFINITY
@@ -62,7 +64,8 @@ impl Canvas for Portrait<'_> {
     fn put(&mut self, i: usize, sample: Sample) {
         let away = sample.normal.dot(self.forward).max(0.0);
         let normal = (sample.normal - self.forward * (2.0 * away)).normalize_or(-self.forward);
-        self.texel[i] = Texel { albedo: sample.albedo, normal, before_m: sample.nearness };
+        let Sample { albedo, nearness: before_m, leaf, .. } = sample;
+        self.texel[i] = Texel { albedo, normal, before_m, leaf };
     }
 }
 
@@ -145,6 +148,18 @@ impl<'a> Sitter<'a> {
         let mut covered = vec![false; eye.width * eye.height];
         self.draw(model, &eye, &mut Cover(&mut covered));
         Ok(covered)
+    }
+
+    /// Distance before the window's plane of what is nearest in every sample, metres, row 0 on top;
+    /// `f32::MIN` where nothing is.
+    ///
+    /// # Errors
+    /// As [`Sitter::portrait`].
+    pub fn nearest(&self, model: u32, window: &Window) -> Result<Vec<f32>> {
+        let eye = window.eye()?;
+        let mut before_m = vec![f32::MIN; eye.width * eye.height];
+        self.draw(model, &eye, &mut before_m[..]);
+        Ok(before_m)
     }
 
     fn draw<C: Canvas + ?Sized>(&self, model: u32, eye: &camera::View, canvas: &mut C) {

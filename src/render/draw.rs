@@ -425,15 +425,14 @@ impl Brush<'_> {
                 let b = bumps.colour(uv, lod, self.edge).map(|v| v * 2.0 - 1.0);
                 normal = (along * b[0] + across * b[1] + normal * b[2]).normalize_or(normal);
             }
-            let mut leaf = 0.0;
             if self.is_leaf && C::IS_CROWN_LIT {
                 // A crown is lit as a whole: single leaves only ripple its rounded surface.
                 let bulge =
                     corner[0].bulge * k[0] + corner[1].bulge * k[1] + corner[2].bulge * k[2];
                 normal = (normal * 0.45 + bulge.normalize_or_zero() * 0.6 + Vec3::Z * 0.2)
                     .normalize_or(normal);
-                leaf = 1.0;
             }
+            let leaf = f32::from(u8::from(self.is_leaf));
             let open = self.orm.map_or(1.0, |orm| orm.colour(uv, lod, self.edge)[0]);
             let is_floor = self.paint.is_floor;
             canvas.put(i, Sample { nearness, albedo, normal, leaf, open, is_floor });

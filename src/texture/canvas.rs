@@ -4,7 +4,6 @@
 use glam::Vec2;
 
 use super::outline::Outline;
-use crate::raster::Picture;
 
 /// A square canvas; coordinates 0…1, y up.
 pub struct Canvas {
@@ -165,94 +164,6 @@ impl Canvas {
         }
         out
     }
-}
-
-/// Pixels about a leaf that get alpha, in a picture of so many a side; finer ones have as many more
-/// between their leaves.
-const NEAR: (usize, usize) = (32, 512);
-/// Most alpha that a pixel gets which is not seen, in parts of the mask's cutoff.
-const MOST_HIDDEN: f32 = 0.95;
-/// The most that a smaller version shows, in parts of what the picture does.
-const MOST_COVER: f32 = 1.25;
-
-/// Gives pixels that a mask hides so much alpha, still below `cutoff`, that smaller versions made
-/// by averaging blocks show about the same share of the picture as the picture itself: none much more,
-/// so that of the smallest, where leaves and the gaps about a twig are in one pixel, as much as can be
-/// stays. What is near leaves gets more, what is far from any none, so that outlines stay.
-///
-/// Cutouts made of averages thin out otherwise (Castaño 2010, who scales alpha on every level; a
-/// file holds the first level alone).
-pub fn keep_cover(picture: &mut Picture, cutoff: f32) {
-    let (w, h) = (picture.width as usize, picture.height as usize);
-    let least = cutoff * 255.0;
-    let seen = picture.data.iter().filter(|p| f32::from(p[3]) >= least).count();
-    if seen == 0 || seen == picture.data.len() {
-        return;
-    }
-    let near = density(picture, NEAR.0 * (w.min(h) / NEAR.1).max(1));
-    let raised = |alpha: u8, near: f32, gain: f32| -> f32 {
-        let alpha = f32::from(alpha);
-        let hidden = (gain * near).min(MOST_HIDDEN) * (least - 1.0);
-        if alpha >= least { alpha } else { alpha.max(hidden) }
-    };
-    // What is whole shows on every level.
-    let whole = near.iter().filter(|n| **n > 0.99).count();
-    let parts = |seen: usize, all: usize| seen as f32 / all as f32;
-    let is_whole = parts(whole, w * h);
-    let most = is_whole + MOST_COVER * (parts(seen, w * h) - is_whole).max(0.0);
-    // Whether with that gain a smaller version shows too much.
-    let is_too_full = |gain: f32| -> bool {
-        let alphas = picture.data.iter().zip(&near);
-        let mut level: Vec<f32> = alphas.map(|(p, n)| raised(p[3], *n, gain)).collect();
-        let (mut w, mut h) = (w, h);
-        loop {
-            let (nw, nh) = (w / 2, h / 2);
-            if nw < 4 || nh < 4 {
-                return false;
-            }
-            let mean = |x: usize, y: usize| {
-                let i = 2 * y * w + 2 * x;
-                0.25 * (level[i] + level[i + 1] + level[i + w] + level[i + w + 1])
-            };
-            level = (0..nw * nh).map(|i| mean(i % nw, i / nw)).collect();
-            (w, h) = (nw, nh);
-            let passed = level.iter().filter(|a| **a >= least).count();
-            if parts(passed, w * h) > most {
-                return true;
-            }
-        }
-    };
-    let (mut low, mut high) = (0.0f32, 8.0f32);
-    for _ in 0..8 {
-        let gain = 0.5 * (low + high);
-        if is_too_full(gain) { high = gain } else { low = gain }
-    }
-    for (pixel, near) in picture.data.iter_mut().zip(&near) {
-        pixel[3] = raised(pixel[3], *near, low).round() as u8;
-    }
-}
-
-/// Mean alpha about each pixel, 0…1: the box of `radius` pixels to each side, twice.
-fn density(picture: &Picture, radius: usize) -> Vec<f32> {
-    let (w, h) = (picture.width as usize, picture.height as usize);
-    let mut field: Vec<f32> = picture.data.iter().map(|p| f32::from(p[3]) / 255.0).collect();
-    let mut line = Vec::new();
-    let mut smooth = |field: &mut [f32], start: usize, step: usize, count: usize| {
-        line.clear();
-        line.push(0.0f64);
-        for k in 0..count {
-            line.push(line[k] + f64::from(field[start + k * step]));
-        }
-        for k in 0..count {
-            let (a, b) = (k.saturating_sub(radius), (k + radius + 1).min(count));
-            field[start + k * step] = ((line[b] - line[a]) / (b - a) as f64) as f32;
-        }
-    };
-    for _ in 0..2 {
-        (0..h).for_each(|y| smooth(&mut field, y * w, 1, w));
-        (0..w).for_each(|x| smooth(&mut field, x, w, h));
-    }
-    field
 }
 
 #[cfg(test)]

@@ -11,9 +11,9 @@ use glam::Vec2;
 use rayon::prelude::*;
 
 use super::atlas::{Atlas, BANDS, Cell};
-use super::canvas::{Canvas, Leaf, Stroke, keep_cover};
+use super::canvas::{Canvas, Leaf, Stroke};
 use super::outline::Outline;
-use crate::raster::{Picture, pad_transparent};
+use crate::raster::{Picture, keep_cover, pad_transparent};
 use crate::seed::{Draws, Seed};
 use crate::species::model::{Bark, Foliage, LEAST_KEPT, LeafShape};
 use crate::species::{Species, own};
@@ -33,6 +33,8 @@ const PAINT_LIMIT: usize = 60_000;
 
 /// Alpha from which on a leaf is seen.
 pub const CUTOFF: f32 = 0.5;
+/// The most that smaller versions show, in parts of what the picture does.
+const MOST_COVER: f32 = 1.25;
 /// Sideways bend of a leaf's tip at most, share of its length.
 const MOST_BENT: f32 = 0.14;
 /// Shift of a leaf's halves against each other at most, share of its length.
@@ -185,7 +187,7 @@ pub fn own(picture: &Picture, size_m: f32) -> (Picture, Atlas) {
 /// Colour under what is transparent, and alpha that smaller versions of the picture need.
 fn finish(picture: &mut Picture) {
     pad_transparent(picture);
-    keep_cover(picture, CUTOFF);
+    keep_cover(picture, CUTOFF, MOST_COVER);
 }
 
 /// The square cell with the corner `min` and the side `span` of the picture's, from its pixels, row
