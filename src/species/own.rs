@@ -2,8 +2,8 @@
 //! or a picture of a twig alone. Read once, when the rule file is; what leaves here is sound.
 //!
 //! The library that reads OBJ stops at a fault without saying where and trusts some numbers, so
-//! every line is looked at first. Limits: one picture a model (`map_Kd`); models of several plain
-//! colours get a picture of swatches; polygons are cut into fans.
+//! every line is looked at first. Several pictures (`map_Kd`) and plain colours are laid side by side
+//! in one; then no texture coordinate may leave its picture. Polygons are cut into fans.
 
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use glam::{Vec2, Vec3};
 
 use crate::diagnostic::{Error, Result};
-use crate::raster::Picture;
+use crate::raster::{Picture, pad_transparent};
 
 /// Bytes of a model or of its material file, and of a picture.
 const MAX_TEXT_BYTES: u64 = 32 << 20;
@@ -20,8 +20,14 @@ const MAX_PICTURE_BYTES: u64 = 64 << 20;
 const MAX_SIDE_PX: u32 = 4096;
 const MAX_TRIANGLES: usize = 200_000;
 const MAX_MATERIALS: usize = 256;
-/// Side of a swatch of plain colour, pixels.
+/// Side of a swatch of plain colour, and pixels between pictures that are laid side by side.
 const SWATCH_PX: u32 = 8;
+const GUTTER_PX: u32 = 8;
+/// Longest side of pictures laid side by side, and how far off a picture a coordinate may be.
+const MAX_SHEET_PX: u32 = 8192;
+const OFF: f32 = 1e-3;
+/// The texture coordinate of corners that have none, where others do.
+const NO_UV: f32 = 2e30;
 
 /// A model to be set where twigs stand: y from 0 to 1 along the twig, z to the light, the origin
 /// where it joins its shoot.
@@ -43,16 +49,17 @@ pub struct Model {
 ///
 /// # Errors
 /// A file that can't be read or is no OBJ; a line with a fault; nothing to draw; more than the
-/// limits; several pictures.
+/// limits; a picture without texture coordinates, or one of several that they leave.
 pub fn model(path: &Path) -> Result<Model> {
     let text = read_text(path, "give the path of an OBJ file")?;
-    let count = vet_obj(path, &text)?;
-    if count == 0 {
+    let faces = vet_obj(path, &text)?;
+    if faces.triangles == 0 {
         return Err(Error::new("it has no faces")
             .in_file(path)
             .remedy("export a mesh, as triangles"));
     }
     let materials = materials(path, &text)?;
+    let text = if faces.is_mixed { alike(&text) } else { text };
     let options = tobj::LoadOptions {
         single_index: true,
         triangulate: true,
@@ -72,38 +79,38 @@ const REMEDY: &str = "export the model again, with normals and texture coordinat
 fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -> Result<Model> {
     let fail = |what: String, remedy: &str| Err(Error::new(what).in_file(path).remedy(remedy));
     let used = |id: usize| meshes.iter().any(|m| m.mesh.material_id == Some(id));
-    let mut pictures: Vec<&str> = (0..materials.len())
+    let mut names: Vec<&str> = (0..materials.len())
         .filter(|&id| used(id))
         .filter_map(|id| materials[id].diffuse_texture.as_deref())
         .collect();
-    pictures.sort_unstable();
-    pictures.dedup();
-    let is_plain = |m: &tobj::Model| {
-        m.mesh.material_id.and_then(|id| materials[id].diffuse_texture.as_ref()).is_none()
+    names.sort_unstable();
+    names.dedup();
+    let pictures: Vec<Picture> =
+        names.iter().map(|name| picture_beside(path, name)).collect::<Result<_>>()?;
+    let shows = |m: &tobj::Mesh| {
+        let name = m.material_id.and_then(|id| materials[id].diffuse_texture.as_deref())?;
+        names.binary_search(&name).ok()
     };
-    let picture = match pictures[..] {
-        [] => swatches(materials),
-        [name] if !meshes.iter().any(is_plain) => picture_beside(path, name)?,
-        [name] => {
-            return fail(
-                format!("some of its materials have the picture {name}, others a plain colour"),
-                "give every material the same picture (map_Kd)",
-            );
-        }
-        [a, b, ..] => {
-            return fail(
-                format!("it has several pictures: {a}, {b}"),
-                "bake them into one picture (map_Kd)",
-            );
-        }
-    };
+    let is_whole = names.len() == 1 && meshes.iter().all(|m| shows(&m.mesh).is_some());
+    let sheet = if is_whole { None } else { Some(Sheet::new(&pictures, materials)) };
+    if let Some(Sheet { picture, .. }) = &sheet
+        && picture.width.max(picture.height) > MAX_SHEET_PX
+    {
+        return fail(
+            format!(
+                "its pictures side by side have {} by {} pixels, more than {MAX_SHEET_PX} along a side",
+                picture.width, picture.height
+            ),
+            "bake them into one picture (map_Kd), or give smaller ones",
+        );
+    }
     let mut model = Model {
         name: path.to_path_buf(),
         position: Vec::new(),
         normal: Vec::new(),
         uv: Vec::new(),
         index: Vec::new(),
-        picture,
+        picture: Picture::filled(0, 0, [0; 4]),
     };
     for tobj::Model { mesh, .. } in meshes {
         let first = model.position.len() as u32;
@@ -114,20 +121,38 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
             model.normal.extend_from_slice(mesh.normals.as_chunks().0);
         }
         model.normal.resize(first as usize + n, [0.0; 3]);
-        if pictures.is_empty() {
-            // The middle of the material's swatch.
-            let id = mesh.material_id.map_or(0, |id| id + 1);
-            let s = (id as f32 + 0.5) / (materials.len() + 1) as f32;
-            model.uv.resize(first as usize + n, [s, 0.5]);
-        } else if mesh.texcoords.len() == 2 * n {
-            model.uv.extend_from_slice(mesh.texcoords.as_chunks().0);
-        } else {
+        let Some(shown) = shows(mesh) else {
+            let middle = sheet.as_ref().map_or(Vec2::ZERO, |s| s.colour(mesh.material_id));
+            model.uv.resize(first as usize + n, middle.to_array());
+            continue;
+        };
+        let uv = mesh.texcoords.as_chunks().0;
+        if uv.len() != n || uv.iter().any(|uv: &[f32; 2]| uv[0] >= NO_UV) {
             return fail(
                 "its faces have a picture and no texture coordinates".into(),
                 "unwrap the model, and export it with texture coordinates",
             );
         }
+        let Some(sheet) = &sheet else {
+            model.uv.extend_from_slice(uv);
+            continue;
+        };
+        let is_off = |x: &f32| !(-OFF..=1.0 + OFF).contains(x);
+        if let Some([u, v]) = uv.iter().find(|uv| uv.iter().any(is_off)) {
+            return fail(
+                format!(
+                    "the texture coordinate {u}, {v} leaves the picture {}, which is not its only colour",
+                    names[shown]
+                ),
+                "lay all of them within 0 to 1, or bake its colours into one picture (map_Kd)",
+            );
+        }
+        model.uv.extend(uv.iter().map(|uv| sheet.place(shown, (*uv).into()).to_array()));
     }
+    model.picture = match sheet {
+        Some(sheet) => sheet.picture,
+        None => pictures.into_iter().next().unwrap_or(model.picture),
+    };
     settle(path, model)
 }
 
@@ -169,31 +194,133 @@ fn settle(path: &Path, mut model: Model) -> Result<Model> {
     Ok(model)
 }
 
-/// One square of colour a material, the first for faces without any.
-fn swatches(materials: &[tobj::Material]) -> Picture {
-    let mut picture =
-        Picture::filled(SWATCH_PX * (materials.len() as u32 + 1), SWATCH_PX, [120, 140, 80, 255]);
-    for (k, material) in materials.iter().enumerate() {
-        // Linear light, as most programs write it.
-        let [r, g, b] = material.diffuse.unwrap_or([0.2, 0.26, 0.08]).map(|c| {
-            let c = c.clamp(0.0, 1.0);
-            let s = if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 };
-            (s * 255.0).round() as u8
-        });
-        for y in 0..SWATCH_PX {
-            for x in 0..SWATCH_PX {
-                picture.set((k as u32 + 1) * SWATCH_PX + x, y, [r, g, b, 255]);
-            }
-        }
-    }
-    picture
+/// Pictures side by side, and after them a square of colour for each material, the first for faces
+/// without any.
+struct Sheet {
+    picture: Picture,
+    /// Of each picture: its left edge and its size, pixels; all begin at the top.
+    at: Vec<(u32, [u32; 2])>,
+    /// Squares in a column, and the left edge of the first.
+    rows: u32,
+    left: u32,
 }
 
-/// Looks at every line of an OBJ file: numbers finite, faces of corners that exist and all of one
-/// kind. Gives the number of triangles.
-fn vet_obj(path: &Path, text: &str) -> Result<usize> {
-    let (mut counts, mut triangles) = ([0usize; 3], 0usize);
-    let mut kind: Option<(usize, [bool; 3])> = None;
+impl Sheet {
+    fn new(pictures: &[Picture], materials: &[tobj::Material]) -> Sheet {
+        let count = materials.len() as u32 + 1;
+        let tallest = pictures.iter().map(|p| p.height).fold(SWATCH_PX, u32::max);
+        let rows = (tallest / SWATCH_PX).clamp(1, count);
+        let mut at = Vec::new();
+        let mut left = 0;
+        for p in pictures {
+            at.push((left, [p.width, p.height]));
+            left += p.width + GUTTER_PX;
+        }
+        let width = left + count.div_ceil(rows) * SWATCH_PX;
+        let mut sheet = Sheet { picture: Picture::filled(0, 0, [0; 4]), at, rows, left };
+        if width.max(tallest) > MAX_SHEET_PX {
+            (sheet.picture.width, sheet.picture.height) = (width, tallest);
+            return sheet;
+        }
+        sheet.picture = Picture::filled(width, tallest, [0; 4]);
+        for (p, &(left, _)) in pictures.iter().zip(&sheet.at) {
+            for (x, y) in (0..p.height).flat_map(|y| (0..p.width).map(move |x| (x, y))) {
+                sheet.picture.set(left + x, y, p.at(x, y));
+            }
+        }
+        let colours = materials.iter().map(|m| m.diffuse.map_or(PLAIN, srgb));
+        for (k, [r, g, b]) in (0..).zip(std::iter::once(PLAIN).chain(colours)) {
+            let (x, y) = sheet.square(k);
+            for (i, j) in (0..SWATCH_PX).flat_map(|j| (0..SWATCH_PX).map(move |i| (i, j))) {
+                sheet.picture.set(x + i, y + j, [r, g, b, 255]);
+            }
+        }
+        pad_transparent(&mut sheet.picture);
+        // What lies between makes nothing transparent that is not.
+        if pictures.iter().flat_map(|p| &p.data).all(|p| p[3] == 255) {
+            sheet.picture.data.iter_mut().for_each(|p| p[3] = 255);
+        }
+        sheet
+    }
+
+    /// Left and upper edge of a square.
+    fn square(&self, k: u32) -> (u32, u32) {
+        (self.left + k / self.rows * SWATCH_PX, k % self.rows * SWATCH_PX)
+    }
+
+    /// Texture coordinate of a material's colour.
+    fn colour(&self, material: Option<usize>) -> Vec2 {
+        let (x, y) = self.square(material.map_or(0, |id| id as u32 + 1));
+        let middle = Vec2::new(x as f32, y as f32) + 0.5 * SWATCH_PX as f32;
+        self.coordinate(middle)
+    }
+
+    /// Texture coordinate of a picture's own.
+    fn place(&self, picture: usize, uv: Vec2) -> Vec2 {
+        let (left, [w, h]) = self.at[picture];
+        let size = Vec2::new(w as f32, h as f32);
+        // Half a pixel from the edge, past which another picture may be.
+        let at = (Vec2::new(uv.x, 1.0 - uv.y) * size).clamp(Vec2::splat(0.5), size - 0.5);
+        self.coordinate(Vec2::new(left as f32, 0.0) + at)
+    }
+
+    /// `at`: pixels from the left and from the top.
+    fn coordinate(&self, at: Vec2) -> Vec2 {
+        let part = at / Vec2::new(self.picture.width as f32, self.picture.height as f32);
+        Vec2::new(part.x, 1.0 - part.y)
+    }
+}
+
+/// The colour of faces without any.
+const PLAIN: [u8; 3] = [120, 140, 80];
+
+/// Of linear light, as most programs write it.
+fn srgb(linear: [f32; 3]) -> [u8; 3] {
+    linear.map(|c| {
+        let c = c.clamp(0.0, 1.0);
+        let s = if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 };
+        (s * 255.0).round() as u8
+    })
+}
+
+/// What is known of a model's faces.
+#[derive(Debug, Default)]
+struct Faces {
+    triangles: usize,
+    /// Some corners have parts that others lack.
+    is_mixed: bool,
+}
+
+/// A vetted model whose corners all have a texture coordinate and a normal: those that lack one get
+/// [`NO_UV`], or a normal of no length.
+fn alike(text: &str) -> String {
+    let mut out = format!("vt {NO_UV} {NO_UV}\nvn 0 0 0\n");
+    for line in text.lines() {
+        let mut words = line.split_whitespace();
+        if words.next() != Some("f") {
+            out.extend([line, "\n"]);
+            continue;
+        }
+        out.push('f');
+        for word in words {
+            let mut parts = word.split('/');
+            let vertex = parts.next().unwrap_or_default();
+            // The first of each is ours; from the end they count as they did.
+            let [uv, normal] = [(); 2].map(|()| {
+                let number = parts.next().and_then(|part| part.parse::<i64>().ok());
+                number.map_or(1, |n| if n > 0 { n + 1 } else { n })
+            });
+            out.push_str(&format!(" {vertex}/{uv}/{normal}"));
+        }
+        out.push('\n');
+    }
+    out
+}
+
+/// Looks at every line of an OBJ file: numbers finite, faces of corners that exist.
+fn vet_obj(path: &Path, text: &str) -> Result<Faces> {
+    let (mut counts, mut faces) = ([0usize; 3], Faces::default());
+    let mut kind: Option<[bool; 3]> = None;
     for (k, line) in text.lines().enumerate() {
         let fail = |what: String, remedy: &str| {
             Err(Error::new(what).in_file(format!("{}:{}", path.display(), k + 1)).remedy(remedy))
@@ -209,22 +336,14 @@ fn vet_obj(path: &Path, text: &str) -> Result<usize> {
                     corners += 1;
                     match corner(word, counts) {
                         Err(what) => return fail(what, "export the model again"),
-                        Ok(own) => {
-                            let (line, first) = *kind.get_or_insert((k + 1, own));
-                            if first != own {
-                                let what = format!(
-                                    "the corner `{word}` has other parts than those of line {line}"
-                                );
-                                return fail(what, "give every corner the same: v/vt/vn");
-                            }
-                        }
+                        Ok(own) => faces.is_mixed |= *kind.get_or_insert(own) != own,
                     }
                 }
                 if corners < 3 {
                     return fail(format!("a face of {corners} corners"), "give it three or more");
                 }
-                triangles += corners - 2;
-                if triangles > MAX_TRIANGLES {
+                faces.triangles += corners - 2;
+                if faces.triangles > MAX_TRIANGLES {
                     let what = format!("more than {MAX_TRIANGLES} triangles");
                     return fail(what, "a twig is set thousands of times: give it fewer");
                 }
@@ -243,7 +362,7 @@ fn vet_obj(path: &Path, text: &str) -> Result<usize> {
             None => return fail("not a list of ordinary numbers".into(), "export the model again"),
         }
     }
-    Ok(triangles)
+    Ok(faces)
 }
 
 /// Which of position, texture coordinate and normal a face's corner has; what is wrong with it.

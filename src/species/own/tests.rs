@@ -120,8 +120,8 @@ fn faults_are_told_with_file_line_and_remedy() {
             "`model`: twig.obj:13: vertex 9 of 4 in `9/4/1`; export the model again",
         ),
         (
-            spoilt("4/4/1\n", "4/4\n"),
-            "`model`: twig.obj:13: the corner `4/4` has other parts than those of line 13; give every corner the same: v/vt/vn",
+            spoilt("4/4/1\n", "4//1\n"),
+            "`model`: twig.obj: its faces have a picture and no texture coordinates; unwrap",
         ),
         (
             spoilt("f 1/1/1 2/2/1 3/3/1 4/4/1", "f 1/1/1 2/2/1"),
@@ -165,13 +165,42 @@ fn faults_are_told_with_file_line_and_remedy() {
     assert_eq!(error.message(), "`model` names a file");
 }
 
+/// The pixel that a corner shows.
+fn shown(model: &Model, corner: usize) -> [u8; 4] {
+    let [u, v] = model.uv[model.index[corner] as usize];
+    let side = |x: f32, side: u32| ((x * side as f32) as u32).min(side - 1);
+    let (w, h) = (model.picture.width, model.picture.height);
+    model.picture.at(side(u, w), side(1.0 - v, h))
+}
+
 #[test]
-fn several_pictures_are_too_many() {
-    let obj = format!("{TWIG}usemtl other\nf 1/1/1 2/2/1 3/3/1\n");
-    let two = format!("{MATERIAL}newmtl other\nmap_Kd opaque.png\n");
-    assert!(refused(RULE, &obj, &two).contains("several pictures: leaf.png, opaque.png"));
+fn pictures_and_plain_colours_are_laid_side_by_side() {
+    // A stalk in a plain colour without texture coordinates, as Blender writes it, and another leaf.
+    let obj = format!("{TWIG}usemtl stalk\nf 1//1 2//1 3//1\nusemtl other\nf -4/-4 -3/-3 -2/-2\n");
+    let mtl = format!("{MATERIAL}newmtl stalk\nKd 1 0 0\nnewmtl other\nmap_Kd opaque.png\n");
+    let folder = folder(RULE, &obj, &mtl);
+    // Its lower right corner.
+    let mut opaque = Picture::filled(4, 4, [30, 90, 20, 255]);
+    opaque.set(3, 3, [1, 2, 3, 255]);
+    std::fs::write(folder.path().join("opaque.png"), opaque.to_png().unwrap()).unwrap();
+    let model = load(&rule(&folder)).unwrap().own_model.unwrap();
+    assert_eq!(model.index.len(), 12);
+    // The hole of the first picture is at its upper left, that of the second at its lower right.
+    assert_eq!(shown(&model, 5)[3], 0);
+    assert_eq!(shown(&model, 0), [30, 90, 20, 255]);
+    assert!((6..9).all(|k| shown(&model, k) == [255, 0, 0, 255]));
+    assert_eq!(shown(&model, 10), [1, 2, 3, 255]);
+    assert!(model.normal.iter().all(|n| *n == [0.0, 0.0, 1.0]));
+}
+
+#[test]
+fn what_leaves_one_picture_of_several_is_refused() {
+    let obj = format!("{TWIG}usemtl other\nf 1//1 2//1 3//1\n").replace("vt 1 1", "vt 1 2.5");
     let plain = format!("{MATERIAL}newmtl other\nKd 1 0 0\n");
-    assert!(refused(RULE, &obj, &plain).contains("others a plain colour"));
+    assert!(refused(RULE, &obj, &plain).contains("1, 2.5 leaves the picture leaf.png"));
+    // Of one alone it may: it repeats.
+    let alone = folder(RULE, &TWIG.replace("vt 1 1", "vt 1 2.5"), MATERIAL);
+    assert!(load(&rule(&alone)).is_ok());
 }
 
 #[test]
