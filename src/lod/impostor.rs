@@ -63,14 +63,14 @@ const BLOCK: usize = 5;
 const BRIGHTER: f32 = 2.0;
 /// How far a crown's edge faces away from the square view, and how fast that grows from the stem:
 /// as `(distance / half width)^SOON`.
-const EDGE_RAD: f32 = 1.1;
+const EDGE_RAD: f32 = 0.9;
 const SOON: f32 = 0.4;
 /// How far up a crown faces at its foot and its top, over how far it faces outwards.
 const UPWARDS: (f32, f32) = (0.5, 1.1);
 /// Part of the rows over which a crown's half width is taken.
 const ABOUT: f32 = 0.04;
 /// How much of the mesh's own normals are seen in a round crown's.
-const RELIEF: f32 = 0.8;
+const RELIEF: f32 = 1.5;
 /// Half the distance between both sides of a cross's sheet, metres.
 const APART_M: f32 = 1e-3;
 /// Texels between two views of a cross.

@@ -20,7 +20,7 @@ const SAMPLES: f32 = 256.0;
 const APART: f32 = 1.5;
 /// How much of a leaf's light is that of leaves that face all ways; light that comes through a leaf from behind, and that
 /// others throw into the shade.
-const ANY_WAY: f32 = 0.25;
+const ANY_WAY: f32 = 0.1;
 const THROUGH: f32 = 0.25;
 const BOUNCE: f32 = 0.2;
 const TURN: f32 = 2.399_963_2;
