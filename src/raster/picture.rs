@@ -77,12 +77,9 @@ impl Picture {
 
     /// Width and height that PNG or JPEG bytes announce; nothing is decoded.
     pub fn size_of(bytes: &[u8]) -> Result<(u32, u32)> {
-        let fail = |e: String| {
-            Error::new(format!("not a readable picture: {e}")).remedy("give a PNG or JPEG file")
-        };
         let reader = image::ImageReader::new(std::io::Cursor::new(bytes));
-        let reader = reader.with_guessed_format().map_err(|e| fail(e.to_string()))?;
-        reader.into_dimensions().map_err(|e| fail(e.to_string()))
+        let reader = reader.with_guessed_format().map_err(|e| refused(bytes, &e.into()))?;
+        reader.into_dimensions().map_err(|e| refused(bytes, &e))
     }
 
     /// Decodes PNG or JPEG bytes.
@@ -95,11 +92,30 @@ impl Picture {
 
 fn decoded(bytes: &[u8]) -> Result<image::DynamicImage> {
     if is_cut_short(bytes) {
-        return Err(Error::new("the picture is cut short").remedy("give the whole file"));
+        return Err(Error::new("not a sound JPEG: it is cut short").remedy("give the whole file"));
     }
-    image::load_from_memory(bytes).map_err(|e| {
-        Error::new(format!("not a readable picture: {e}")).remedy("give a PNG or JPEG file")
-    })
+    image::load_from_memory(bytes).map_err(|e| refused(bytes, &e))
+}
+
+/// What is wrong with bytes that do not decode, without the decoder's own words.
+fn refused(bytes: &[u8], why: &image::ImageError) -> Error {
+    use image::{ImageError, ImageFormat};
+    let kind = match image::guess_format(bytes) {
+        Ok(ImageFormat::Png) => "PNG",
+        Ok(ImageFormat::Jpeg) => "JPEG",
+        _ => {
+            return Error::new("not a readable picture: neither PNG nor JPEG")
+                .remedy("give a PNG or JPEG file");
+        }
+    };
+    match why {
+        ImageError::Limits(_) => Error::new(format!("a {kind} too large to be read"))
+            .remedy("save it again with fewer pixels"),
+        ImageError::Unsupported(_) => Error::new(format!("a {kind} of a kind that is not read"))
+            .remedy(format!("save it again as an ordinary {kind} of 8 bits, RGB")),
+        _ => Error::new(format!("not a sound {kind}: it is damaged or cut short"))
+            .remedy("open it in an image editor and save it again as PNG or JPEG"),
+    }
 }
 
 /// Whether a JPEG ends before its marker of the end: decoders fill the rest with grey. A preview in its
@@ -147,8 +163,32 @@ mod tests {
         assert!(Picture::from_bytes(&whole).is_ok());
         for cut in [2, whole.len() / 4] {
             let told = Picture::from_bytes(&whole[..whole.len() - cut]).unwrap_err();
-            assert_eq!(told.message(), "the picture is cut short");
+            assert_eq!(told.message(), "not a sound JPEG: it is cut short");
         }
+    }
+
+    #[test]
+    fn what_is_broken_is_told_in_plain_words() {
+        let whole = Picture::filled(64, 64, [1, 2, 3, 255]).to_png().unwrap();
+        // The name of the second chunk spoilt, its check sum, the end missing.
+        let at = whole.windows(4).position(|name| name == b"IDAT").unwrap();
+        let mut spoilt = whole.clone();
+        spoilt[at..at + 4].copy_from_slice(b"bage");
+        let mut flipped = whole.clone();
+        flipped[at + 6] ^= 0xff;
+        let cut = whole[..whole.len() / 2].to_vec();
+        let mut head = whole.clone();
+        head[12..16].copy_from_slice(b"bage");
+        for bytes in [spoilt, flipped, cut, head.clone(), whole[..20].to_vec()] {
+            let told = Picture::from_bytes(&bytes).unwrap_err();
+            assert_eq!(told.message(), "not a sound PNG: it is damaged or cut short");
+            assert!(told.remedy_text().unwrap().contains("save it again"));
+        }
+        assert!(Picture::size_of(&head).unwrap_err().message().starts_with("not a sound PNG"));
+        let jpeg = Picture::from_bytes(b"\xff\xd8\xff\xe0 and no more").unwrap_err();
+        assert!(jpeg.message().starts_with("not a sound JPEG"), "{jpeg}");
+        let text = Picture::from_bytes(b"a text").unwrap_err();
+        assert_eq!(text.message(), "not a readable picture: neither PNG nor JPEG");
     }
 
     #[test]

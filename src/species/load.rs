@@ -186,9 +186,14 @@ pub(super) fn merged(name_or_path: &str) -> Result<Node> {
     }
 }
 
-/// The file over what it extends, nearest first, over the defaults.
+/// The file over what it extends, nearest first, over the defaults; a picture of bark over what was
+/// drawn below it.
 fn lay(chain: Vec<Node>, defaults: Node) -> Node {
-    chain.into_iter().rev().fold(defaults, |base, node| node.over(base))
+    let mut merged = chain.into_iter().rev().fold(defaults, |base, node| node.over(base));
+    if let Some(bark) = merged.get_mut("bark") {
+        own_bark::cover(bark);
+    }
+    merged
 }
 
 fn unknown(name: &str) -> String {

@@ -398,8 +398,9 @@ pub struct Bark {
     pub relief_m: f32,
     /// Share of the bark that has fallen off, so that grey wood shows.
     pub lost: f32,
-    /// A picture of your own for the bark of the stem, PNG or JPEG, beside this file; it should
-    /// tile, and show 1 m in width and in height.
+    /// A picture of your own for the bark, PNG or JPEG, beside this file; it should tile, and show
+    /// 1 m in width and in height. It covers stem and branches alike, unless this file names an
+    /// upper bark.
     #[serde(default)]
     #[schemars(extend("examples" = ["bark.png"]))]
     pub picture: Option<String>,

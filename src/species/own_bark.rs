@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::model::OwnBark;
-use super::node::{Node, Sources};
+use super::node::{Node, Sources, Value};
 use crate::diagnostic::{Error, Warned};
 use crate::raster::Picture;
 
@@ -12,6 +12,24 @@ use crate::raster::Picture;
 const MAX_BYTES: u64 = 64 << 20;
 /// Pixels along a side of one.
 const SIDES: std::ops::RangeInclusive<u32> = 16..=8192;
+
+/// Keys of the bark towards the top and on branches.
+const UPPER: [&str; 3] = ["upper", "upper_style", "upper_from"];
+
+/// A picture covers stem and branches: a drawn upper bark from below it goes. One that the same
+/// file names, or one that extends it, stays.
+pub fn cover(bark: &mut Node) {
+    let Some(file) = bark.get("picture").map(|n| n.place.source) else { return };
+    // Sources are counted from the nearest; defaults come last.
+    let is_meant = |key: &&str| bark.get(key).is_some_and(|n| n.place.source <= file);
+    if UPPER.iter().any(|key| is_meant(&key)) {
+        return;
+    }
+    if let Value::Table(entries) = &mut bark.value {
+        // `upper_from` has a default, and says nothing alone.
+        entries.retain(|e| !["upper", "upper_style"].contains(&e.key.as_str()));
+    }
+}
 
 /// The pictures that `[bark]` names; `None` where it names none or one is wrong.
 pub fn read(bark: &Node, sources: &Sources, errors: &mut Vec<Error>) -> Option<Warned<OwnBark>> {
@@ -80,13 +98,18 @@ fn picture(path: &Path) -> std::result::Result<Picture, (String, String)> {
     match Picture::size_of(&bytes) {
         Ok((w, h)) if SIDES.contains(&w) && SIDES.contains(&h) => {}
         Ok((w, h)) => return Err(wrong_size(w, h)),
-        Err(e) => return Err((format!("{shown} is {}", e.message()), "give a PNG or JPEG".into())),
+        Err(e) => return Err(refused(path, &e)),
     }
-    let mut picture = Picture::from_bytes(&bytes)
-        .map_err(|e| (format!("{shown} is {}", e.message()), "save it anew".to_owned()))?;
+    let mut picture = Picture::from_bytes(&bytes).map_err(|e| refused(path, &e))?;
     // Bark is opaque.
     picture.data.iter_mut().for_each(|p| p[3] = 255);
     Ok(picture)
+}
+
+/// The file with what its decoder refused it for.
+fn refused(path: &Path, e: &Error) -> (String, String) {
+    let remedy = e.remedy_text().unwrap_or("save it again as PNG or JPEG");
+    (format!("{} is {}", path.display(), e.message()), remedy.to_owned())
 }
 
 /// Sizes that work, and may work better otherwise.
@@ -137,6 +160,53 @@ mod tests {
     }
 
     #[test]
+    fn a_picture_covers_stem_and_branches() {
+        let folder = tempfile::tempdir().unwrap();
+        save(folder.path().join("bark.png"), [64, 64], [90, 80, 70, 255]);
+        let of = |name: &str, base: &str, bark: &str| {
+            let path = folder.path().join(name);
+            let text = format!("extends = '{base}'\n[bark]\n{bark}");
+            std::fs::write(&path, text).unwrap();
+            load(&path.to_string_lossy()).unwrap()
+        };
+        let birch = load("betula_pendula").unwrap().bark;
+        assert!(birch.upper.is_some() && birch.twig.is_some());
+
+        let own = of("own.toml", "betula_pendula", "picture = 'bark.png'");
+        assert_eq!((own.bark.upper, own.bark.upper_style), (None, None));
+        assert_eq!(own.bark.twig, birch.twig);
+        let drawn = crate::texture::for_species(&own, 64, crate::seed::Seed::new(1));
+        assert!(drawn.bark_upper.is_none() && drawn.bark_twig.is_some());
+
+        // Whoever names an upper bark beside the picture, or over it, wants it.
+        for upper in ["upper = [9, 8, 7]", "upper_style = 'scales'", "upper_from = [0.4, 0.5]"] {
+            let bark = format!("picture = 'bark.png'\n{upper}");
+            let kept = of("kept.toml", "betula_pendula", &bark).bark;
+            assert!(kept.upper.is_some() && kept.upper_style.is_some(), "{upper}");
+        }
+        let over = of("over.toml", "own.toml", "upper = [9, 8, 7]").bark;
+        assert_eq!(over.upper, Some([9, 8, 7]));
+        let under = of("under.toml", "own.toml", "relief_m = 0.01").bark;
+        assert_eq!(under.upper, None);
+        let again = of("again.toml", "over.toml", "picture = 'bark.png'").bark;
+        assert_eq!(again.upper, None);
+    }
+
+    /// A rule file begun from one with a picture holds every key, and is the same tree.
+    #[test]
+    fn a_template_of_a_picture_has_no_upper_bark_either() {
+        let folder = tempfile::tempdir().unwrap();
+        save(folder.path().join("bark.png"), [64, 64], [90, 80, 70, 255]);
+        let base = folder.path().join("base.toml");
+        std::fs::write(&base, "extends = 'betula_pendula'\n[bark]\npicture = 'bark.png'").unwrap();
+        let text = crate::species::template("begun", &base.to_string_lossy()).unwrap();
+        let begun = folder.path().join("begun.toml");
+        std::fs::write(&begun, text).unwrap();
+        let bark = load(&begun.to_string_lossy()).unwrap().bark;
+        assert_eq!(bark, load(&base.to_string_lossy()).unwrap().bark);
+    }
+
+    #[test]
     fn what_is_wrong_is_told_at_its_key() {
         let folder = tempfile::tempdir().unwrap();
         save(folder.path().join("ok.png"), [64, 64], [9; 4]);
@@ -149,7 +219,8 @@ mod tests {
             ("picture = 'gone.png'", "`picture`: no picture"),
             ("picture = '.'", "is no file"),
             ("picture = 'text.png'", "not a readable picture"),
-            ("picture = 'cut.png'", "not a readable picture"),
+            ("picture = 'cut.png'", "cut.png is not a sound PNG: it is damaged or cut short"),
+            ("picture = 'cut.png'", "save it again as PNG or JPEG"),
             ("picture = 'tiny.png'", "4 × 4 pixels"),
             ("picture = 'ok.png'\nnormal = 'gone.png'", "`normal`: no picture"),
             ("normal = 'ok.png'", "`normal` goes with a `picture`"),

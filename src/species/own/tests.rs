@@ -20,6 +20,7 @@ fn folder(rule: &str, obj: &str, mtl: &str) -> tempfile::TempDir {
     picture.set(0, 0, [0; 4]);
     write("leaf.png", &picture.to_png().unwrap());
     write("opaque.png", &Picture::filled(4, 4, [30, 90, 20, 255]).to_png().unwrap());
+    write("broken.png", &picture.to_png().unwrap()[..40]);
     write("empty.png", &Picture::filled(4, 4, [30, 90, 20, 0]).to_png().unwrap());
     folder
 }
@@ -153,6 +154,11 @@ fn faults_are_told_with_file_line_and_remedy() {
         (
             refused(&RULE.replace("model = 'twig.obj'", "picture = 'empty.png'"), TWIG, MATERIAL),
             "nothing in it is opaque",
+        ),
+        (
+            refused(&RULE.replace("model = 'twig.obj'", "picture = 'broken.png'"), TWIG, MATERIAL),
+            "`picture`: broken.png: not a sound PNG: it is damaged or cut short; open it in an \
+             image editor and save it again",
         ),
     ];
     for (said, wanted) in cases {
