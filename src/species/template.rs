@@ -93,17 +93,26 @@ pub fn template(name: &str, base: &str) -> Result<String> {
 fn check_name(name: &str) -> Result<()> {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     let wrong = |message: String, remedy: &str| Err(Error::new(message).remedy(remedy));
-    if let Some(stem) = name.strip_suffix(".toml") {
-        return wrong(
-            format!("`{name}` is a file, not a name"),
-            &format!("give the name `{stem}`; -o says where the file goes"),
-        );
-    }
     if builtin::text(name).is_some() {
         return wrong(
             format!("`{name}` is a built-in species"),
             &format!("choose another name; `--from {name}` begins with its values"),
         );
+    }
+    let file = name.rsplit(['/', '\\']).next().unwrap_or(name);
+    let stem = file.strip_suffix(".toml").unwrap_or(file);
+    if file != name || stem != file {
+        let path = if name.ends_with(".toml") { name.to_owned() } else { format!("{name}.toml") };
+        // What is called like a built-in species, or not like a species at all, needs another name.
+        let remedy = match check_name(stem) {
+            Ok(()) if file == name => format!("give the name `{stem}`; the file is then `{path}`"),
+            Ok(()) => format!("give the name alone, and the file with -o: `{stem} -o {path}`"),
+            Err(_) => {
+                "give a name alone, such as `betula_nana`; -o says where the file goes".into()
+            }
+        };
+        let what = if stem == file { "a path" } else { "a file" };
+        return wrong(format!("`{name}` is {what}, not a name"), &remedy);
     }
     if !name.starts_with(|c: char| c.is_ascii_alphanumeric())
         || !name.chars().all(is_plain)
@@ -334,6 +343,17 @@ mod tests {
         {
             let error = template(name, BASE).unwrap_err();
             assert!(error.remedy_text().is_some(), "{name}");
+        }
+        for (name, says) in [
+            ("/abs/path/x.toml", "`x -o /abs/path/x.toml`"),
+            ("a/b", "`b -o a/b.toml`"),
+            (r"C:\trees\x.toml", r"`x -o C:\trees\x.toml`"),
+            ("x.toml", "give the name `x`; the file is then `x.toml`"),
+            ("here/larix_sibirica.toml", "such as `betula_nana`; -o says"),
+            ("here/", "such as `betula_nana`; -o says"),
+        ] {
+            let error = template(name, BASE).unwrap_err();
+            assert!(error.remedy_text().unwrap().contains(says), "{error:?}");
         }
         let error = template("oak", "querkus_robur").unwrap_err();
         assert!(error.remedy_text().unwrap().contains("quercus_robur"), "{error:?}");
