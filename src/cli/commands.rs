@@ -23,7 +23,7 @@ use crate::pipeline::{
 use crate::raster::{GridGeometry, cog};
 use crate::report::{self, Outcome, Recorder, Silent};
 use crate::scan;
-use crate::scene::{ColliderShape, Forms, Selection, ValidScene};
+use crate::scene::{ColliderShape, Forms, Selection, ValidScene, identifier};
 use crate::seed::Seed;
 use crate::simulate::StandOptions;
 use crate::species::assign::SpeciesBy;
@@ -137,19 +137,31 @@ pub(super) fn load_species(names: &[String]) -> Result<Vec<Species>> {
     let mut out: Vec<Species> = Vec::new();
     for name in names {
         match species::load(name) {
-            Ok(s) => match out.iter().find(|o| o.name == s.name) {
+            Ok(s) => match out.iter().find(|o| identifier(&o.name) == identifier(&s.name)) {
                 // Named twice is meant once; two files of one name can't be told apart in a scene.
                 Some(same) if same.id == s.id => {}
-                Some(same) => errors.push(
-                    Error::new(format!("`{}` and `{}` are both named {}", same.id, s.id, s.name))
-                        .remedy("give one of them a `name` of its own"),
-                ),
+                Some(same) => errors.push(of_one_name(same, &s)),
                 None => out.push(s),
             },
             Err(e) => errors.push(e),
         }
     }
     if errors.is_empty() { Ok(out) } else { Err(Error::several(errors)) }
+}
+
+/// Models, materials and pictures are called after their species, in letters that every format takes.
+fn of_one_name(one: &Species, other: &Species) -> Error {
+    let (a, b) = (&one.id, &other.id);
+    if one.name == other.name {
+        return Error::new(format!("`{a}` and `{b}` are both named {}", one.name))
+            .remedy("give one of them a `name` of its own");
+    }
+    let name = identifier(&one.name);
+    Error::new(format!(
+        "`{a}`, {}, and `{b}`, {}, are both `{name}` in a scene",
+        one.name, other.name
+    ))
+    .remedy("give one of them a `name` that differs in its letters A to Z or digits")
 }
 
 fn survey_job(scan: &ScanArgs, tree: &TreeArgs) -> Result<SurveyJob> {
@@ -867,6 +879,24 @@ mod tests {
         let e = extension(Path::new("tree.obj"), &["glb", "usda"]).unwrap_err();
         assert_eq!(e.remedy_text(), Some("end the name with .glb, .usda"));
         assert!(extension(Path::new("tree"), &["glb"]).is_err());
+    }
+
+    #[test]
+    fn species_that_a_scene_would_call_the_same_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |file: &str, name: &str| {
+            let path = folder.path().join(file);
+            let text = format!("extends = 'betula_pendula'\nname = '{name}'");
+            std::fs::write(&path, text).unwrap();
+            path.to_string_lossy().into_owned()
+        };
+        let (one, two, three) =
+            (file("a.toml", "Ель"), file("b.toml", "Дуб"), file("c.toml", "Oak"));
+        assert_eq!(load_species(&[one.clone(), three.clone(), one.clone()]).unwrap().len(), 2);
+        let told = load_species(&[one, three.clone(), two]).unwrap_err();
+        assert!(told.message().contains("are both `___` in a scene"), "{told}");
+        let told = load_species(&[three, file("d.toml", "Oak")]).unwrap_err();
+        assert!(told.message().contains("are both named Oak"), "{told}");
     }
 
     #[test]

@@ -132,6 +132,26 @@ mod tests {
     }
 
     #[test]
+    fn materials_have_names_of_their_own_with_pictures_and_without() {
+        use crate::frame::Frame;
+        use crate::pipeline::forest::add_materials;
+        use crate::scene::Scene;
+        let frame = Frame::local(glam::DVec3::ZERO);
+        for (size_px, barks) in [(0, 2), (64, 3 + 3)] {
+            let mut scene = Scene::empty("both".into(), frame.clone());
+            for name in ["betula_pendula", "pinus_sylvestris"] {
+                let species = crate::species::load(name).unwrap();
+                let textures = paint(&species, size_px, Seed::new(1), &Cache::off()).unwrap();
+                add_materials(&mut scene, &species, textures);
+            }
+            let names: Vec<_> = scene.materials.iter().map(|m| m.name.as_str()).collect();
+            let once: std::collections::BTreeSet<_> = names.iter().collect();
+            assert_eq!(once.len(), names.len(), "{names:?}");
+            assert_eq!(names.iter().filter(|n| n.contains("_bark")).count(), barks, "{names:?}");
+        }
+    }
+
+    #[test]
     fn coded_pictures_come_from_the_cache_as_they_would_be_made() {
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::in_folder(folder.path());
