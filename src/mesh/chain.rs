@@ -27,6 +27,8 @@ pub struct Chain {
     pub first: u32,
     pub axis: u32,
     pub radius_m: f32,
+    /// It, or what springs from it, reaches the tree's top.
+    is_leader: bool,
 }
 
 impl Chains {
@@ -90,10 +92,25 @@ impl Chains {
             }
             let line = from..chains.node.len();
             let axis = skeleton.axis[start as usize];
-            chains.chain.push(Chain { line, base, first: start, axis, radius_m });
+            chains.chain.push(Chain { line, base, first: start, axis, radius_m, is_leader: false });
             chains.first_branch.push(chains.branch.len() as u32);
         }
+        chains.find_leaders(skeleton);
         chains
+    }
+
+    fn find_leaders(&mut self, skeleton: &Skeleton) {
+        let height = |node: usize| skeleton.position[node].z;
+        let top = (0..skeleton.len()).max_by(|&a, &b| height(a).total_cmp(&height(b)));
+        let mut below = vec![false; skeleton.len()];
+        let mut node = top.map(|top| top as u32);
+        while let Some(i) = node {
+            below[i as usize] = true;
+            node = skeleton.parent_of(i);
+        }
+        for chain in &mut self.chain {
+            chain.is_leader = below[chain.first as usize];
+        }
     }
 
     /// Chains that spring from a chain, and the places of their bases in [`Pieces::arc_m`].
@@ -124,8 +141,14 @@ pub struct Pieces {
 
 impl Pieces {
     /// The knots of every chain without those a straight cone replaces; of none whose base is
-    /// thinner than `cut_m`.
-    pub fn simplify(&mut self, chains: &Chains, tolerance_m: f32, cut_m: f32, least: Least) {
+    /// thinner than `cut_m`, but for those that lead to the top where `keeps_top`.
+    pub fn simplify(
+        &mut self,
+        chains: &Chains,
+        tolerance_m: f32,
+        (cut_m, keeps_top): (f32, bool),
+        least: Least,
+    ) {
         self.knot.clear();
         self.span.clear();
         self.arc_m.clear();
@@ -135,7 +158,8 @@ impl Pieces {
         for (c, chain) in chains.chain.iter().enumerate() {
             let start = self.knot.len() as u32;
             // Radii never grow outward: what springs from a dropped chain is thinner still.
-            if c > 0 && chain.radius_m < cut_m {
+            let is_kept = c == 0 || keeps_top && chain.is_leader;
+            if !is_kept && chain.radius_m < cut_m {
                 self.arc_m.resize(chain.line.end, 0.0);
             } else {
                 let knots = &chains.knot[chain.line.clone()];

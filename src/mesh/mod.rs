@@ -62,6 +62,11 @@ impl Surface {
         self.index.len() / 3
     }
 
+    /// Bytes of places, normals, texture coordinates and indices.
+    pub fn bytes(&self) -> u64 {
+        32 * self.position.len() as u64 + 4 * self.index.len() as u64
+    }
+
     pub fn is_empty(&self) -> bool {
         self.index.is_empty()
     }

@@ -285,6 +285,25 @@ fn normals_of_wood_look_where_its_triangles_do() {
 }
 
 #[test]
+fn bare_trees_keep_their_height_at_any_budget() {
+    // An oak's top is not that of its stem.
+    for name in ["quercus_robur", "tilia_cordata", "corylus_avellana"] {
+        let species = species::load(name).unwrap();
+        let target = Target::FromSpecies { height_m: None };
+        let detail = Detail { max_nodes: 3333, attractor_spacing_m: None };
+        let skeleton = grow(&species, target, detail, Seed::new(2)).unwrap();
+        for budget in [300, 500, 3000] {
+            let options = MeshOptions { triangle_budget: Some(budget), ..bare(0.002) };
+            let tree =
+                build(&skeleton, &species, &Atlas::whole(0.4), &options, Seed::new(2)).unwrap();
+            assert!(tree.triangles() <= budget);
+            let high = tree.bounds().1.z / skeleton.height_m();
+            assert!(high > 0.99, "{name} of {budget}: {high}");
+        }
+    }
+}
+
+#[test]
 fn budgets_are_kept_down_to_a_stem() {
     let s = oak();
     let target = Target::FromSpecies { height_m: None };

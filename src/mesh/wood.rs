@@ -124,8 +124,7 @@ impl Planner<'_> {
     /// from their straight pieces; each attempt tells how far off such guesses are.
     fn fit(&self, budget: usize, work: &mut Work, bark: &mut Bark) -> Count {
         let mut guesses = [0.0, COARSEST.ln()].map(|x| (x, self.guess(x, work))).to_vec();
-        let is_leafy = self.options.foliage != FoliageLevel::None;
-        let mut ratio = USUAL[usize::from(is_leafy)];
+        let mut ratio = USUAL[usize::from(!self.is_bare())];
         let aim = budget as f32 * AIM;
         if guesses[0].1 < LIKELY * aim {
             let count = self.attempt(0.0, work, bark);
@@ -181,20 +180,24 @@ impl Planner<'_> {
         }
     }
 
+    /// Without leaves to hide branches, and to reach the top.
+    fn is_bare(&self) -> bool {
+        self.options.foliage == FoliageLevel::None
+    }
+
     /// Greatest distance from the skeleton, and radius of the thinnest branch.
     fn limits(&self, coarse: f32) -> (f32, f32) {
         let finest_m = self.options.tolerance_m.clamp(1e-5, 1.0);
         let most_m = self.options.sagitta_m.max(finest_m);
         let tolerance_m = (finest_m * coarse.powf(0.6)).min(most_m);
         // Bare twigs are the crown: there sides go before axes.
-        let is_bare = self.options.foliage == FoliageLevel::None;
-        (tolerance_m, if is_bare { 0.0003 } else { 0.0015 } * (coarse - 1.0))
+        (tolerance_m, if self.is_bare() { 0.0003 } else { 0.0015 } * (coarse - 1.0))
     }
 
     /// About how many triangles a wood of this coarseness has.
     fn guess(&self, log_coarse: f32, work: &mut Work) -> f32 {
         let (tolerance_m, cut_m) = self.limits(log_coarse.exp());
-        work.pieces.simplify(self.chains, tolerance_m, cut_m, self.least);
+        work.pieces.simplify(self.chains, tolerance_m, (cut_m, self.is_bare()), self.least);
         self.triangles(&work.pieces, &Sides::new(tolerance_m))
     }
 
@@ -219,7 +222,7 @@ impl Planner<'_> {
         let detail = self.options.detail && coarse < 30.0;
         let Work { pieces, out_of, start, scratch, path, todo, branches, rings: made, holes } =
             work;
-        pieces.simplify(self.chains, tolerance_m, cut_m, self.least);
+        pieces.simplify(self.chains, tolerance_m, (cut_m, self.is_bare()), self.least);
         let sides = Sides::new(tolerance_m);
         bark.reserve((self.triangles(pieces, &sides) * 1.1) as usize);
         let count_of = self.chains.chain.len() as u32;

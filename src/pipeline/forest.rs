@@ -156,7 +156,8 @@ pub fn forest(job: &ForestJob, run: &mut Recorder) -> Result<Forest> {
 /// A species that cannot grow; a box that holds nothing.
 pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<Forest> {
     let clipped = job.clip.map_or(Ok(0), |clip| view::clip(&mut survey, &clip))?;
-    let models = models(job, &survey);
+    let mut models = models(job, &survey);
+    let unmade = job.eye.as_ref().map_or(0, |eye| view::cull(&mut models, &survey, eye));
     let mut budgets = budgets(job, &survey, &models);
     let mut rough = vec![false; models.len()];
     let skeletons = grow(job, &survey, &models, &budgets, run)?;
@@ -209,7 +210,8 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     let mut chosen = None;
     if let Some(eye) = &job.eye {
         chosen = Some(run.stage("camera", |warnings| {
-            let chosen = view::choose(&mut scene, eye, job.wood.tolerance_m.unwrap_or(0.0));
+            let mut chosen = view::choose(&mut scene, eye, job.wood.tolerance_m.unwrap_or(0.0));
+            chosen.outside += unmade;
             let shown = scene.instances.len();
             if shown == 0 && !survey.trees.is_empty() {
                 warnings.push(view::blind(&survey));
@@ -540,8 +542,13 @@ fn build_meshes(
         let nodes = skeletons.iter().map(Skeleton::len).sum();
         let triangles = meshes.iter().flatten().map(TreeMesh::triangles).sum();
         let finest = meshes.iter().filter_map(|of_model| of_model.first());
-        let outcome = Outcome::items(nodes, "nodes", triangles, "triangles")
-            .error(tolerance::sagitta(finest.clone(), job.wood.tolerance_m, warnings));
+        let outcome =
+            Outcome::items(nodes, "nodes", triangles, "triangles").error(tolerance::sagitta(
+                finest.clone(),
+                job.wood.tolerance_m,
+                rough.contains(&true),
+                warnings,
+            ));
         levels::tell_thin(finest.clone(), warnings);
         let of_model =
             || models.iter().filter(|m| textures[m.species].is_some()).zip(finest.clone());

@@ -35,9 +35,9 @@ pub struct Told<'a> {
 const TANGENT: u64 = 16;
 const WIND: u64 = 4;
 const UV: u64 = 8;
-/// Of a vertex without tangents and wind, and of an index.
-const VERTEX: u64 = 32;
 const INDEX: u64 = 4;
+/// Of a tree in its place: name, matrix and facts as JSON.
+const PLACE: u64 = 370;
 
 /// The lines that say something.
 pub fn table(told: &Told<'_>) -> Vec<Saved> {
@@ -48,11 +48,7 @@ pub fn table(told: &Told<'_>) -> Vec<Saved> {
         let parts = told.scene.parts().filter(|p| of(p));
         parts.map(|p| p.surface.position.len() as u64).sum()
     };
-    let geometry: u64 = told
-        .scene
-        .parts()
-        .map(|p| VERTEX * p.surface.position.len() as u64 + INDEX * p.surface.index.len() as u64)
-        .sum();
+    let geometry: u64 = told.scene.parts().map(|p| p.surface.bytes()).sum();
     let per_byte = seconds("export") / geometry.max(1) as f64;
     let mut lines = Vec::new();
     let mut line = |what: &str, count: u64, of, bytes: u64, more_s: f64| {
@@ -91,13 +87,22 @@ pub fn table(told: &Told<'_>) -> Vec<Saved> {
         0.0,
     );
     line("textures no material uses", p.textures as u64, "textures", p.texture_bytes, 0.0);
-    line("trees outside the box", told.clipped as u64, "trees", 0, 0.0);
+    // With as many models to the trees as there are, at the time that those took.
+    let (trees, clipped) = (told.scene.instances().len() as u64, told.clipped as u64);
+    let more = clipped as f64 / trees.max(1) as f64;
+    let trees_s = ["skeleton", "tolerance", "mesh", "levels"].map(seconds).iter().sum::<f64>();
+    let models: u64 =
+        told.scene.prototypes().iter().flat_map(|p| &p.parts).map(|p| p.surface.bytes()).sum();
+    let bytes = clipped * PLACE + (models as f64 * more) as u64;
+    line("trees outside the box", clipped, "trees", bytes, trees_s * more);
     if let Some(chosen) = told.chosen {
         let shown: usize = chosen.shown.values().sum();
         let all = (shown + chosen.outside + chosen.hidden) as u64;
         let spared = chosen.triangles_before.saturating_sub(chosen.triangles) as u64;
-        line("trees the camera does not see", all - shown as u64, "trees", 0, 0.0);
-        line("triangles in place the camera can't tell", spared, "triangles", 0, 0.0);
+        let unseen = all - shown as u64;
+        line("trees the camera does not see", unseen, "trees", unseen * PLACE, 0.0);
+        let bytes = chosen.spared_bytes;
+        line("triangles in place the camera can't tell", spared, "triangles", bytes, 0.0);
     }
     lines
 }

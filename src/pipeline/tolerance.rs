@@ -133,22 +133,32 @@ pub fn outcome(reached: &[Reached], warnings: &mut Vec<String>) -> Outcome {
 }
 
 /// How far the facets of the wood are from their circles; a warning where that is more than asked
-/// for.
+/// for. `is_rough`: some have fewer sides than that takes, for want of triangles.
 pub fn sagitta<'a>(
     trees: impl Iterator<Item = &'a TreeMesh>,
     tolerance_m: Option<f32>,
+    is_rough: bool,
     warnings: &mut Vec<String>,
 ) -> ErrorMeasure {
     let worst_m = trees.map(|t| t.sagitta_m).fold(0.0, f32::max);
-    if let Some(tolerance_m) = tolerance_m.filter(|&t| worst_m > t * 1.001) {
-        warnings.push(format!(
-            "--tolerance: facets of the thickest wood, of {MAX_SIDES} sides at most, are up to \
-             {:.1} mm from its roundness, more than {:.2} mm",
-            1e3 * worst_m,
-            1e3 * tolerance_m
-        ));
-    }
+    warnings.extend(tolerance_m.and_then(|asked_m| too_flat(worst_m, asked_m, is_rough)));
     ErrorMeasure::new("sagitta", worst_m.into(), "m")
+}
+
+fn too_flat(worst_m: f32, asked_m: f32, is_rough: bool) -> Option<String> {
+    let (of, remedy) = if is_rough {
+        (String::new(), ", for branches took the triangles; give more --triangles")
+    } else {
+        (format!(", of {MAX_SIDES} sides at most,"), "")
+    };
+    (worst_m > asked_m * 1.01).then(|| {
+        format!(
+            "--tolerance: facets of the thickest wood{of} are up to {:.2} mm from its roundness, more than \
+             {:.2} mm{remedy}",
+            1e3 * worst_m,
+            1e3 * asked_m
+        )
+    })
 }
 
 #[cfg(test)]
@@ -158,6 +168,21 @@ mod tests {
     use crate::seed::Seed;
     use crate::skeleton::{self, Detail, Target};
     use crate::{species, texture};
+
+    #[test]
+    fn what_makes_wood_too_flat_is_told() {
+        assert_eq!(too_flat(0.005, 0.005, true), None);
+        assert!(
+            too_flat(0.0053, 0.005, false)
+                .unwrap()
+                .contains(", of 64 sides at most, are up to 5.30 mm")
+        );
+        let rough = too_flat(0.0053, 0.005, true).unwrap();
+        assert!(rough.ends_with(
+            "more than 5.00 mm, for branches took the triangles; give more --triangles"
+        ));
+        assert!(!rough.contains("64"));
+    }
 
     #[test]
     fn a_tree_takes_the_fewest_triangles_within_its_tolerance() {

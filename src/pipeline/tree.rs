@@ -205,8 +205,14 @@ fn stand(
         let subject = Subject { skeleton, species, textures: &textures, seed };
         let meshes = levels::meshes(&subject, &options, job.levels.meshed, height_m)?;
         let triangles = meshes.iter().map(|m| m.triangles()).sum();
-        let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles")
-            .error(tolerance::sagitta(meshes.first().into_iter(), job.wood.tolerance_m, warnings));
+        let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles").error(
+            tolerance::sagitta(
+                meshes.first().into_iter(),
+                job.wood.tolerance_m,
+                is_rough,
+                warnings,
+            ),
+        );
         let outcome = levels::tell_unmeshed(meshes.first().into_iter(), outcome, warnings);
         levels::tell_thin(meshes.first().into_iter(), warnings);
         levels::tell_fruitless(species, meshes.first().into_iter(), warnings);

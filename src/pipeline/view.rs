@@ -8,7 +8,9 @@ use glam::{DVec3, Vec2, Vec3};
 use super::survey::Survey;
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
+use crate::render::capture;
 use crate::render::{self, Camera, RenderOptions};
+use crate::scene::sharing::Model;
 use crate::scene::{Prototype, Scene, plain_rms_m};
 use crate::work::{self, Work};
 
@@ -47,6 +49,8 @@ pub struct Chosen {
     /// Triangles in place if all trees were shown in their finest form, and as they are.
     pub triangles_before: usize,
     pub triangles: usize,
+    /// Bytes of the finest forms of all models that were made less those of the forms that are shown.
+    pub spared_bytes: u64,
 }
 
 /// Drops the trees that the camera does not see and shows the others in the form of fewest
@@ -64,6 +68,10 @@ pub fn choose(scene: &mut Scene, eye: &Eye, tolerance_m: f32) -> Chosen {
     let seen = render::seen(&render::View::from(&*scene), &camera, &options);
     let forms: Vec<Vec<Form>> = scene.prototypes.iter().map(forms).collect();
     let mut chosen = Chosen::default();
+    let bytes = |scene: &Scene| -> u64 {
+        scene.prototypes.iter().flat_map(|p| &p.parts).map(|part| part.surface.bytes()).sum()
+    };
+    let bytes_before = bytes(scene);
     // New prototypes, by the old one and its form.
     let mut number: BTreeMap<(u32, usize), u32> = BTreeMap::new();
     let mut seen = seen.into_iter();
@@ -111,7 +119,41 @@ pub fn choose(scene: &mut Scene, eye: &Eye, tolerance_m: f32) -> Chosen {
             }
         })
         .collect();
+    chosen.spared_bytes = bytes_before.saturating_sub(bytes(scene));
     chosen
+}
+
+/// Drops the models none of whose trees can be in the picture, before they are made; gives how many
+/// trees that leaves out. The other trees keep their models, whatever the camera.
+pub(super) fn cull(models: &mut Vec<Model>, survey: &Survey, eye: &Eye) -> usize {
+    let camera = camera(&survey.frame, eye);
+    let mut dropped = 0;
+    models.retain(|model| {
+        let may_show = model.members.iter().any(|&i| {
+            let crown = &survey.trees[i].crown;
+            may_show(&camera, crown.root, [crown.height_m, crown.diameter_m])
+        });
+        if !may_show {
+            dropped += model.members.len();
+        }
+        may_show
+    });
+    dropped
+}
+
+/// Whether a tree may be in the picture: false only where a sphere well about it is outside.
+fn may_show(camera: &Camera, root: Vec3, [height_m, crown_diameter_m]: [f32; 2]) -> bool {
+    let middle = root + Vec3::Z * (0.5 * height_m);
+    let around_m = height_m.hypot(crown_diameter_m) + 1.0;
+    let Some(forward) = (camera.target - camera.eye).try_normalize() else { return true };
+    let [right, up] = capture::sides(forward);
+    let to = middle - camera.eye;
+    let ahead = to.dot(forward);
+    let slope = (0.5 * camera.fov_y_rad).tan();
+    let is_within = |aside: f32, slope: f32| {
+        aside.abs() <= slope * ahead + around_m * (1.0 + slope * slope).sqrt()
+    };
+    ahead >= -around_m && is_within(to.dot(up), slope) && is_within(to.dot(right), slope * ASPECT)
 }
 
 /// What a pixel spans at the near side of a tree.
@@ -223,6 +265,31 @@ mod tests {
         assert!(spent <= 1_000_000 && spent > 999_000, "{spent}");
         // 27^(2/3) = 9, 8^(2/3) = 4.
         assert!((given[1] as f64 / given[0] as f64 - 2.25).abs() < 1e-2);
+    }
+
+    #[test]
+    fn what_may_not_show_is_outside_the_picture() {
+        let scene = sample::forest(&["Betula pendula"], 60, 60.0);
+        let middle = scene.frame.origin;
+        let mut culled = 0;
+        for k in 0..12 {
+            let (s, c) = (0.5 * k as f64).sin_cos();
+            let at = middle + DVec3::new(10.0 * c, 10.0 * s, 6.0 + k as f64);
+            let look = at + DVec3::new(-s, c, -0.1 * (k % 4) as f64) * 30.0;
+            let eye = Eye { at, look, fov_deg: 20.0 + 5.0 * k as f64 as f32 };
+            let camera = camera(&scene.frame, &eye);
+            let size = |t: &crate::scene::Instance| [t.facts.height_m, t.facts.crown_diameter_m];
+            let mut near = scene.clone();
+            near.instances.retain(|t| may_show(&camera, t.position, size(t)));
+            culled += scene.instances.len() - near.instances.len();
+            let names = |scene: &Scene| -> Vec<String> {
+                let mut seen = scene.clone();
+                choose(&mut seen, &eye, 0.0);
+                seen.instances.iter().map(|t| t.name.clone()).collect()
+            };
+            assert_eq!(names(&near), names(&scene), "{k}");
+        }
+        assert!(culled > 200, "{culled}");
     }
 
     #[test]

@@ -130,6 +130,8 @@ fn checked_height(height_m: f32) -> Result<f32> {
 
 /// Least attractor spacing over the length of a leafy twig: what is finer is a card's own picture.
 const TWIG_SHARE: f32 = 0.3;
+/// How far down limbs may droop, share of the height of the crown's base.
+const LOWEST_LIMB: f32 = 0.6;
 
 /// The nodes the tree may take, and the attractor spacing at which the part of the crown that
 /// bears twigs takes those left to it. A small tree needs fewer than it may have.
@@ -631,12 +633,7 @@ impl<'a> Tree<'a> {
         let hang = self.growth.hang * (1.0 - youth(e.height_m));
         let placed = (axis.as_slice(), order.as_slice());
         polish::hang(&mut self.position, &self.parent, placed, from, hang, self.clearance_m);
-        // What hangs far below the crown is dropped.
-        let floor_m = e.base_m - 0.05 * e.crown_length_m();
         let n = self.position.len();
-        let keep: Vec<bool> = (0..n)
-            .map(|i| self.scaffold[i] != polish::FREE || self.position[i].z >= floor_m)
-            .collect();
         let whole = Skeleton {
             position: self.position,
             parent: self.parent,
@@ -646,6 +643,16 @@ impl<'a> Tree<'a> {
             birth: vec![0; n],
             dead: Vec::new(),
         };
+        // What hangs far below the crown is dropped: twigs soon, limbs that droop later.
+        let floor_m = e.base_m - 0.05 * e.crown_length_m();
+        let limbs_m = LOWEST_LIMB * e.base_m;
+        let is_stem = whole.is_stem();
+        let lowest_m = |i: usize| match self.scaffold[i] {
+            polish::FREE => floor_m,
+            _ if is_stem[i] => f32::NEG_INFINITY,
+            _ => limbs_m.min(floor_m),
+        };
+        let keep: Vec<bool> = (0..n).map(|i| whole.position[i].z >= lowest_m(i)).collect();
         let mut tree = whole.subset(&keep);
         fit(&mut tree, e, self.around.is_none());
         if !self.around.is_none() {

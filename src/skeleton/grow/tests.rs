@@ -386,3 +386,17 @@ fn a_rule_that_draws_nothing_is_refused() {
         assert_eq!(error.message(), "the rule draws no shoot");
     }
 }
+
+#[test]
+fn no_limb_hangs_to_the_ground() {
+    let species = species::load("quercus_robur").unwrap();
+    for seed in 1..9 {
+        let target = Target::FromSpecies { height_m: None };
+        let detail = Detail { max_nodes: 3333, attractor_spacing_m: None };
+        let tree = grow(&species, target, detail, Seed::new(seed)).unwrap();
+        let is_stem = tree.is_stem();
+        let heights = (0..tree.len()).filter(|&i| !is_stem[i]).map(|i| tree.position[i].z);
+        let lowest = heights.fold(f32::INFINITY, f32::min);
+        assert!(lowest > 0.05 * tree.height_m(), "seed {seed}: {lowest} m");
+    }
+}
