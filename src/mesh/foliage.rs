@@ -84,11 +84,13 @@ pub struct Foliage {
     pub surface: Surface,
     pub twig_scale: f32,
     pub cover: f32,
+    /// Length and width of such leaves over the species'.
+    pub leaf_size: Option<[f32; 2]>,
 }
 
 impl Default for Foliage {
     fn default() -> Foliage {
-        Foliage { surface: Surface::default(), twig_scale: 0.0, cover: 1.0 }
+        Foliage { surface: Surface::default(), twig_scale: 0.0, cover: 1.0, leaf_size: None }
     }
 }
 
@@ -196,8 +198,9 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
             fill(kept.len(), room, emit, wind)
         }
     };
+    let leaf_size = twig.as_ref().map(|t| t.widened.to_array());
     let cover = twig.map_or(1.0, |t| t.cover);
-    Ok(Foliage { surface, twig_scale: enlarge, cover })
+    Ok(Foliage { surface, twig_scale: enlarge, cover, leaf_size })
 }
 
 /// Cards take the picture for one so much larger, natural logarithm: from the next fuller picture

@@ -119,7 +119,7 @@ pub struct Twig<'a> {
     /// Places on the main shoot, and on each side shoot.
     places: [usize; 2],
     /// Length and width of a leaf over the species'.
-    widened: Vec2,
+    pub widened: Vec2,
     /// Length of most twigs: on shorter ones leaves are smaller, by the root of what these are shorter.
     usual_m: f32,
     /// Twigs that there are to be, and how much larger than in nature they are.

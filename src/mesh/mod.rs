@@ -126,6 +126,8 @@ pub struct TreeMesh {
     pub twig_scale: f32,
     /// What leaves hide over what the species' do, 0…1, where each is meshed for itself; 1 elsewhere.
     pub leaf_cover: f32,
+    /// Length and width of such leaves over the species'; `None` elsewhere.
+    pub leaf_size: Option<[f32; 2]>,
 }
 
 impl TreeMesh {
@@ -342,7 +344,7 @@ pub fn build(
     let mut order = order(species, atlas, options, triangles, wind.as_ref(), seed);
     let fruit = fruit::fruit(skeleton, &order);
     order.budget = order.budget.map(|b| b.saturating_sub(fruit.triangles()));
-    let foliage::Foliage { surface: foliage, twig_scale, cover: leaf_cover } =
+    let foliage::Foliage { surface: foliage, twig_scale, cover: leaf_cover, leaf_size } =
         foliage::foliage(skeleton, &order)?;
     let [wood, upper_wood, twig_wood] = made.surface;
     let wood::Count { axes, without: unmeshed_axes, sagitta_m } = made.count;
@@ -357,6 +359,7 @@ pub fn build(
         sagitta_m,
         twig_scale,
         leaf_cover,
+        leaf_size,
     })
 }
 

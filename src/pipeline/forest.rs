@@ -549,6 +549,7 @@ fn build_meshes(
                 rough.contains(&true),
                 warnings,
             ));
+        let outcome = levels::tell_leaves(finest.clone(), outcome);
         levels::tell_thin(finest.clone(), warnings);
         let of_model =
             || models.iter().filter(|m| textures[m.species].is_some()).zip(finest.clone());

@@ -107,6 +107,20 @@ pub fn tell_unmeshed<'a>(
     outcome.note(told)
 }
 
+/// Adds to a report how much larger than the species' the leaves of these (finest) meshes are, where
+/// each is meshed for itself: the largest.
+pub fn tell_leaves<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, outcome: Outcome) -> Outcome {
+    let sizes = meshes.filter_map(|mesh| mesh.leaf_size);
+    let largest = sizes.max_by(|a, b| (a[0] * a[1]).total_cmp(&(b[0] * b[1])));
+    match largest {
+        Some([long, wide]) if long.max(wide) > 1.05 => outcome.note(format!(
+            "leaves or needles {long:.1} times as long and {wide:.1} times as wide as the species', to hide \
+             as much as all of them; more --triangles make them smaller"
+        )),
+        _ => outcome,
+    }
+}
+
 /// Share of what the species' leaves hide below which a crown is worth a warning.
 const THIN: f32 = 0.75;
 
