@@ -621,7 +621,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     );
     let mut lines = vec![line];
     lines.extend(level_lines(&rows));
-    lines.extend(notes(run, "export"));
+    lines.extend(["mesh", "export"].iter().flat_map(|stage| notes(run, stage)));
     let mut summary = summary("tree", Some(a.seed), run, Some(&scene));
     summary["levels"] = json!(rows);
     let table = left_out::table(&left_out::Told {
@@ -763,7 +763,7 @@ fn forest_lines(forest: &Forest, typed: &SceneArgs, run: &Recorder, dir: &Path) 
     let stats = crate::scene::statistics(&forest.scene);
     let mut lines: Vec<String> = report::table(&run.stages).lines().map(str::to_owned).collect();
     lines.extend(level_lines(&forest.rows));
-    lines.extend(notes(run, "export"));
+    lines.extend(["mesh", "export"].iter().flat_map(|stage| notes(run, stage)));
     lines.extend(left_out::lines(&forest_left_out(forest, typed, run)));
     lines.push(format!(
         "{} trees of {} models, {} triangles in place, {} unique; {:.1} s, {} MB at most",

@@ -13,8 +13,8 @@ const MAX_BYTES: u64 = 64 << 20;
 /// Pixels along a side of one.
 const SIDES: std::ops::RangeInclusive<u32> = 16..=8192;
 
-/// Keys of the bark towards the top and on branches.
-const UPPER: [&str; 3] = ["upper", "upper_style", "upper_from"];
+/// Keys that name the bark towards the top and on branches.
+const UPPER: [&str; 2] = ["upper", "upper_style"];
 
 /// A picture covers stem and branches: a drawn upper bark from below it goes. One that the same
 /// file names, or one that extends it, stays.
@@ -27,7 +27,7 @@ pub fn cover(bark: &mut Node) {
     }
     if let Value::Table(entries) = &mut bark.value {
         // `upper_from` has a default, and says nothing alone.
-        entries.retain(|e| !["upper", "upper_style"].contains(&e.key.as_str()));
+        entries.retain(|e| !UPPER.contains(&e.key.as_str()));
     }
 }
 
@@ -179,7 +179,7 @@ mod tests {
         assert!(drawn.bark_upper.is_none() && drawn.bark_twig.is_some());
 
         // Whoever names an upper bark beside the picture, or over it, wants it.
-        for upper in ["upper = [9, 8, 7]", "upper_style = 'scales'", "upper_from = [0.4, 0.5]"] {
+        for upper in ["upper = [9, 8, 7]", "upper_style = 'scales'"] {
             let bark = format!("picture = 'bark.png'\n{upper}");
             let kept = of("kept.toml", "betula_pendula", &bark).bark;
             assert!(kept.upper.is_some() && kept.upper_style.is_some(), "{upper}");
@@ -219,7 +219,7 @@ mod tests {
             ("picture = 'gone.png'", "`picture`: no picture"),
             ("picture = '.'", "is no file"),
             ("picture = 'text.png'", "not a readable picture"),
-            ("picture = 'cut.png'", "cut.png is not a sound PNG: it is damaged or cut short"),
+            ("picture = 'cut.png'", "cut.png is not a sound PNG"),
             ("picture = 'cut.png'", "save it again as PNG or JPEG"),
             ("picture = 'tiny.png'", "4 × 4 pixels"),
             ("picture = 'ok.png'\nnormal = 'gone.png'", "`normal`: no picture"),
