@@ -106,7 +106,7 @@ fn an_impostor_covers_what_the_model_covers_in_its_colour() {
                 let part = |c: u8| f32::from(c) / 127.5 - 1.0;
                 let [nx, ny, nz, _] = got.normal.at(x / 2, y / 2).map(part);
                 let normal = Vec3::new(nx, -nz, ny).normalize();
-                let [r, g, ..] = got.colour.at(x, y).map(|c| linear(c));
+                let [r, g, ..] = got.colour.at(x, y).map(linear);
                 let lit = light::on_sheet(normal, -Vec3::Y) / open;
                 assert!((r * lit - 0.5).abs() < 0.06 && (g * lit - 0.1).abs() < 0.02, "{r} {lit}");
                 mean += Vec3::new(r * lit, g * lit, 1.0);

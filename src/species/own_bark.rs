@@ -22,7 +22,7 @@ pub fn cover(bark: &mut Node) {
     let Some(file) = bark.get("picture").map(|n| n.place.source) else { return };
     // Sources are counted from the nearest; defaults come last.
     let is_meant = |key: &&str| bark.get(key).is_some_and(|n| n.place.source <= file);
-    if UPPER.iter().any(|key| is_meant(&key)) {
+    if UPPER.iter().any(is_meant) {
         return;
     }
     if let Value::Table(entries) = &mut bark.value {
