@@ -215,7 +215,7 @@ fn a_new_file_is_sound_and_grows() {
     assert_ne!(fs::read(dir.path().join("betula_nana.toml")).unwrap(), first);
 
     for (args, says) in [
-        (&["species", "new", "../up"][..], "can't be the name"),
+        (&["species", "new", "../up"][..], "is a path, not a name"),
         (&["species", "new", "larix_sibirica"], "is a built-in species"),
         (&["species", "new", "fir.toml"], "give the name `fir`"),
         (&["species", "new", "fir", "--from", "oaks"], "unknown species `oaks`"),
