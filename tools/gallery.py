@@ -4,8 +4,8 @@
     tools/gallery.py -o output/gallery [--larix target/release/larix] [--only bark]
 
 Of all species, states: three seeds in leaf, autumn, winter, and the conditions III and VI; bark: the
-stem at its foot, at a quarter and at 0.7 of the height, as close as two metres. Of some, lods: LOD0 to
-LOD4 and the cross impostor; species: the program's own sheets. Needs Pillow beside Blender, which
+stem at its foot, at a quarter and at 0.7 of the height, as close as two metres; lods: LOD0 to LOD4 and
+the cross impostor. Of some, species: the program's own sheets. Needs Pillow beside Blender, which
 tools/contact_sheet.py needs too.
 """
 
@@ -27,9 +27,8 @@ STATES = [
     ["--condition", "III"],
     ["--condition", "VI"],
 ]
-LEVELS = ["larix_sibirica", "betula_pendula"]
 SHEETS = ["larix_sibirica", "picea_obovata", "betula_pendula", "quercus_robur"]
-STATE_PX, BARK_PX, LEVEL_PX, SHEET_PX = 240, 230, 480, 600
+STATE_PX, BARK_PX, LEVEL_PX, SHEET_PX = 240, 230, 270, 600
 BARK_AT, BARK_M = [0.02, 0.25, 0.7], 2.0
 WIDTH_PX = 1600
 GAP_PX = 4
@@ -136,7 +135,7 @@ def main():
     kinds = [
         ("states", states, names),
         ("bark", bark, names),
-        ("lods", levels, LEVELS),
+        ("lods", levels, names),
         ("species", own_sheet, SHEETS),
     ]
     for kind, draw, of in kinds:
