@@ -451,7 +451,7 @@ fn fit(picture: &mut Picture, view: &Place) {
     let [left, top] = view.corner;
     for row in picture.data.chunks_mut(picture.width as usize).skip(top).take(view.size[1]) {
         for p in &mut row[left..left + view.size[0]] {
-            let alpha = raised(p[3], high) * 255.0;
+            let alpha = shifted(p[3], high) * 255.0;
             // Rounding takes nothing over the cutoff.
             let is_seen = alpha >= CUTOFF * 255.0;
             p[3] = if is_seen { alpha.ceil() } else { alpha.floor() } as u8;
@@ -459,8 +459,9 @@ fn fit(picture: &mut Picture, view: &Place) {
     }
 }
 
-/// Alpha, 0…1, as it is for `by` = 1; below, what is seen is nearer to the cutoff, above all are raised.
-fn raised(alpha: u8, by: f32) -> f32 {
+/// Alpha, 0…1, as it is for `by` = 1; below that what is seen is nearer to the cutoff, above it all are
+/// raised.
+fn shifted(alpha: u8, by: f32) -> f32 {
     let alpha = f32::from(alpha) / 255.0;
     if by > 1.0 {
         (alpha * MOST_GAIN.powf(by - 1.0)).min(1.0)
@@ -472,7 +473,7 @@ fn raised(alpha: u8, by: f32) -> f32 {
 /// Texels' area that passes the cutoff, looked at in 2 × 2 places between texels' middles, as viewers
 /// see them: single texels of a thin crown would vanish there.
 fn passing(picture: &Picture, view: &Place, by: f32) -> f32 {
-    let table: Vec<f32> = (0..=255).map(|alpha| raised(alpha, by)).collect();
+    let table: Vec<f32> = (0..=255).map(|alpha| shifted(alpha, by)).collect();
     let ([w, h], width) = (view.size, picture.width as usize);
     let rows: Vec<&[[u8; 4]]> = picture.data.chunks(width).skip(view.corner[1]).take(h).collect();
     let alpha = |y: usize, x: usize| table[usize::from(rows[y][view.corner[0] + x][3])];

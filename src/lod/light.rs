@@ -18,11 +18,13 @@ const DIRECTIONS: usize = 32;
 const SAMPLES: f32 = 256.0;
 /// Samples that something must be nearer to the light to cast a shadow: less is the place itself.
 const APART: f32 = 1.5;
-/// How much of a leaf's light is that of leaves that face all ways; light that comes through a leaf from behind, and that
-/// others throw into the shade.
+/// How much of a leaf's light is that of leaves that face all ways.
 const ANY_WAY: f32 = 0.1;
+/// Light that comes through a leaf from behind.
 const THROUGH: f32 = 0.25;
+/// Light that others throw into the shade.
 const BOUNCE: f32 = 0.2;
+/// The golden angle, radians.
 const TURN: f32 = 2.399_963_2;
 
 /// What a model looks like from the sky.

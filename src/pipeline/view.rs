@@ -276,7 +276,7 @@ mod tests {
             let (s, c) = (0.5 * k as f64).sin_cos();
             let at = middle + DVec3::new(10.0 * c, 10.0 * s, 6.0 + k as f64);
             let look = at + DVec3::new(-s, c, -0.1 * (k % 4) as f64) * 30.0;
-            let eye = Eye { at, look, fov_deg: 20.0 + 5.0 * k as f64 as f32 };
+            let eye = Eye { at, look, fov_deg: 20.0 + 5.0 * k as f32 };
             let camera = camera(&scene.frame, &eye);
             let size = |t: &crate::scene::Instance| [t.facts.height_m, t.facts.crown_diameter_m];
             let mut near = scene.clone();

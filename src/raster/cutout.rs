@@ -77,7 +77,8 @@ const MOST_HIDDEN: f32 = 0.95;
 /// Gives pixels that a mask hides so much alpha, still below `cutoff`, that smaller versions made
 /// by averaging blocks show about the same share of the picture as the picture itself: none more than
 /// `most` times as much, so that of the smallest, where leaves and the gaps about a twig are in one
-/// pixel, as much as can be stays. What is near leaves gets more, what is far from any none, so that outlines stay.
+/// pixel, as much as can be stays. What is near leaves gets more, what is far from any none, so that
+/// outlines stay.
 ///
 /// Cutouts made of averages thin out otherwise (Castaño 2010, who scales alpha on every level; a
 /// file holds the first level alone).
