@@ -28,6 +28,11 @@ fn grown(name: &str, max_nodes: u32) -> (Species, Skeleton) {
 
 fn main() {
     larix::heap::keep_freed();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    pool.install(all);
+}
+
+fn all() {
     let only: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
     let free =
         MeshOptions { triangle_budget: None, foliage: FoliageLevel::None, ..MeshOptions::HERO };

@@ -6,6 +6,7 @@ use glam::{Quat, Vec3};
 
 use super::piece::{Piece, Room};
 use super::spot::Pose;
+use crate::species::model::LeafShape;
 use crate::texture::Cell;
 use crate::texture::atlas::Row;
 
@@ -28,6 +29,15 @@ impl Shape {
         }
     }
 
+    /// That of a twig's card.
+    pub fn of(shape: LeafShape, detail: bool) -> Shape {
+        let rows = if detail { 3 } else { 2 };
+        match shape {
+            LeafShape::Bundle => Shape::Crossed { rows },
+            _ => Shape::Folded { rows },
+        }
+    }
+
     pub fn room(self) -> Room {
         let rows = self.rows();
         let (columns, sheets) = match self {
@@ -40,6 +50,12 @@ impl Shape {
             triangles: 2 * (columns - 1) * sheets * (rows - 1),
         }
     }
+}
+
+/// Share of a cell within an outline.
+pub fn area(outline: &[Row]) -> f32 {
+    let wide = |r: &Row| r.right - r.left;
+    outline.windows(2).map(|w| 0.5 * (w[1].t - w[0].t) * (wide(&w[0]) + wide(&w[1]))).sum()
 }
 
 /// Share of the crown's outside in a normal, against the card's own.

@@ -21,7 +21,7 @@ use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
-use crate::species::model::{Foliage as Leaves, LEAST_KEPT, LeafShape};
+use crate::species::model::{Foliage as Leaves, LEAST_KEPT};
 use crate::texture::Atlas;
 
 /// What stands for the leaves, from nothing to every one of them.
@@ -47,7 +47,7 @@ const MOST_SPARSE: usize = 600;
 const MOST_SHELL: usize = 400;
 /// How far cards may grow to make up for those left out, and at the sparse level.
 const MOST_ENLARGED_CARDS: f32 = 3.0;
-const MOST_ENLARGED_SPARSE: f32 = 6.0;
+const MOST_ENLARGED_FLAT: f32 = 6.0;
 
 /// Heights in the crown, evenly from its foot to its top, at which the size of twigs is set.
 pub const HEIGHTS: usize = 6;
@@ -68,6 +68,8 @@ pub struct Order<'a> {
     pub budget: Option<usize>,
     /// Cards of more rows.
     pub detail: bool,
+    /// Cards of two triangles, so that there are more of them.
+    pub is_flat: bool,
     /// Of the places for leaves, those that bear them.
     pub share: f32,
     /// How much larger twigs are at each height than their number asks.
@@ -128,21 +130,22 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         return Ok(Foliage { surface, ..Foliage::default() });
     }
     let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);
+    let is_flat = is_sparse || order.is_flat;
     // Finer cards where there are triangles for all of them; else rather more cards.
-    let fine = shape_of(f.shape, true);
-    let is_fine = order.detail && !is_sparse && fine.room().triangles * spots.len() <= budget;
+    let fine = Shape::of(f.shape, true);
+    let is_fine = order.detail && !is_flat && fine.room().triangles * spots.len() <= budget;
     let shape = match level {
-        _ if is_sparse => Shape::Flat,
+        _ if is_flat => Shape::Flat,
         _ if is_fine => fine,
-        _ => shape_of(f.shape, false),
+        _ => Shape::of(f.shape, false),
     };
     // A picture of the user's has no leaves to tell apart.
     let model = species.own_model.as_deref();
     let is_leaf_by_leaf =
         level == FoliageLevel::Geometry && species.own_picture.is_none() && model.is_none();
     let mut twig = is_leaf_by_leaf.then(|| {
-        let cover_sq_m = share * f.cover.clamp(0.0, 1.0) * hull.area_sq_m();
-        Twig::new(f, atlas, spots.len(), cover_sq_m, budget)
+        let leaves_sq_m = share * f.cover.clamp(0.0, 1.0) * hull.area_sq_m();
+        Twig::new(f, atlas, spots.len(), leaves_sq_m, budget)
     });
     let room = match (model, &twig) {
         (Some(model), _) => stamp::room(model),
@@ -160,7 +163,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let most = twig.as_ref().map_or(budget / room.triangles.max(1), |t| t.count);
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
     let all = spots.len();
-    let limit = if is_sparse { MOST_ENLARGED_SPARSE } else { MOST_ENLARGED_CARDS };
+    let limit = if is_flat { MOST_ENLARGED_FLAT } else { MOST_ENLARGED_CARDS };
     let by_cards = || wanted(&hull, f, atlas, all.min(most), all, share).clamp(1.0, limit);
     let enlarge = twig.as_ref().map_or_else(by_cards, |t| t.scale);
     if let Some(twig) = &mut twig {
@@ -208,7 +211,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
 const BLEND: [f32; 2] = [-0.15, 0.9];
 
 /// How much larger than a twig cards are, so that the leaves cover as much of the crown's hull as
-/// the species' do; bounded by what thinning took away. Bare twigs keep the sum of their areas.
+/// the species' do. Bare twigs keep the sum of their areas.
 fn wanted(hull: &Hull, f: &Leaves, atlas: &Atlas, kept: usize, all: usize, share: f32) -> f32 {
     let cells = atlas.cells();
     let coverage = cells.iter().map(|c| c.coverage).sum::<f32>() / cells.len() as f32;
@@ -220,14 +223,5 @@ fn wanted(hull: &Hull, f: &Leaves, atlas: &Atlas, kept: usize, all: usize, share
     let one = coverage.max(0.05) * twig * twig * 0.8;
     let cover = share * f.kept.min(1.0) * f.cover.clamp(0.0, 1.0);
     let wanted = cover * hull.area_sq_m() / (kept.max(1) as f32 * one);
-    wanted.min(thinned.max(3.0) * 2.0).max(1.0).sqrt()
-}
-
-fn shape_of(shape: LeafShape, detail: bool) -> Shape {
-    match (shape, detail) {
-        (LeafShape::Bundle, false) => Shape::Crossed { rows: 2 },
-        (LeafShape::Bundle, true) => Shape::Crossed { rows: 3 },
-        (_, false) => Shape::Folded { rows: 2 },
-        (_, true) => Shape::Folded { rows: 3 },
-    }
+    wanted.max(1.0).sqrt()
 }

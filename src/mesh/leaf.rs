@@ -17,12 +17,12 @@
 
 use glam::{Quat, Vec2, Vec3};
 
-use super::card::{Shape, emit};
+use super::card::{Shape, area, emit};
 use super::piece::{Piece, Room, fill};
 use super::shade::hidden_sq_m;
 use super::spot::{GOLDEN_RAD, Pose, stance};
 use crate::seed::{Draws, Seed};
-use crate::species::model::{Foliage, LeafShape};
+use crate::species::model::{Foliage, LEAST_KEPT, LeafShape};
 use crate::texture::atlas::{Atlas, Cell, Row};
 
 /// Least share of a twig's needles, or leaves, that a budget leaves on it before whole twigs go.
@@ -35,10 +35,15 @@ const NEAR: f32 = 0.999;
 const LENGTHENED: f32 = 0.3;
 /// How far twigs may grow to make up for twigs left out.
 const MOST_ENLARGED: f32 = 2.4;
-/// Share of its silhouette that a twig at its usual place hides: as of cards.
-const TILTED: f32 = 0.8;
 /// Places for needles or leaves on one shoot at most.
 const MOST_PLACES: f32 = 4_000.0;
+/// What leaves hide, mean over all directions, over their area.
+const SEEN: f32 = 0.6;
+/// Twigs of the species' size that there are at least, where there is room: the cards of a tree of
+/// 20,000 triangles.
+const USUAL_CARDS: usize = 3_200;
+/// Power of a twig's length, over the usual, by which its leaves are smaller.
+const YOUNG_LEAF: f32 = 0.75;
 /// Opening of a shoot's last leaf over that of the others.
 const AT_TIP: f32 = 0.3;
 /// Share of the crown's outside in the normals of needles, and of leaves.
@@ -120,7 +125,7 @@ pub struct Twig<'a> {
     places: [usize; 2],
     /// Length and width of a leaf over the species'.
     pub widened: Vec2,
-    /// Length of most twigs: on shorter ones leaves are smaller, by the root of what these are shorter.
+    /// Length of most twigs: on shorter ones leaves are smaller, by [`YOUNG_LEAF`].
     usual_m: f32,
     /// Twigs that there are to be, and how much larger than in nature they are.
     pub count: usize,
@@ -130,13 +135,13 @@ pub struct Twig<'a> {
 }
 
 impl<'a> Twig<'a> {
-    /// Twigs for a tree that has room for `spots` of them, whose leaves hide `cover_sq_m` in summer,
-    /// where it may spend `budget` triangles.
+    /// Twigs for a tree that has room for `spots` of them, whose leaves are so large together in summer,
+    /// where it may spend `budget` triangles. Bare ones all stand.
     pub fn new(
         foliage: &'a Foliage,
         atlas: &'a Atlas,
         spots: usize,
-        cover_sq_m: f32,
+        leaves_sq_m: f32,
         budget: usize,
     ) -> Twig<'a> {
         let (sides, side_length, from, opening) = match foliage.shape {
@@ -188,12 +193,15 @@ impl<'a> Twig<'a> {
             scale: 1.0,
             cover: 1.0,
         };
-        let in_summer_sq_m = twig.hides_sq_m();
-        let needed = cover_sq_m / (in_summer_sq_m * TILTED).max(1e-9);
-        let enough = (needed.ceil() as usize).clamp(1, spots.max(1));
         let least = usize::from(kept > 0.0);
         twig.places = summer.map(|n| ((n * kept).round() as usize).max(least));
-        let one_sq_m = if kept < 1.0 { twig.hides_sq_m() } else { in_summer_sq_m };
+        let one_sq_m = twig.hides_sq_m();
+        let needed = if kept < LEAST_KEPT {
+            spots as f32
+        } else {
+            (SEEN * kept * leaves_sq_m / one_sq_m.max(1e-9)).max(spots.min(USUAL_CARDS) as f32)
+        };
+        let enough = (needed.ceil() as usize).clamp(1, spots.max(1));
         let each = budget / enough;
         if each < twig.room().triangles {
             twig.build = Build::Light;
@@ -264,18 +272,7 @@ impl<'a> Twig<'a> {
     /// What one twig of the usual size hides, mean over the sides it is seen from.
     fn hides_sq_m(&self) -> f32 {
         const MEASURED: u64 = 2;
-        let (room, size_m) = (self.room(), self.foliage.twig_length_m.clamp(1e-3, 20.0));
-        let pose = Pose {
-            base: Vec3::ZERO,
-            heading: Vec3::X,
-            facing: Vec3::Z,
-            size_m,
-            sag: 0.1,
-            mirrored: false,
-            outward: Vec3::Z,
-            crown: Vec3::ZERO,
-            is_plain: true,
-        };
+        let (room, pose) = (self.room(), Pose::measured(self.foliage));
         let of = |key: u64| {
             let draws = || Seed::new(0).derive("measured twig", key).draws();
             let twig = fill(1, room, |_, out| self.emit(&pose, &mut draws(), out), None);
@@ -289,13 +286,7 @@ impl<'a> Twig<'a> {
         if self.organ == Organ::Needle {
             return 1.0;
         }
-        let area = |rows: &Vec<Row>| {
-            let wide = |r: &Row| r.right - r.left;
-            rows.windows(2)
-                .map(|w| 0.5 * (w[1].t - w[0].t) * (wide(&w[0]) + wide(&w[1])))
-                .sum::<f32>()
-        };
-        let outlines: f32 = self.outlines.iter().map(area).sum();
+        let outlines: f32 = self.outlines.iter().map(|rows| area(rows)).sum();
         let seen: f32 = self.atlas.leaves().iter().map(|c| c.coverage).sum();
         (seen / outlines.max(1e-6)).clamp(0.1, 1.0)
     }
@@ -375,7 +366,7 @@ impl<'a> Twig<'a> {
         let f = self.foliage;
         let places = self.places[order];
         let before = order * self.places[0] + number.saturating_sub(1) * self.places[1];
-        let young_twig = (pose.size_m / self.usual_m).min(1.0).sqrt();
+        let young_twig = (pose.size_m / self.usual_m).min(1.0).powf(YOUNG_LEAF);
         let leaf_m = Vec2::new(f.leaf_length_m, f.leaf_width_m) * self.widened * young_twig;
         // Turns as points of the unit circle.
         let mut around = Vec2::from_angle(draws.unit() * std::f32::consts::TAU);
@@ -615,17 +606,7 @@ mod tests {
             let species = load(name).unwrap();
             let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
             let twig = Twig::new(&species.foliage, &atlas, 10, 1.0, usize::MAX);
-            let pose = Pose {
-                base: Vec3::ZERO,
-                heading: Vec3::X,
-                facing: Vec3::Z,
-                size_m: species.foliage.twig_length_m,
-                sag: 0.1,
-                mirrored: false,
-                outward: Vec3::Z,
-                crown: Vec3::ZERO,
-                is_plain: true,
-            };
+            let pose = Pose::measured(&species.foliage);
             let emit = |_, out: &mut Piece| twig.emit(&pose, &mut Seed::new(5).draws(), out);
             let s = fill(1, twig.room(), emit, None);
             let of = |uv: Vec2| {

@@ -274,6 +274,12 @@ pub enum Junctions {
 }
 
 impl MeshOptions {
+    /// Whether cards have two triangles each.
+    fn is_flat(&self) -> bool {
+        let is_small = self.triangle_budget.is_some_and(|b| b < FLAT_BELOW);
+        self.foliage == FoliageLevel::Sparse || self.foliage == FoliageLevel::Cards && is_small
+    }
+
     /// One of many trees in a forest.
     pub const FOREST: MeshOptions = MeshOptions {
         tolerance_m: 0.004,
@@ -300,9 +306,13 @@ impl MeshOptions {
     };
 }
 
-/// Share of a budget that the wood of a leafy tree may take.
+/// Share of a budget that the wood of a leafy tree may take, with leaves as geometry or folded cards,
+/// and with flat cards.
 const WOOD_SHARE: f32 = 0.36;
-const WOOD_SHARE_SPARSE: f32 = 0.24;
+const WOOD_SHARE_FLAT: f32 = 0.24;
+/// A tree of fewer triangles has flat cards: twice as many keep its outline better than folded ones,
+/// and little of its wood shows from where it is seen.
+const FLAT_BELOW: usize = 12_000;
 
 /// Meshes a skeleton. `atlas` says where the twigs lie in the species' leaf picture. Same
 /// arguments, same bytes.
@@ -330,8 +340,7 @@ pub fn build(
     let level = options.foliage;
     let wood_budget = options.triangle_budget.map(|b| match level {
         FoliageLevel::None => b,
-        // Little wood shows from afar.
-        FoliageLevel::Sparse => (b as f32 * WOOD_SHARE_SPARSE) as usize,
+        _ if options.is_flat() => (b as f32 * WOOD_SHARE_FLAT) as usize,
         _ => (b as f32 * WOOD_SHARE) as usize,
     });
     let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
@@ -396,6 +405,7 @@ fn order<'a>(
         level: options.foliage,
         budget: options.triangle_budget.map(|b| b.saturating_sub(triangles)),
         detail: options.detail,
+        is_flat: options.is_flat(),
         share: options.leaf_share,
         larger: options.larger,
         wind,

@@ -314,6 +314,21 @@ pub struct Pose {
 }
 
 impl Pose {
+    /// Of a twig alone, seen from about the x axis: what it hides is measured so.
+    pub fn measured(f: &Foliage) -> Pose {
+        Pose {
+            base: Vec3::ZERO,
+            heading: Vec3::X,
+            facing: Vec3::Z,
+            size_m: f.twig_length_m.clamp(1e-3, 20.0),
+            sag: 0.1,
+            mirrored: false,
+            outward: Vec3::Z,
+            crown: Vec3::ZERO,
+            is_plain: true,
+        }
+    }
+
     /// A normal between a surface's own and the crown's outside at a place: soft from far, its own
     /// from near. `share`: of the crown.
     pub fn bent(&self, own: Vec3, at: Vec3, share: f32) -> Vec3 {

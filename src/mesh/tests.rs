@@ -464,6 +464,7 @@ fn speed() {
         level,
         budget: None,
         detail: true,
+        is_flat: false,
         share: 1.0,
         larger: [1.0; HEIGHTS],
         wind: None,

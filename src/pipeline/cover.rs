@@ -264,4 +264,30 @@ mod tests {
         }
         assert!(off_by_more.is_empty(), "{off_by_more:#?}");
     }
+
+    /// Leaf by leaf a crown hides as much as cards do: within 12 %, with room for few leaves and for
+    /// all of them.
+    #[test]
+    fn leaf_by_leaf_a_crown_covers_as_much_as_with_cards() {
+        for name in ["larix_sibirica", "picea_obovata", "betula_pendula", "tilia_cordata"] {
+            let species = species::load(name).unwrap();
+            let seed = Seed::new(1);
+            let target = Target::FromSpecies { height_m: Some(15.0) };
+            let skeleton =
+                skeleton::grow(&species, target, detail(20_000, FoliageLevel::Cards), seed);
+            let (skeleton, textures) =
+                (skeleton.unwrap(), texture::for_species(&species, 512, seed));
+            let subject =
+                Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
+            let made = |triangles, level| {
+                subject.mesh(&WoodJob::default().options(triangles, level)).unwrap()
+            };
+            let cards = made(20_000, FoliageLevel::Cards);
+            let whole = [500_000, 3_000_000].map(|n| made(n, FoliageLevel::Geometry));
+            assert!(whole.iter().all(|tree| tree.leaf_cover > 0.999));
+            let seen = seen(&subject, &cards, whole.to_vec(), TEST_SIDES, TEST_SAMPLES).unwrap();
+            let covers: Vec<f32> = seen.iter().map(Seen::mean).collect();
+            assert!(covers.iter().all(|c| (c - 1.0).abs() < 0.12), "{name}: {covers:?}");
+        }
+    }
 }

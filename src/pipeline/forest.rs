@@ -425,13 +425,11 @@ impl WoodJob {
     }
 }
 
-/// The same with fewer triangles; with hardly any, few enlarged cards.
+/// The same with fewer triangles.
 pub fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
-    const HARDLY_ANY: usize = 1_000;
     let preset = mesh_options(triangles);
-    let most = if triangles < HARDLY_ANY { FoliageLevel::Sparse } else { FoliageLevel::Cards };
     MeshOptions {
-        foliage: options.foliage.min(most),
+        foliage: options.foliage.min(FoliageLevel::Cards),
         triangle_budget: Some(triangles),
         tolerance_m: options.tolerance_m.max(preset.tolerance_m),
         sagitta_m: f32::INFINITY,
@@ -441,11 +439,12 @@ pub fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
 }
 
 /// Nodes enough to use so many triangles well: about six a node, wood and leaves; more where every
-/// leaf is one.
+/// leaf is one. No fewer than it takes for twigs to be spread over the crown.
 pub(super) fn detail(triangles: usize, foliage: FoliageLevel) -> Detail {
+    const FEWEST_NODES: usize = 2_500;
     let max_nodes = match foliage {
         FoliageLevel::Geometry => (triangles / 60).clamp(2_000, 40_000),
-        _ => (triangles / 6).clamp(100, 100_000),
+        _ => (triangles / 6).clamp(FEWEST_NODES, 100_000),
     };
     Detail { max_nodes: max_nodes as u32, attractor_spacing_m: None }
 }

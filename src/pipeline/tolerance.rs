@@ -195,7 +195,7 @@ mod tests {
         let subject = Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
         let fewest = |most, tolerance_m| fewest(&subject, &mesh_options, most, tolerance_m);
         let mut last = usize::MAX;
-        for tolerance_m in [0.06, 0.15, 0.4] {
+        for tolerance_m in [0.045, 0.06, 0.2] {
             let got = fewest(10_000, tolerance_m).unwrap();
             assert!(got.is_within() && got.triangles < last, "{tolerance_m}: {got:?}");
             // A good deal fewer would be too coarse.
