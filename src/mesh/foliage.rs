@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::card::{self, Shape};
 use super::leaf::Twig;
 use super::piece::{Piece, fill};
-use super::spot::{Hull, Pose, spots, stance, thinned};
+use super::spot::{Hull, Pose, Spot, spots, stance, thinned};
 use super::wind::Wind;
 use super::{Surface, form, shell, stamp};
 use crate::diagnostic::{Error, Result};
@@ -169,14 +169,25 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     if let Some(twig) = &mut twig {
         twig.grow(enlarge);
     }
-    let kept = thinned(spots, &hull, most, enlarge, f.twig_length_m);
+    let larger_at = |s: &Spot| {
+        let height = at_heights(hull.share(s.at.z));
+        height.iter().zip(order.larger).map(|(share, larger)| share * larger).sum::<f32>()
+    };
+    let mut kept = thinned(spots, &hull, most, enlarge, f.twig_length_m);
+    // Fewer twigs rather than smaller ones than the species'.
+    kept.retain(|s| {
+        let size = enlarge * larger_at(s);
+        size >= 1.0 || seed.derive("kept", s.key).draws().unit() < size * size
+    });
+    if kept.is_empty() {
+        return Ok(Foliage::default());
+    }
     let outlines: Vec<_> = atlas.cells().iter().map(|c| c.outline(shape.rows())).collect();
     let fold = stance(f.shape).fold;
     let wind = order.wind.map(|wind| (wind, kept.as_slice()));
     let stand = |k: usize| {
         let mut draws = seed.derive("card", kept[k].key).draws();
-        let height = at_heights(hull.share(kept[k].at.z));
-        let larger = height.iter().zip(order.larger).map(|(share, larger)| share * larger).sum();
+        let larger = larger_at(&kept[k]).max(enlarge.recip());
         (Pose::of(&kept[k], f, &hull, [enlarge, larger], &mut draws), draws)
     };
     let surface = match (model, &twig) {
