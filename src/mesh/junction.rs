@@ -122,6 +122,53 @@ fn nearest(path: &[Ring], mut segment: usize, p: Vec3A) -> Place {
     Place { segment, share, radius_m, depth_m }
 }
 
+/// Where a way from within the bark leaves it on one segment of the path, as a share of the way, and
+/// the place there: its distance from the axis is the cone's radius, a quadratic equation.
+fn outlet(path: &[Ring], segment: usize, from: Vec3A, way: Vec3A) -> Option<(f32, Place)> {
+    let [low, high] = [&path[segment], &path[segment + 1]];
+    let a = Vec3A::from(low.centre);
+    let chord = Vec3A::from(high.centre) - a;
+    let per_sq = chord.length_squared().max(1e-20).recip();
+    let [at, onward] = [from - a, way].map(|v| v.dot(chord) * per_sq);
+    let [near, away] = [from - a - chord * at, way - chord * onward];
+    let wider = high.radius_m - low.radius_m;
+    let [radius_m, change_m] = [low.radius_m + wider * at, wider * onward];
+    let inside = near.length_squared() - radius_m * radius_m;
+    let half = near.dot(away) - radius_m * change_m;
+    let square = away.length_squared() - change_m * change_m;
+    let t = -inside / (half + (half * half - square * inside).max(0.0).sqrt());
+    let share = at + onward * t;
+    let radius_m = radius_m + change_m * t;
+    // NaN is no place.
+    let is_there = inside < 0.0 && t > 0.0 && t <= 1.0 && (0.0..=1.0).contains(&share);
+    is_there.then_some((t, Place { segment, share, radius_m, depth_m: 0.0 }))
+}
+
+/// The same over several segments, from the one given on, by halves; at the start where that is outside
+/// the bark.
+fn search(
+    path: &[Ring],
+    segment: usize,
+    from: Vec3A,
+    way: Vec3A,
+    near_enough_m: f32,
+) -> (f32, Place) {
+    let mut inner = nearest(path, segment, from);
+    if inner.depth_m <= 0.0 {
+        return (0.0, inner);
+    }
+    let (mut lo, mut hi) = (0.0f32, 1.0f32);
+    for _ in 0..6 {
+        let middle = 0.5 * (lo + hi);
+        let place = nearest(path, inner.segment, from + way * middle);
+        if place.depth_m.abs() < near_enough_m {
+            return (middle, place);
+        }
+        if place.depth_m > 0.0 { (lo, inner) = (middle, place) } else { hi = middle }
+    }
+    (hi, nearest(path, inner.segment, from + way * hi))
+}
+
 /// The foot of a branch whose knots begin near `base_arc_m` of the parent's path; `None` where it
 /// stays within the bark.
 pub fn leave(
@@ -138,46 +185,24 @@ pub fn leave(
     let first = path.partition_point(|r| r.arc_m <= base_arc_m).clamp(1, path.len() - 1) - 1;
     let at_knot = |i: usize| Vec3A::from(knots[i].at);
     let mut from = at_knot(0);
-    let Place { mut segment, depth_m: mut inner, .. } = nearest(path, first, from);
+    let mut segment = first;
     let mut walked = 0.0;
     let mut found = None;
     for (i, w) in knots.windows(2).enumerate() {
         let way = at_knot(i + 1) - from;
         let step = way.length();
         let end = nearest(path, segment, from + way);
-        let mut outer = end.depth_m;
-        if outer < 0.0 {
-            // False position, every other time by halves.
-            let (mut lo, mut hi) = (0.0f32, 1.0f32);
-            let mut place = None;
-            for k in 0..6 {
-                if inner <= 0.0 {
-                    break;
-                }
-                let t = if k % 2 == 0 { inner / (inner - outer) } else { 0.5 };
-                let middle = lo + (hi - lo) * t.clamp(0.02, 0.98);
-                let near = nearest(path, segment, from + way * middle);
-                let d = near.depth_m;
-                if d > 0.0 {
-                    (lo, inner) = (middle, d)
-                } else {
-                    (hi, outer) = (middle, d)
-                }
-                if d.abs() < ON_BARK * w[0].radius_m {
-                    (lo, hi, place) = (middle, middle, Some(near));
-                    break;
-                }
-            }
-            let out = if inner <= 0.0 { lo } else { hi };
+        if end.depth_m < 0.0 {
+            let (out, place) = outlet(path, end.segment, from, way)
+                .unwrap_or_else(|| search(path, segment, from, way, ON_BARK * w[0].radius_m));
             let radius = w[0].radius_m + (w[1].radius_m - w[0].radius_m) * out;
             let at = from + way * out;
-            let place = place.unwrap_or_else(|| nearest(path, segment, at));
             let direction = if step > 0.0 { way / step } else { Vec3A::Z };
             found = Some((walked + step * out, at, direction, radius, i + 1, place));
             walked += step;
             break;
         }
-        (segment, inner) = (end.segment, outer);
+        segment = end.segment;
         from += way;
         walked += step;
     }
@@ -238,6 +263,12 @@ fn angle(x: f32, y: f32) -> f32 {
     let quarter = if wide < high { FRAC_PI_2 - octant } else { octant };
     let half = if x < 0.0 { PI - quarter } else { quarter };
     half.copysign(y)
+}
+
+/// The greatest whole number that is no greater; few machines do it in one step.
+fn floor(x: f32) -> i32 {
+    let whole = x as i32;
+    whole - i32::from(x < whole as f32)
 }
 
 /// How a branch stands on the bark of its parent.
@@ -480,8 +511,8 @@ fn block(b: &Branch, arc_m: f32, sides: u32, taken: u64, is_empty: bool) -> Opti
     let half = b.half_turn * per_turn;
     let most = (n / 2).max(1);
     let reach = half + ROOM_AROUND;
-    let wide = ((x + reach).ceil() - (x - reach).floor()) as i32;
-    let narrow = ((2.0 * reach).ceil() as i32).clamp(1, most);
+    let wide = -floor(-x - reach) - floor(x - reach);
+    let narrow = (-floor(-2.0 * reach)).clamp(1, most);
     let half_in = |count: i32| half.min(0.42 * count as f32);
     // Where the foot's middle comes to lie, in facets from the block's first.
     let middle = |(first, count): (i32, i32)| {
@@ -491,11 +522,11 @@ fn block(b: &Branch, arc_m: f32, sides: u32, taken: u64, is_empty: bool) -> Opti
     let is_free = |&(first, count): &(i32, i32)| {
         is_empty || taken & mask(first.rem_euclid(n) as u32, count as u32, sides) == 0
     };
-    let natural = ((x - reach).floor() as i32, wide);
+    let natural = (floor(x - reach), wide);
     let (first, count) = if wide <= most && is_free(&natural) {
         natural
     } else {
-        let centred = (x - 0.5 * narrow as f32).round() as i32;
+        let centred = floor(x - 0.5 * narrow as f32 + 0.5);
         // Shifted by no more than its half width: else it moves less by going up the tube.
         let may = half.max(0.5) + 1e-3;
         (0..=may as i32 + 1)
@@ -554,6 +585,46 @@ mod tests {
             assert!((angle(x * 0.01, y * 0.01) - turn).abs() < 3e-4, "{turn}");
         }
         assert_eq!(angle(0.0, 0.0), 0.0);
+    }
+
+    /// On one segment as over several, and where the way begins outside.
+    #[test]
+    fn a_way_leaves_the_bark_where_its_distance_is_the_radius() {
+        let knots = [[0.0, 0.3], [1.0, 0.2], [2.5, 0.15], [4.0, 0.0]];
+        let ring = |[z, radius_m]: [f32; 2]| Ring {
+            centre: Vec3::Z * z,
+            tangent: Vec3::Z,
+            normal: Vec3::X,
+            radius_m,
+            arc_m: z,
+            slope: 0.0,
+            sides: 8,
+            lobe: 0.0,
+            girth: 1.0,
+            repeats: 1.0,
+            u: 0.0,
+            v: 0.0,
+        };
+        let path = knots.map(ring);
+        let mut found = 0;
+        for k in 0..400 {
+            let k = k as f32;
+            let from = Vec3A::new(0.05 * (k * 1.7).sin(), 0.05 * k.cos(), 0.1 + 0.007 * k);
+            let way = Vec3A::new((0.9 * k).sin(), (0.7 * k).cos(), (0.3 * k).sin()) * 0.8;
+            let end = nearest(&path, 0, from + way);
+            let near = search(&path, 0, from, way, 1e-3);
+            if let Some((t, place)) = outlet(&path, end.segment, from, way) {
+                let p = from + way * t;
+                let axis = Vec3A::new(0.0, 0.0, p.z);
+                assert!((p.distance(axis) - place.radius_m).abs() < 1e-5);
+                assert!((near.0 - t).abs() < 0.05, "{t} {}", near.0);
+                found += 1;
+            }
+        }
+        assert!(found > 100, "{found}");
+        let outside = Vec3A::new(0.5, 0.0, 1.0);
+        assert!(outlet(&path, 0, outside, Vec3A::X).is_none());
+        assert_eq!(search(&path, 0, outside, Vec3A::X, 1e-3).0, 0.0);
     }
 
     #[test]

@@ -100,6 +100,12 @@ fn bounds_of(points: &[Vec3]) -> (Vec3, Vec3) {
     all.fold(nothing, |(lo, hi), (low, high)| (lo.min(low), hi.max(high)))
 }
 
+/// Greatest coordinate.
+fn reach_m(points: &[Vec3]) -> f32 {
+    let (low, high) = bounds_of(points);
+    (-low).max(high).max_element().max(0.0)
+}
+
 /// A tree's mesh; tree-local metres, root collar at the origin, Z up.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TreeMesh {
@@ -331,7 +337,7 @@ pub fn build(
     // Where no leaf is borne the twigs are the crown.
     let foliage = if options.leaf_share > 0.0 { options.foliage } else { FoliageLevel::None };
     let options = &MeshOptions { foliage, ..*options };
-    let far = skeleton.position.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
+    let far = reach_m(&skeleton.position);
     if far > 1e4 {
         return Err(Error::new(format!("a skeleton reaches {far} m from its root"))
             .remedy("give lengths in metres"));

@@ -6,7 +6,7 @@ use super::path::{Foot, Knot, Least, Ring, Scratch, Sides, Start, rings};
 use super::tube::{Bark, Outlet, Shape, lay_bark};
 use super::wind::Wind;
 use super::young::{BARKS, Upper, Young};
-use super::{FoliageLevel, Junctions, MeshOptions, Surface};
+use super::{FoliageLevel, Junctions, MeshOptions, Surface, reach_m};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species;
@@ -73,12 +73,11 @@ pub fn wood(
         }),
         twig_m: bark.twig.map(|_| TWIG_RADIUS.map(|r| r * bark.twig_radius_m)),
     };
-    let reach = skeleton.position.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
     let planner = Planner {
         skeleton,
         chains: &chains,
         mixed_m: young.upper.map(|u| u.height_m),
-        least: Least::within(reach),
+        least: Least::within(reach_m(&skeleton.position)),
         is_welded: options.junctions == Junctions::Welded,
         options: *options,
     };
