@@ -8,14 +8,15 @@
 //! outline; then one factor for all heights, at which it does from the sides and from above together.
 //! Limit: all sides have the same scale.
 
+use glam::Vec3;
 use rayon::prelude::*;
 
-use super::forest::model_scene;
-use super::levels::{bounds, union};
+use super::forest::{Look, empty_scene, parts_of};
 use crate::diagnostic::Result;
 use crate::lod::Cover;
 use crate::mesh::{self, HEIGHTS, MeshOptions, TreeMesh};
 use crate::render::capture::Sitter;
+use crate::scene::Scene;
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
@@ -82,7 +83,8 @@ pub fn meshes(subject: &Subject<'_>, forms: &[MeshOptions]) -> Result<Vec<TreeMe
 /// # Errors
 /// A tree that is not finite.
 pub fn shares(subject: &Subject<'_>, finest: &TreeMesh, trees: Vec<TreeMesh>) -> Result<Vec<f32>> {
-    Ok(seen(subject, finest, trees, SIDES, SAMPLES)?.iter().map(Seen::mean).collect())
+    let wanted = Wanted::of(subject, finest, SIDES, SAMPLES)?;
+    Ok(wanted.seen(trees)?.iter().map(Seen::mean).collect())
 }
 
 /// Sizes the twigs of all forms but the first so that they cover as much as it does; `options`: how
@@ -100,6 +102,7 @@ fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMesh]) 
     if open.is_empty() {
         return Ok(());
     }
+    let wanted = Wanted::of(subject, finest, SIDES, SAMPLES)?;
     let tried = |open: &[(usize, [f32; HEIGHTS])], factors: &[f32]| {
         let tries = open.iter().flat_map(|of| factors.iter().map(move |factor| (*of, *factor)));
         let tries: Vec<_> = tries.collect();
@@ -108,7 +111,7 @@ fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMesh]) 
             let options = MeshOptions { larger, wind: None, ..options[k + 1] };
             subject.with_leaves(&coarser[k], &options)
         });
-        seen(subject, finest, made.collect::<Result<_>>()?, SIDES, SAMPLES)
+        wanted.seen(made.collect::<Result<_>>()?)
     };
     for _ in 0..ROUNDS {
         let seen = tried(&open, &STEP)?;
@@ -167,44 +170,71 @@ impl Seen {
     }
 }
 
-fn seen(
-    subject: &Subject<'_>,
-    finest: &TreeMesh,
-    trees: Vec<TreeMesh>,
+/// What the finest form covers, and how others are looked at beside it.
+struct Wanted {
+    /// Materials alone.
+    scene: Scene,
+    look: Look,
+    /// About the finest, with room for longer twigs.
+    around: (Vec3, Vec3),
+    /// Foot and top of the finest's leaves.
+    crown_m: [f32; 2],
     sides: usize,
     samples: usize,
-) -> Result<Vec<Seen>> {
-    let models = [finest.clone()].into_iter().chain(trees).collect();
-    let scene = model_scene(subject.species, models, subject.textures.clone());
-    let models: Vec<_> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
-    let around = models.iter().map(|parts| bounds(parts)).reduce(union).unwrap_or_default();
-    let sitter = Sitter::covers(&models, &scene.materials, &scene.textures);
-    let covered: Vec<Cover> = (0..models.len() as u32)
-        .into_par_iter()
-        .map(|m| Cover::of(&sitter, m, around, sides, samples))
-        .collect::<Result<_>>()?;
-    let (low, high) = finest.foliage.bounds();
-    let at = |z: f32| mesh::at_heights((z - low.z) / (high.z - low.z).max(1e-6));
-    let heights = |of: &Cover| {
+    finest: Cover,
+}
+
+/// Room about the finest form, share of its size.
+const MARGIN: f32 = 0.1;
+
+impl Wanted {
+    fn of(
+        subject: &Subject<'_>,
+        finest: &TreeMesh,
+        sides: usize,
+        samples: usize,
+    ) -> Result<Wanted> {
+        let (scene, look) = empty_scene(subject.species, subject.textures.clone());
+        let (low, high) = finest.bounds();
+        let room = (high - low) * MARGIN;
+        let around = (low - room, high + room);
+        let crown = finest.foliage.bounds();
+        let parts = parts_of(finest.clone(), look);
+        let sitter = Sitter::covers(&[&parts], &scene.materials, &scene.textures);
+        let finest = Cover::of(&sitter, 0, around, sides, samples)?;
+        let crown_m = [crown.0.z, crown.1.z];
+        Ok(Wanted { scene, look, around, crown_m, sides, samples, finest })
+    }
+
+    fn heights(&self, of: &Cover) -> [f32; HEIGHTS] {
+        let [low, high] = self.crown_m;
+        let at = |z: f32| mesh::at_heights((z - low) / (high - low).max(1e-6));
         let mut sum = [0.0; HEIGHTS];
         for (row, covered) in of.sides.iter().flat_map(|rows| rows.iter().enumerate()) {
             let each = at(of.height_m(row));
             sum.iter_mut().zip(each).for_each(|(sum, share)| *sum += share * *covered as f32);
         }
         sum
-    };
-    let (first, others) = covered.split_at(1);
-    let (finest, wanted) = (&first[0], heights(&first[0]));
-    let over = |a: f32, b: f32| if b > 0.0 { a / b } else { 1.0 };
-    let total = |rows: &Vec<usize>| rows.iter().sum::<usize>() as f32;
-    let seen = others.iter().map(|of| {
-        let mut heights = heights(of);
-        heights.iter_mut().zip(wanted).for_each(|(h, wanted)| *h = over(*h, wanted));
-        let sides = of.sides.iter().zip(&finest.sides).map(|(a, b)| over(total(a), total(b)));
-        let above = over(of.above as f32, finest.above as f32);
-        Seen { sides: sides.collect(), above, heights }
-    });
-    Ok(seen.collect())
+    }
+
+    fn seen(&self, trees: Vec<TreeMesh>) -> Result<Vec<Seen>> {
+        let models: Vec<_> = trees.into_iter().map(|tree| parts_of(tree, self.look)).collect();
+        let models: Vec<_> = models.iter().map(|parts| &parts[..]).collect();
+        let sitter = Sitter::covers(&models, &self.scene.materials, &self.scene.textures);
+        let wanted = self.heights(&self.finest);
+        let over = |a: f32, b: f32| if b > 0.0 { a / b } else { 1.0 };
+        let total = |rows: &Vec<usize>| rows.iter().sum::<usize>() as f32;
+        let of = |m: u32| {
+            let of = Cover::of(&sitter, m, self.around, self.sides, self.samples)?;
+            let mut heights = self.heights(&of);
+            heights.iter_mut().zip(wanted).for_each(|(h, wanted)| *h = over(*h, wanted));
+            let sides = of.sides.iter().zip(&self.finest.sides);
+            let sides = sides.map(|(a, b)| over(total(a), total(b))).collect();
+            let above = over(of.above as f32, self.finest.above as f32);
+            Ok(Seen { sides, above, heights })
+        };
+        (0..models.len() as u32).into_par_iter().map(of).collect()
+    }
 }
 
 #[cfg(test)]
@@ -236,7 +266,8 @@ mod tests {
             assert!(mesh.triangles() as f32 <= triangles as f32 * share, "{name} {share}");
         }
         let coarser = all.split_off(1);
-        seen(&subject, &all[0], coarser, TEST_SIDES, TEST_SAMPLES).unwrap()
+        let wanted = Wanted::of(&subject, &all[0], TEST_SIDES, TEST_SAMPLES).unwrap();
+        wanted.seen(coarser).unwrap()
     }
 
     /// Of every level of every species: within 6 % on average, 12 % from any side, 20 % from above,
@@ -285,7 +316,8 @@ mod tests {
             let cards = made(20_000, FoliageLevel::Cards);
             let whole = [500_000, 3_000_000].map(|n| made(n, FoliageLevel::Geometry));
             assert!(whole.iter().all(|tree| tree.leaf_cover > 0.999));
-            let seen = seen(&subject, &cards, whole.to_vec(), TEST_SIDES, TEST_SAMPLES).unwrap();
+            let wanted = Wanted::of(&subject, &cards, TEST_SIDES, TEST_SAMPLES).unwrap();
+            let seen = wanted.seen(whole.to_vec()).unwrap();
             let covers: Vec<f32> = seen.iter().map(Seen::mean).collect();
             assert!(covers.iter().all(|c| (c - 1.0).abs() < 0.12), "{name}: {covers:?}");
         }

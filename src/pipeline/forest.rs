@@ -821,12 +821,19 @@ pub(super) fn prototype(name: String, species: &Species, mesh: TreeMesh, look: L
 /// Models of one species with its textures, none of them in a place.
 pub fn model_scene(species: &Species, meshes: Vec<TreeMesh>, textures: TreeTextures) -> Scene {
     let name = identifier(&species.name);
-    let mut scene = Scene::empty(name.clone(), Frame::local(glam::DVec3::ZERO));
-    let look = add_materials(&mut scene, species, textures);
+    let (mut scene, look) = empty_scene(species, textures);
     for (k, mesh) in meshes.into_iter().enumerate() {
         scene.prototypes.push(prototype(format!("{name}_{:02}", k + 1), species, mesh, look));
     }
     scene
+}
+
+/// Without models, and what these are to look like.
+pub(super) fn empty_scene(species: &Species, textures: TreeTextures) -> (Scene, Look) {
+    let name = identifier(&species.name);
+    let mut scene = Scene::empty(name, Frame::local(glam::DVec3::ZERO));
+    let look = add_materials(&mut scene, species, textures);
+    (scene, look)
 }
 
 pub(super) fn parts_of(mesh: TreeMesh, look: Look) -> Vec<Part> {
