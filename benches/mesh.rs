@@ -28,11 +28,7 @@ fn grown(name: &str, max_nodes: u32) -> (Species, Skeleton) {
 
 fn main() {
     larix::heap::keep_freed();
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
-    pool.install(all);
-}
-
-fn all() {
+    rayon::ThreadPoolBuilder::new().num_threads(1).build_global().expect("the first pool");
     let only: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
     let free =
         MeshOptions { triangle_budget: None, foliage: FoliageLevel::None, ..MeshOptions::HERO };
