@@ -108,9 +108,9 @@ pub fn tell_unmeshed<'a>(
 }
 
 /// Adds to a report how much larger than the species' the leaves of these (finest) meshes are, where
-/// each is meshed for itself: the largest.
+/// each is meshed for itself: the largest. Of crowns that are thin all the same [`tell_thin`] warns.
 pub fn tell_leaves<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, outcome: Outcome) -> Outcome {
-    let sizes = meshes.filter_map(|mesh| mesh.leaf_size);
+    let sizes = meshes.filter(|mesh| mesh.leaf_cover >= THIN).filter_map(|mesh| mesh.leaf_size);
     let largest = sizes.max_by(|a, b| (a[0] * a[1]).total_cmp(&(b[0] * b[1])));
     match largest {
         Some([long, wide]) if long.max(wide) > 1.05 => outcome.note(format!(
