@@ -68,7 +68,7 @@ pub struct Order<'a> {
     pub budget: Option<usize>,
     /// Cards of more rows.
     pub detail: bool,
-    /// Cards of two triangles, so that there are more of them.
+    /// Cards of two triangles, so that there are more of them, where folded ones would not be all.
     pub is_flat: bool,
     /// Of the places for leaves, those that bear them.
     pub share: f32,
@@ -130,14 +130,16 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         return Ok(Foliage { surface, ..Foliage::default() });
     }
     let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);
-    let is_flat = is_sparse || order.is_flat;
+    let folded = Shape::of(f.shape, false);
+    // Where there are triangles for all of them, folded ones.
+    let is_flat = is_sparse || order.is_flat && folded.room().triangles * spots.len() > budget;
     // Finer cards where there are triangles for all of them; else rather more cards.
     let fine = Shape::of(f.shape, true);
     let is_fine = order.detail && !is_flat && fine.room().triangles * spots.len() <= budget;
     let shape = match level {
         _ if is_flat => Shape::Flat,
         _ if is_fine => fine,
-        _ => Shape::of(f.shape, false),
+        _ => folded,
     };
     // A picture of the user's has no leaves to tell apart.
     let model = species.own_model.as_deref();

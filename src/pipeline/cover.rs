@@ -296,6 +296,40 @@ mod tests {
         assert!(off_by_more.is_empty(), "{off_by_more:#?}");
     }
 
+    /// A tree of few triangles, grown for itself, covers what one of 20,000 does within 30 %, and
+    /// fills its crown from foot to top.
+    #[test]
+    fn trees_of_few_triangles_are_as_full() {
+        let names = ["larix_sibirica", "abies_sibirica", "betula_pendula", "quercus_robur"];
+        for (name, triangles) in names.into_iter().flat_map(|n| [(n, 2_000), (n, 5_000)]) {
+            let species = species::load(name).unwrap();
+            let seed = Seed::new(1);
+            let textures = texture::for_species(&species, 512, seed);
+            let target = Target::FromSpecies { height_m: None };
+            let grown = |triangles| {
+                let detail = detail(triangles, FoliageLevel::Cards);
+                skeleton::grow(&species, target, detail, seed).unwrap()
+            };
+            let skeletons = [20_000, triangles].map(grown);
+            let [fine, few] = [0, 1].map(|k| Subject {
+                skeleton: &skeletons[k],
+                species: &species,
+                textures: &textures,
+                seed,
+            });
+            let made = |subject: &Subject<'_>, triangles| {
+                subject.mesh(&WoodJob::default().options(triangles, FoliageLevel::Cards)).unwrap()
+            };
+            let finest = made(&fine, 20_000);
+            let wanted = Wanted::of(&fine, &finest, TEST_SIDES, TEST_SAMPLES).unwrap();
+            let seen = &wanted.seen(vec![made(&few, triangles)]).unwrap()[0];
+            let told = format!("{name} {triangles}: {:.3} {:.3?}", seen.mean(), seen.heights);
+            println!("{told}");
+            assert!((seen.mean() - 1.0).abs() < 0.3, "{told}");
+            assert!(seen.heights.iter().all(|h| *h > 0.5), "{told}");
+        }
+    }
+
     /// Leaf by leaf a crown hides as much as cards do: within 12 %, with room for few leaves and for
     /// all of them.
     #[test]
