@@ -1343,7 +1343,10 @@ def glb_defects():
 
 def engine_defects():
     """The same of a .glb with instances and levels."""
-    cell = lambda d: next(node for node in d["nodes"] if "MSFT_lod" in node.get("extensions", {}))
+    def cell(d):
+        levels = lambda node: len(node.get("extensions", {}).get("MSFT_lod", {}).get("ids", []))
+        return max(d["nodes"], key=levels)
+
     level = lambda d: d["nodes"][cell(d)["extensions"]["MSFT_lod"]["ids"][0]]
 
     def put(attribute, element, change):
