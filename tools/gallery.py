@@ -3,7 +3,7 @@
 
     tools/gallery.py -o output/gallery [--larix target/release/larix] [--only bark]
 
-Of all species, states: three seeds in leaf, autumn, winter, and the conditions III and VI; bark: the
+Of all species, states: three seeds in leaf and bare, autumn, and the conditions III and VI; bark: the
 stem at its foot, at a quarter and at 0.7 of the height, as close as two metres; lods: LOD0 to LOD4 and
 the cross impostor. Of some, species: the program's own sheets. Needs Pillow beside Blender, which
 tools/contact_sheet.py needs too.
@@ -22,8 +22,10 @@ STATES = [
     ["--seed", "1"],
     ["--seed", "2"],
     ["--seed", "3"],
+    ["--season", "winter", "--seed", "1"],
+    ["--season", "winter", "--seed", "2"],
+    ["--season", "winter", "--seed", "3"],
     ["--season", "autumn"],
-    ["--season", "winter"],
     ["--condition", "III"],
     ["--condition", "VI"],
 ]
