@@ -1343,6 +1343,7 @@ def glb_defects():
 
 def engine_defects():
     """The same of a .glb with instances and levels."""
+
     def cell(d):
         levels = lambda node: len(node.get("extensions", {}).get("MSFT_lod", {}).get("ids", []))
         return max(d["nodes"], key=levels)

@@ -52,12 +52,6 @@ impl Shape {
     }
 }
 
-/// Share of a cell within an outline.
-pub fn area(outline: &[Row]) -> f32 {
-    let wide = |r: &Row| r.right - r.left;
-    outline.windows(2).map(|w| 0.5 * (w[1].t - w[0].t) * (wide(&w[0]) + wide(&w[1]))).sum()
-}
-
 /// Share of the crown's outside in a normal, against the card's own.
 const BENT: f32 = 0.5;
 

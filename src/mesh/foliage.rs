@@ -45,7 +45,7 @@ const MOST_TRIANGLES: usize = 40_000_000;
 /// Cards of the sparse level, and triangles of a shell, at most.
 const MOST_SPARSE: usize = 600;
 const MOST_SHELL: usize = 400;
-/// How far cards may grow to make up for those left out, and at the sparse level.
+/// How far folded and flat cards may grow to make up for those left out.
 const MOST_ENLARGED_CARDS: f32 = 3.0;
 const MOST_ENLARGED_FLAT: f32 = 6.0;
 

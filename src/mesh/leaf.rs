@@ -7,8 +7,8 @@
 //! folded blade of two triangles, a leaf a card of its own cell, a compound leaf a rachis with its
 //! leaflets.
 //!
-//! There are as many twigs as it takes for them to hide of the crown what the species' leaves do; what
-//! a twig hides is measured on two of them. Every twig of a tree has the same number of triangles, so
+//! There are as many twigs as it takes for them to hide of the crown what cards do; what a twig hides is
+//! measured on two of them. Every twig of a tree has the same number of triangles, so
 //! that a budget is met exactly. A small budget simplifies first the wood of twigs and the form of
 //! needles, of as many as it must, then leaves needles or leaves out and widens the rest until the
 //! twig hides as much as before, and at last leaves out whole twigs and enlarges the rest. Limits:
@@ -17,7 +17,7 @@
 
 use glam::{Quat, Vec2, Vec3};
 
-use super::card::{Shape, area, emit};
+use super::card::{Shape, emit};
 use super::piece::{Piece, Room, fill};
 use super::shade::hidden_sq_m;
 use super::spot::{GOLDEN_RAD, Pose, stance};
@@ -489,6 +489,12 @@ impl<'a> Twig<'a> {
             [pose.base - across, pose.base + across, to].map(|p| out.vertex(p, pose.facing, uv));
         out.triangle(corners);
     }
+}
+
+/// Share of a cell within an outline.
+fn area(outline: &[Row]) -> f32 {
+    let wide = |r: &Row| r.right - r.left;
+    outline.windows(2).map(|w| 0.5 * (w[1].t - w[0].t) * (wide(&w[0]) + wide(&w[1]))).sum()
 }
 
 /// Of the leaves of an atlas.

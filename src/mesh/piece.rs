@@ -1,7 +1,7 @@
 //! Many copies of one small surface, filled side by side: each copy takes the same room, so that
 //! its place in the columns is known before it is made, on any number of threads.
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec3A};
 use rayon::prelude::*;
 
 use super::Surface;
@@ -106,13 +106,11 @@ impl Piece<'_> {
 /// turned the normal away from another.
 pub fn straighten(position: &[Vec3], normal: &mut [Vec3], index: &[u32], first: u32) -> bool {
     let mut has_turned = false;
-    let normal = &mut normal[..position.len()];
     for t in index.as_chunks::<3>().0 {
         let corners = t.map(|i| (i - first) as usize);
-        // Number by number: these are too few to move together.
-        let [a, b, c] = corners.map(|i| position[i]);
+        let [a, b, c] = corners.map(|i| Vec3A::from(position[i]));
         let front = (b - a).cross(c - a);
-        let dots = corners.map(|i| normal[i].dot(front));
+        let dots = corners.map(|i| Vec3A::from(normal[i]).dot(front));
         let [d, e, f] = dots;
         let least = if d < e { d } else { e };
         let least = if f < least { f } else { least };
@@ -124,7 +122,7 @@ pub fn straighten(position: &[Vec3], normal: &mut [Vec3], index: &[u32], first: 
             for (i, dot) in corners.into_iter().zip(dots) {
                 let turn = 2.0 * LEAST_COSINE - dot * per_length;
                 if turn > LEAST_COSINE {
-                    normal[i] = (normal[i] + front * turn).normalize_or(front);
+                    normal[i] = (Vec3A::from(normal[i]) + front * turn).normalize_or(front).into();
                     has_turned = true;
                 }
             }

@@ -314,7 +314,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// Of a twig alone, seen from about the x axis: what it hides is measured so.
+    /// Of a twig alone, along the x axis: what it hides is measured so.
     pub fn measured(f: &Foliage) -> Pose {
         Pose {
             base: Vec3::ZERO,
