@@ -128,117 +128,40 @@ fn root(part: &mut [u32], mut i: u32) -> u32 {
     i
 }
 
-/// Directed edges without exactly one partner in the other direction, after corners in one place
-/// are welded; 0 where all is closed and wound one way. Tubes that pass through each other may have
-/// edges in one place: then corners are welded within each connected part alone.
+/// Triangles' sides without one that runs back along them, corners in one place taken for one; 0
+/// where all is closed and wound one way. Tubes that pass through each other may have sides in one
+/// place, so that more than two triangles meet there: as many must run back.
 pub fn open_edges(surfaces: &[&Surface]) -> usize {
-    let ways = [Weld::All, Weld::Normals, Weld::Folds, Weld::Bark];
-    let mut least = usize::MAX;
-    for way in ways {
-        least = least.min(open_edges_of(weld(surfaces, way)));
-        if least == 0 {
-            break;
-        }
-    }
-    least
+    sides(surfaces).into_iter().map(|(along, back)| along.saturating_sub(back)).sum()
 }
 
-/// Which corners in one place are one.
-#[derive(Clone, Copy, PartialEq)]
-enum Weld {
-    All,
-    /// Those of a connected part. Parts of two surfaces are connected where corners agree in place
-    /// and normal.
-    Normals,
-    /// Parts of one surface are so, too, where bark is as far along, as at folds.
-    Folds,
-    /// Parts are connected where corners agree in place and bark is as far along.
-    Bark,
-}
-
-/// As [`open_edges`], all corners in one place welded.
+/// Sides not in exactly two triangles that are wound one way: 0 where all is one closed manifold.
 #[cfg(test)]
-pub fn open_edges_welded(surfaces: &[&Surface]) -> usize {
-    open_edges_of(weld(surfaces, Weld::All))
+pub fn edges_not_in_two(surfaces: &[&Surface]) -> usize {
+    sides(surfaces).into_iter().filter(|&sides| sides != (1, 1)).count()
 }
 
-fn open_edges_of((index, welded): (Vec<u32>, Vec<u32>)) -> usize {
-    let mut edges: Vec<(u32, u32)> = index
-        .chunks_exact(3)
-        .flat_map(|t| {
-            let [a, b, c] = [0, 1, 2].map(|k| welded[t[k] as usize]);
-            [(a, b), (b, c), (c, a)]
-        })
-        .collect();
-    edges.sort_unstable();
-    let mut open = 0;
-    let mut i = 0;
-    while i < edges.len() {
-        let same = edges[i..].iter().take_while(|e| **e == edges[i]).count();
-        let back = (edges[i].1, edges[i].0);
-        let start = edges.partition_point(|e| *e < back);
-        let backs = edges[start..].iter().take_while(|e| **e == back).count();
-        if same != 1 || backs != 1 {
-            open += same;
-        }
-        i += same;
-    }
-    open
-}
-
-/// The surfaces' indices as one list, and for every vertex one that stands for all in its place.
-fn weld(surfaces: &[&Surface], way: Weld) -> (Vec<u32>, Vec<u32>) {
-    let by_part = way != Weld::All;
-    let (mut index, mut position, mut normal) = (vec![], vec![], vec![]);
-    let (mut along, mut owner) = (vec![], vec![]);
-    for (k, s) in surfaces.iter().enumerate() {
-        let base = position.len() as u32;
-        index.extend(s.index.iter().map(|i| i + base));
-        position.extend_from_slice(&s.position);
-        normal.extend_from_slice(&s.normal);
-        along.extend(s.uv.iter().map(|uv| uv.y));
-        owner.resize(position.len(), k);
-    }
-    let n = position.len();
-    let mut part: Vec<u32> = (0..n as u32).collect();
-    for t in index.chunks_exact(3).filter(|_| by_part) {
-        for &k in &t[1..] {
-            let (a, b) = (root(&mut part, t[0]), root(&mut part, k));
-            part[b as usize] = a;
-        }
-    }
+/// How many triangles' sides run along and how many back, for every two places that a side joins.
+fn sides(surfaces: &[&Surface]) -> Vec<(usize, usize)> {
     // Adding zero makes −0 the same place as 0.
     let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
-    let mut order: Vec<u32> = (0..n as u32).collect();
-    let place = |i: u32| {
-        let i = i as usize;
-        let more = if way == Weld::Bark { Vec3::splat(along[i]) } else { normal[i] };
-        (key(position[i]), key(more))
+    let mut places: Vec<[u32; 3]> =
+        surfaces.iter().flat_map(|s| s.position.iter().map(|&p| key(p))).collect();
+    places.sort_unstable();
+    places.dedup();
+    let mut edges = Vec::new();
+    for s in surfaces {
+        let place: Vec<u32> =
+            s.position.iter().map(|&p| places.partition_point(|q| *q < key(p)) as u32).collect();
+        edges.extend(s.index.chunks_exact(3).flat_map(|t| {
+            let [a, b, c] = [0, 1, 2].map(|k| place[t[k] as usize]);
+            [(a, b), (b, c), (c, a)]
+        }));
+    }
+    edges.sort_unstable();
+    let count = |e: (u32, u32)| {
+        let from = edges.partition_point(|other| *other < e);
+        edges[from..].iter().take_while(|other| **other == e).count()
     };
-    if by_part {
-        order.sort_unstable_by_key(|&i| (place(i), i));
-        for w in order.windows(2) {
-            let [a, b] = [w[0], w[1]].map(|i| i as usize);
-            let joins = way == Weld::Bark
-                || owner[a] != owner[b]
-                || way == Weld::Folds && along[a] == along[b];
-            if joins && place(w[0]) == place(w[1]) {
-                let (a, b) = (root(&mut part, w[0]), root(&mut part, w[1]));
-                part[b as usize] = a;
-            }
-        }
-    }
-    let parts: Vec<u32> =
-        (0..n as u32).map(|i| if by_part { root(&mut part, i) } else { 0 }).collect();
-    let place = |i: u32| (parts[i as usize], key(position[i as usize]));
-    order.sort_unstable_by_key(|&i| (place(i), i));
-    let mut welded = vec![0; n];
-    let mut head = 0;
-    for (k, &i) in order.iter().enumerate() {
-        if k == 0 || place(order[k - 1]) != place(i) {
-            head = i;
-        }
-        welded[i as usize] = head;
-    }
-    (index, welded)
+    edges.chunk_by(|a, b| a == b).map(|same| (same.len(), count((same[0].1, same[0].0)))).collect()
 }

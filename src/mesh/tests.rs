@@ -98,7 +98,7 @@ proptest! {
         let wood = tree.woods();
         match junctions {
             Junctions::Welded => {
-                prop_assert_eq!(check::open_edges_welded(&wood), 0);
+                prop_assert_eq!(check::edges_not_in_two(&wood), 0);
                 prop_assert_eq!(check::parts(&wood), 1);
             }
             Junctions::Intersecting => prop_assert_eq!(check::open_edges(&wood), 0),
@@ -223,7 +223,7 @@ fn grown_trees_are_sound_closed_and_within_budget() {
 fn assert_one_solid(tree: &TreeMesh, what: &str) {
     let wood = tree.woods();
     wood.iter().for_each(|s| s.check().unwrap_or_else(|e| panic!("{what}: {e}")));
-    assert_eq!(check::open_edges_welded(&wood), 0, "{what}");
+    assert_eq!(check::edges_not_in_two(&wood), 0, "{what}");
     assert_eq!(check::parts(&wood), 1, "{what}");
     let volume = wood.iter().map(|s| s.volume_about_m3(Vec3::ZERO)).sum::<f64>();
     assert!(volume > 0.0, "{what}: {volume} m³");
