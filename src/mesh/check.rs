@@ -128,40 +128,43 @@ fn root(part: &mut [u32], mut i: u32) -> u32 {
     i
 }
 
-/// Triangles' sides without one that runs back along them, corners in one place taken for one; 0
-/// where all is closed and wound one way. Tubes that pass through each other may have sides in one
-/// place, so that more than two triangles meet there: as many must run back.
+/// Sides of triangles, corners in one place taken for one, that are not in exactly two triangles
+/// wound one way: 0 where all is one closed manifold, or several apart.
 pub fn open_edges(surfaces: &[&Surface]) -> usize {
-    sides(surfaces).into_iter().map(|(along, back)| along.saturating_sub(back)).sum()
+    sides(surfaces).into_iter().filter(|ways| *ways != [1, 1]).map(|[along, _]| along).sum()
 }
 
-/// Sides not in exactly two triangles that are wound one way: 0 where all is one closed manifold.
+/// Sides of triangles without one that runs back along them: 0 where all is closed, tubes with sides
+/// in one place included.
 #[cfg(test)]
-pub fn edges_not_in_two(surfaces: &[&Surface]) -> usize {
-    sides(surfaces).into_iter().filter(|&sides| sides != (1, 1)).count()
+pub fn unmatched_sides(surfaces: &[&Surface]) -> usize {
+    sides(surfaces).into_iter().map(|[along, back]| along.saturating_sub(back)).sum()
 }
 
-/// How many triangles' sides run along and how many back, for every two places that a side joins.
-fn sides(surfaces: &[&Surface]) -> Vec<(usize, usize)> {
+/// How many sides run along and how many back, for every two places that a side joins.
+fn sides(surfaces: &[&Surface]) -> Vec<[usize; 2]> {
     // Adding zero makes −0 the same place as 0.
     let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
     let mut places: Vec<[u32; 3]> =
         surfaces.iter().flat_map(|s| s.position.iter().map(|&p| key(p))).collect();
     places.sort_unstable();
     places.dedup();
-    let mut edges = Vec::new();
+    let mut sides = Vec::new();
     for s in surfaces {
         let place: Vec<u32> =
             s.position.iter().map(|&p| places.partition_point(|q| *q < key(p)) as u32).collect();
-        edges.extend(s.index.chunks_exact(3).flat_map(|t| {
+        sides.extend(s.index.chunks_exact(3).flat_map(|t| {
             let [a, b, c] = [0, 1, 2].map(|k| place[t[k] as usize]);
-            [(a, b), (b, c), (c, a)]
+            [[a, b], [b, c], [c, a]]
         }));
     }
-    edges.sort_unstable();
-    let count = |e: (u32, u32)| {
-        let from = edges.partition_point(|other| *other < e);
-        edges[from..].iter().take_while(|other| **other == e).count()
+    sides.sort_unstable();
+    let count = |side: [u32; 2]| {
+        let from = sides.partition_point(|other| *other < side);
+        sides[from..].iter().take_while(|other| **other == side).count()
     };
-    edges.chunk_by(|a, b| a == b).map(|same| (same.len(), count((same[0].1, same[0].0)))).collect()
+    sides
+        .chunk_by(|a, b| a == b)
+        .map(|same| [same.len(), count([same[0][1], same[0][0]])])
+        .collect()
 }

@@ -9,6 +9,7 @@
 //! - feet that overlap along the tube lie side by side in one band, shifted around where needed;
 //! - where there is no room, the later one goes up the tube into a band of its own;
 //! - where a tube is too short for that, all its feet are spread evenly and made smaller;
+//! - none lies across a bend of more than a right angle, where the tube has room elsewhere;
 //! - a branch that never leaves the bark by more than its collar, or finds no room that f32 can
 //!   tell apart, has no mesh.
 //!
@@ -402,6 +403,12 @@ struct Band {
     high_m: f32,
 }
 
+/// Whether a path turns by more than a right angle at one of its inner rings.
+fn turns_back(path: &[Ring], i: usize) -> bool {
+    let [a, b, c] = [i - 1, i, i + 1].map(|k| Vec3A::from(path[k].centre));
+    (b - a).dot(c - b) < 0.0
+}
+
 /// One pass from base to tip; false where the feet do not fit below `high_m`.
 fn sweep(
     path: &[Ring],
@@ -430,6 +437,17 @@ fn sweep(
                 return false;
             }
             let ring = (next < last).then(|| path[next]);
+            if let Some(r) = ring.filter(|r| r.arc_m < hi && r.arc_m > below.arc_m + step)
+                && high_m.is_finite()
+                && turns_back(path, next)
+            {
+                // A band past it would be flat.
+                let sides = if band.is_some() { below.sides } else { r.sides.min(below.sides) };
+                rings.push(Ring { sides, ..r });
+                next += 1;
+                band = None;
+                continue;
+            }
             let Some(open) = &mut band else {
                 match ring {
                     Some(r) if r.arc_m <= lo => {

@@ -147,7 +147,7 @@ fn turned(profile: &[(f32, f32)], sides: u32) -> Surface {
 
 #[cfg(test)]
 mod tests {
-    use super::super::check::edges_not_in_two;
+    use super::super::check::open_edges;
     use super::*;
 
     const PINE: Measures = Measures {
@@ -183,7 +183,7 @@ mod tests {
             let bodies = [(&mesh.wood, s.stem_volume_m3()), (&mesh.foliage, s.crown_volume_m3())];
             for (surface, round) in bodies {
                 surface.check().unwrap();
-                assert_eq!(edges_not_in_two(&[surface]), 0);
+                assert_eq!(open_edges(&[surface]), 0);
                 let volume = surface.volume_m3();
                 assert!((volume / (round * share) - 1.0).abs() < 1e-5, "{sides}: {volume}");
             }
