@@ -792,7 +792,8 @@ fn damaged_scans_never_panic() {
             try_bytes(&flipped);
         }
     }
-    assert!(errors > 200 && scans > 50, "{errors} errors, {scans} scans");
+    let tried = errors + scans;
+    assert!(5 * errors > tried && 10 * scans > tried, "{errors} errors, {scans} scans");
 }
 
 fn sound_enough(scan: &Scan) {
