@@ -26,6 +26,9 @@ use crate::texture::TreeTextures;
 const STEP: [f32; 2] = [0.85, 1.18];
 const ROUNDS: usize = 6;
 const LARGER: [f32; 2] = [0.3, 3.0];
+/// Below the crown's tip twigs are larger than at most heights by no more than this: where a form has
+/// few, those would stand out of it.
+const UNEVEN: f32 = 1.5;
 /// Cover goes with the size of twigs to this power at least.
 const LEAST_POWER: f32 = 0.4;
 /// Factors tried at last, for all heights.
@@ -120,6 +123,10 @@ fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMesh]) 
                 let factor = between(of.each_ref().map(|seen| seen.heights[h]));
                 *larger = (*larger * factor).clamp(LARGER[0], LARGER[1]);
             }
+            let mut sorted = *larger;
+            sorted.sort_by(f32::total_cmp);
+            let most = UNEVEN * sorted[HEIGHTS / 2];
+            larger[..HEIGHTS - 1].iter_mut().for_each(|larger| *larger = larger.min(most));
         }
     }
     let seen = tried(&open, &LADDER)?;
