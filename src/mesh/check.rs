@@ -120,6 +120,7 @@ pub fn parts(surfaces: &[&Surface]) -> usize {
     (0..part.len()).filter(|&i| part[i] == i as u32).count()
 }
 
+#[cfg(test)]
 fn root(part: &mut [u32], mut i: u32) -> u32 {
     while part[i as usize] != i {
         part[i as usize] = part[part[i as usize] as usize];

@@ -69,18 +69,6 @@ impl Subject<'_> {
     }
 }
 
-/// Meshes a tree in several forms, the finest first; the twigs of the others are so large that they
-/// cover as much as it does.
-///
-/// # Errors
-/// Those of [`mesh::build`]; a tree that is not finite.
-pub fn meshes(subject: &Subject<'_>, forms: &[MeshOptions]) -> Result<Vec<TreeMesh>> {
-    let mut out: Vec<TreeMesh> =
-        forms.par_iter().map(|options| subject.mesh(options)).collect::<Result<_>>()?;
-    keep(subject, forms, &mut out)?;
-    Ok(out)
-}
-
 /// What each tree covers over what the finest does, the mean of all sides and of above.
 ///
 /// # Errors
@@ -90,9 +78,12 @@ pub fn shares(subject: &Subject<'_>, finest: &TreeMesh, trees: Vec<TreeMesh>) ->
     Ok(wanted.seen(trees)?.iter().map(Seen::mean).collect())
 }
 
-/// Sizes the twigs of all forms but the first so that they cover as much as it does; `options`: how
-/// each is meshed.
-fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMesh]) -> Result<()> {
+/// Sizes the twigs of all forms but the first, which is the finest, so that they cover as much as it
+/// does; `options`: how each of the others is meshed.
+///
+/// # Errors
+/// Those of [`mesh::build`]; a tree that is not finite.
+pub fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMesh]) -> Result<()> {
     let Some((finest, coarser)) = forms.split_first_mut() else { return Ok(()) };
     let area = |tree: &TreeMesh| tree.foliage.area_sq_m().max(1e-6);
     // The number of each form, and how much larger its twigs are.
@@ -111,7 +102,7 @@ fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMesh]) 
         let tries: Vec<_> = tries.collect();
         let made = tries.par_iter().map(|&((k, larger), factor)| {
             let larger = larger.map(|l| l * factor);
-            let options = MeshOptions { larger, wind: None, ..options[k + 1] };
+            let options = MeshOptions { larger, wind: None, ..options[k] };
             subject.with_leaves(&coarser[k], &options)
         });
         wanted.seen(made.collect::<Result<_>>()?)
@@ -132,7 +123,7 @@ fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMesh]) 
     let seen = tried(&open, &LADDER)?;
     for ((k, larger), of) in open.iter().zip(seen.as_chunks::<{ LADDER.len() }>().0) {
         let factor = found(&of.each_ref().map(Seen::mean));
-        let options = MeshOptions { larger: larger.map(|l| l * factor), ..options[k + 1] };
+        let options = MeshOptions { larger: larger.map(|l| l * factor), ..options[*k] };
         coarser[*k] = subject.with_leaves(&coarser[*k], &options)?;
     }
     Ok(())

@@ -43,28 +43,38 @@ impl LevelsJob {
     }
 }
 
-/// A model's meshes, from fine to coarse, at one scale: whatever grows over the height that is
+/// A model's meshes, from fine to coarse, whose twigs are so large that they cover as much as the
+/// finest's, at one scale: whatever grows over the height that is
 /// asked for in the finest is shrunk in all, so that stems stay where they are.
 ///
 /// # Errors
-/// Those of [`crate::mesh::build`].
+/// Those of [`crate::mesh::build`]; a tree that is not finite.
 pub fn meshes(
     subject: &Subject<'_>,
     options: &MeshOptions,
     meshed: usize,
     height_m: Option<f32>,
 ) -> Result<Vec<TreeMesh>> {
-    let forms: Vec<MeshOptions> = [1.0]
-        .into_iter()
-        .chain(SHARES)
-        .take(meshed + 1)
-        .map(|share| match options.triangle_budget {
-            Some(most) if share < 1.0 => coarser(options, (most as f32 * share) as usize),
-            _ => *options,
-        })
-        .collect();
     work::count(Work::CoarserForms, meshed);
-    let mut out = cover::meshes(subject, &forms)?;
+    let mut out = vec![subject.mesh(options)?];
+    let mut forms = Vec::new();
+    let mut is_full = true;
+    for (k, share) in SHARES.into_iter().enumerate().take(meshed) {
+        let form = match (options.triangle_budget, out.last()) {
+            (Some(most), Some(finer)) => {
+                let used = finer.triangles();
+                let given = forms.last().unwrap_or(options).triangle_budget.unwrap_or(most);
+                is_full &= used as f32 > FULL * given as f32;
+                let even = (most as f32 * share) as usize;
+                let triangles = if is_full { even } else { less(most, used, k) };
+                MeshOptions { triangle_budget: Some(triangles), ..coarser(options, even) }
+            }
+            _ => *options,
+        };
+        out.push(subject.mesh(&form)?);
+        forms.push(form);
+    }
+    cover::keep(subject, &forms, &mut out)?;
     let factor = out.first().map_or(1.0, |finest| height_m.map_or(1.0, |h| finest.factor_to(h)));
     out.par_iter_mut().for_each(|mesh| mesh.scale(factor));
     if meshed > SHARES.len() {
@@ -81,6 +91,22 @@ pub fn meshes(
         out.push(scheme);
     }
     Ok(out)
+}
+
+/// Share of the triangles given from which on they are taken for all used.
+const FULL: f32 = 0.8;
+/// Triangles of a small tree's level over those of the one before, at most, as a mean of all to come.
+const FALL: f32 = 0.6;
+
+/// Triangles of level `k` + 1 where the one before has all it needs within its own, `used`: the levels fall
+/// from those to what the last may have.
+fn less(most: usize, used: usize, k: usize) -> usize {
+    let (most, used) = (most as f32, used.max(1) as f32);
+    let last = SHARES[SHARES.len() - 1];
+    let before = k.checked_sub(1).map_or(1.0, |k| SHARES[k]);
+    let lowest = (most * last / used).min(FALL.powi((SHARES.len() - k) as i32));
+    let steps = (SHARES[k] / before).ln() / (last / before).ln();
+    (used * lowest.powf(steps)) as usize
 }
 
 /// Share of the axes thick enough for a mesh above which it is worth a warning that they have none.
@@ -414,4 +440,25 @@ pub fn outcome(rows: &[Row], models: usize) -> Outcome {
         worst.into(),
         "m",
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_of_a_small_tree_fall_from_what_the_one_before_has() {
+        for most in [20_000, 1_000_000] {
+            for used in [300, 2_403, 7_426, 17_000] {
+                let mut before = used;
+                for k in 0..SHARES.len() {
+                    let of = less(most, before, k);
+                    let is_less = 0 < of && of as f32 <= 0.71 * before as f32;
+                    assert!(is_less, "{most} {used} {k}: {of} after {before}");
+                    before = of;
+                }
+                assert!(before <= most / 40, "{most} {used}: {before}");
+            }
+        }
+    }
 }
