@@ -254,9 +254,12 @@ fn leave(kept: &[Knot], start: &Start, least_step: f32, path: &mut Vec<Knot>) {
     let r = start.radius_m;
     path.push(Knot { at: start.at, radius_m: start.wide_m });
     let mut from = start.arc_m + start.rise_m;
-    // A foot that gave way to another takes the branch along, less and less.
+    // A foot that gave way to another takes the branch along, less and less, and not its tip where
+    // there is room for that.
     let moved = locate(kept, start.arc_m).map_or(Vec3::ZERO, |(_, k)| start.at - k.at);
-    let reach = (8.0 * moved.length()).max(1e-9);
+    let moved_m = moved.length();
+    let whole_m = kept[0].at.distance(kept[kept.len() - 1].at);
+    let reach = (8.0 * moved_m).min(0.8 * whole_m).max(3.0 * moved_m).max(1e-9);
     let shifted = |at: Vec3, arc: f32| {
         let left = (1.0 - (arc - start.arc_m) / reach).clamp(0.0, 1.0);
         at + moved * (left * left)
