@@ -1,8 +1,8 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::skeleton::{Detail, NO_PARENT, Target, grow};
-use crate::species;
+use crate::skeleton::{Detail, NO_PARENT, Target, decline, grow};
+use crate::species::{self, state::Condition};
 use crate::texture;
 
 pub(crate) const SPECIES: [&str; 6] = [
@@ -332,6 +332,39 @@ fn bare_trees_keep_their_height_at_any_budget() {
             assert!(high > 0.99, "{name} of {budget}: {high}");
         }
     }
+}
+
+/// However far up its foot has to move: stems of a shrub all spring from one place.
+#[test]
+fn thick_tips_stay_where_they_are_at_any_budget() {
+    let mut found = 0;
+    let name = "corylus_avellana";
+    for seed in [1, 2] {
+        let (species, seed) = (species::load(name).unwrap(), Seed::new(seed));
+        let target = Target::FromSpecies { height_m: None };
+        let detail = Detail { max_nodes: 3333, attractor_spacing_m: None };
+        let grown = grow(&species, target, detail, seed).unwrap();
+        let dead = decline::in_condition(&grown, Condition::OldDead, seed);
+        let mut has_child = vec![false; dead.len()];
+        (1..dead.len()).for_each(|i| has_child[dead.parent[i] as usize] = true);
+        // A stub may be as short as its foot has to move.
+        let is_high = |i: usize| dead.position[i].z > 0.5 * dead.height_m();
+        let is_thick = |i: &usize| !has_child[*i] && dead.radius_m[*i] > 0.008 && is_high(*i);
+        let tips: Vec<usize> = (0..dead.len()).filter(is_thick).collect();
+        for budget in [1_000, 3_000, 20_000] {
+            let options = MeshOptions { triangle_budget: Some(budget), ..bare(0.002) };
+            let tree = build(&dead, &species, &Atlas::whole(0.4), &options, seed).unwrap();
+            let wood = tree.woods();
+            for &i in &tips {
+                let (tip, radius_m) = (dead.position[i], dead.radius_m[i]);
+                let corners = wood.iter().flat_map(|s| &s.position);
+                let off = corners.map(|p| p.distance(tip)).fold(f32::INFINITY, f32::min);
+                assert!(off < 0.05 + radius_m, "{name} of {budget}: {tip} is off by {off}");
+                found += 1;
+            }
+        }
+    }
+    assert!(found > 12, "{found}");
 }
 
 #[test]
