@@ -42,9 +42,9 @@ fn measure(name: &str) -> Vec<Point> {
     let kept = mesh_options(FINE[FINE.len() - 1]);
     let mut forms: Vec<MeshOptions> = FINE.into_iter().map(mesh_options).collect();
     forms.extend(COARSE.map(|n| coarser(&kept, n)));
-    let levels = cover::meshes(&subject, &forms[FINE.len() - 1..]).expect("meshes");
-    let mut meshes: Vec<TreeMesh> =
-        forms[..FINE.len() - 1].iter().map(built).chain(levels).collect();
+    let mut meshes: Vec<TreeMesh> = forms.iter().map(built).collect();
+    let (_, levels) = meshes.split_at_mut(FINE.len() - 1);
+    cover::keep(&subject, &forms[FINE.len()..], levels).expect("meshes");
     let covers = cover::shares(&subject, &meshes[FINE.len() - 1], meshes.clone()).expect("finite");
     let mut points = Vec::new();
     for ((options, mesh), cover) in forms.iter().zip(&meshes).zip(covers) {
