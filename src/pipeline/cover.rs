@@ -8,6 +8,8 @@
 //! outline; then one factor for all heights, at which it does from the sides and from above together.
 //! Limit: all sides have the same scale.
 
+use std::array;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -29,6 +31,9 @@ const LARGER: [f32; 2] = [0.3, 3.0];
 /// Below the crown's tip twigs are larger than at most heights by no more than this: where a form has
 /// few, those would stand out of it.
 const UNEVEN: f32 = 1.5;
+/// Share of what each of the two heights beside one has in the size of its twigs: these reach over them, and
+/// where few hang at a height they are all that covers it.
+const BESIDE: f32 = 0.15;
 /// Cover goes with the size of twigs to this power at least.
 const LEAST_POWER: f32 = 0.4;
 /// Factors tried at last, for all heights.
@@ -110,8 +115,11 @@ pub fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMes
     for _ in 0..ROUNDS {
         let seen = tried(&open, &STEP)?;
         for ((_, larger), of) in open.iter_mut().zip(seen.as_chunks::<{ STEP.len() }>().0) {
+            let factors: [f32; HEIGHTS] =
+                array::from_fn(|h| between(of.each_ref().map(|seen| seen.heights[h])));
             for (h, larger) in larger.iter_mut().enumerate() {
-                let factor = between(of.each_ref().map(|seen| seen.heights[h]));
+                let beside = factors[h.saturating_sub(1)] * factors[(h + 1).min(HEIGHTS - 1)];
+                let factor = factors[h].powf(1.0 - 2.0 * BESIDE) * beside.powf(BESIDE);
                 *larger = (*larger * factor).clamp(LARGER[0], LARGER[1]);
             }
             let mut sorted = *larger;
@@ -259,7 +267,8 @@ mod tests {
         let subject = Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
         let options = WoodJob::default().options(triangles, FoliageLevel::Cards);
         let mut all = levels::meshes(&subject, &options, SHARES.len(), None).unwrap();
-        for (mesh, share) in all.iter().zip([1.0].into_iter().chain(SHARES)) {
+        let shares = (0..SHARES.len()).map(|k| levels::share(triangles, k));
+        for (mesh, share) in all.iter().zip([1.0].into_iter().chain(shares)) {
             mesh.check().unwrap();
             assert!(mesh.triangles() as f32 <= triangles as f32 * share, "{name} {share}");
         }

@@ -32,7 +32,17 @@ pub struct LevelsJob {
 }
 
 /// Triangles of LOD1, LOD2, LOD3 over those of the finest form: 20,000 give 8,000, 3,000 and 500.
+/// Of small trees [`share`] gives more.
 pub const SHARES: [f32; 3] = [0.4, 0.15, 0.025];
+
+/// Triangles below which a crown of cards falls into pieces, and two cones and a cylinder are closer to it.
+const LEAST: f32 = 250.0;
+
+/// Triangles of level `k` + 1 over those of the finest, which may have `most`.
+pub fn share(most: usize, k: usize) -> f32 {
+    let least = LEAST / most.max(1) as f32 / FALL.powi((SHARES.len() - 1 - k) as i32);
+    SHARES[k].max(least.min(FALL.powi(k as i32 + 1)))
+}
 
 /// The name of the last form.
 const IMPOSTOR: &str = "impostor";
@@ -59,13 +69,13 @@ pub fn meshes(
     let mut out = vec![subject.mesh(options)?];
     let mut forms = Vec::new();
     let mut is_full = true;
-    for (k, share) in SHARES.into_iter().enumerate().take(meshed) {
+    for k in 0..meshed.min(SHARES.len()) {
         let form = match (options.triangle_budget, out.last()) {
             (Some(most), Some(finer)) => {
                 let used = finer.triangles();
                 let given = forms.last().unwrap_or(options).triangle_budget.unwrap_or(most);
                 is_full &= used as f32 > FULL * given as f32;
-                let even = (most as f32 * share) as usize;
+                let even = (most as f32 * share(most, k)) as usize;
                 let triangles = if is_full { even } else { less(most, used, k) };
                 MeshOptions { triangle_budget: Some(triangles), ..coarser(options, even) }
             }
@@ -101,11 +111,11 @@ const FALL: f32 = 0.6;
 /// Triangles of level `k` + 1 where the one before has all it needs within its own, `used`: the levels fall
 /// from those to what the last may have.
 fn less(most: usize, used: usize, k: usize) -> usize {
-    let (most, used) = (most as f32, used.max(1) as f32);
-    let last = SHARES[SHARES.len() - 1];
-    let before = k.checked_sub(1).map_or(1.0, |k| SHARES[k]);
-    let lowest = (most * last / used).min(FALL.powi((SHARES.len() - k) as i32));
-    let steps = (SHARES[k] / before).ln() / (last / before).ln();
+    let last = share(most, SHARES.len() - 1);
+    let before = k.checked_sub(1).map_or(1.0, |k| share(most, k));
+    let used = used.max(1) as f32;
+    let lowest = (most as f32 * last / used).min(FALL.powi((SHARES.len() - k) as i32));
+    let steps = (share(most, k) / before).ln() / (last / before).ln();
     (used * lowest.powf(steps)) as usize
 }
 
@@ -445,6 +455,17 @@ pub fn outcome(rows: &[Row], models: usize) -> Outcome {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn levels_have_triangles_enough_for_a_crown_and_fall() {
+        let of = |most: usize| [0, 1, 2].map(|k| (most as f32 * share(most, k)) as usize);
+        assert_eq!(of(20_000), [8_000, 3_000, 500]);
+        assert_eq!(of(5_000), [2_000, 750, 250]);
+        for most in (100..20_000).step_by(7) {
+            let fall = [most].into_iter().chain(of(most)).collect::<Vec<_>>();
+            assert!(fall.is_sorted_by(|a, b| *b as f32 <= 0.61 * *a as f32), "{fall:?}");
+        }
+    }
 
     #[test]
     fn levels_of_a_small_tree_fall_from_what_the_one_before_has() {
