@@ -19,6 +19,9 @@ use larix::skeleton::{self, Detail, Target};
 use larix::species;
 use larix::texture;
 
+#[global_allocator]
+static ALLOCATOR: larix::heap::Counted = larix::heap::Counted;
+
 const TRIANGLES: usize = 3_000_000;
 const FORMATS: [(&str, Format, Profile); 9] = [
     ("GLB", Format::Glb, Profile::Dcc),
@@ -87,7 +90,6 @@ fn bytes_in(folder: &Path) -> u64 {
 }
 
 fn main() {
-    larix::heap::keep_freed();
     let mut words: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
     let mut option = |name: &str| {
         let at = words.iter().position(|w| w == name)?;

@@ -15,8 +15,10 @@ use larix::species::rule::Rule;
 use larix::species::{self, Species};
 use rayon::prelude::*;
 
+#[global_allocator]
+static ALLOCATOR: larix::heap::Counted = larix::heap::Counted;
+
 fn main() {
-    larix::heap::keep_freed();
     for n in ITERATIONS {
         let string = derived(&rule_13(), n);
         let bytes = string.symbols.len() + 8 * string.parameters.len();

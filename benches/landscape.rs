@@ -103,7 +103,6 @@ fn apart(surface: &Layers, other: &Layers) -> [f64; 3] {
 }
 
 fn main() -> Result<()> {
-    larix::heap::keep_freed();
     let dir = tempfile::tempdir().expect("a folder");
     let detail = Detail { height_stride: 8, colour_stride: 4, density_bits: 4 };
     // The densities that the others are measured against.

@@ -11,6 +11,9 @@ use larix::skeleton::{Detail, Skeleton, Target, grow};
 use larix::species::{self, Species};
 use larix::texture::Atlas;
 
+#[global_allocator]
+static ALLOCATOR: larix::heap::Counted = larix::heap::Counted;
+
 const SPECIES: [(&str, &str); 4] = [
     ("oak", "quercus_robur"),
     ("larch", "larix_sibirica"),
@@ -27,7 +30,6 @@ fn grown(name: &str, max_nodes: u32) -> (Species, Skeleton) {
 }
 
 fn main() {
-    larix::heap::keep_freed();
     rayon::ThreadPoolBuilder::new().num_threads(1).build_global().expect("the first pool");
     let only: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
     let free =

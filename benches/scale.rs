@@ -100,7 +100,6 @@ fn least_seconds(mut work: impl FnMut()) -> f64 {
 }
 
 fn main() {
-    larix::heap::keep_freed();
     let sizes: Vec<usize> = std::env::args()
         .filter_map(|a| a.parse::<f64>().ok())
         .map(|millions| (millions * 1e6) as usize)

@@ -1,13 +1,15 @@
-//! The heap: how much of it is held and was held at most, and what becomes of freed pages.
+//! The heap: how much of it is held and was held at most.
 
-use std::alloc::{GlobalAlloc, Layout, System};
+use std::alloc::{GlobalAlloc, Layout};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+use mimalloc::MiMalloc;
 
 static HELD: AtomicUsize = AtomicUsize::new(0);
 static MOST: AtomicUsize = AtomicUsize::new(0);
 
-/// The system's allocator, counting. It grows blocks in place and leaves fresh pages untouched
-/// where the system can.
+/// Mimalloc, counting. Columns and meshes come and go on every thread: it keeps their pages for a while,
+/// where the system's allocator maps and clears them anew.
 ///
 /// A program makes it the `#[global_allocator]`; without it nothing is counted.
 pub struct Counted;
@@ -23,12 +25,12 @@ fn shrink(bytes: usize) {
     HELD.fetch_sub(bytes, Relaxed);
 }
 
-// SAFETY: every call is the system allocator's own with the caller's arguments; what is counted beside it
+// SAFETY: every call is the allocator's own with the caller's arguments; what is counted beside it
 // touches no block.
 unsafe impl GlobalAlloc for Counted {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller's duty.
-        let block = unsafe { System.alloc(layout) };
+        let block = unsafe { MiMalloc.alloc(layout) };
         if !block.is_null() {
             grow(layout.size());
         }
@@ -37,7 +39,7 @@ unsafe impl GlobalAlloc for Counted {
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller's duty.
-        let block = unsafe { System.alloc_zeroed(layout) };
+        let block = unsafe { MiMalloc.alloc_zeroed(layout) };
         if !block.is_null() {
             grow(layout.size());
         }
@@ -46,13 +48,13 @@ unsafe impl GlobalAlloc for Counted {
 
     unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
         // SAFETY: the caller's duty.
-        unsafe { System.dealloc(block, layout) };
+        unsafe { MiMalloc.dealloc(block, layout) };
         shrink(layout.size());
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         // SAFETY: the caller's duty.
-        let moved = unsafe { System.realloc(block, layout, size) };
+        let moved = unsafe { MiMalloc.realloc(block, layout, size) };
         if !moved.is_null() {
             match size.checked_sub(layout.size()) {
                 Some(more) => grow(more),
@@ -76,17 +78,6 @@ pub fn most_bytes() -> u64 {
 /// From now on only what is held now and later counts for [`most_bytes`].
 pub fn forget_most() {
     MOST.store(HELD.load(Relaxed), Relaxed);
-}
-
-/// Grids, columns and meshes come and go: kept between them, their pages are not mapped and cleared
-/// anew each time. For the start of a program.
-pub fn keep_freed() {
-    #[cfg(target_env = "gnu")]
-    // SAFETY: the values are in mallopt's range.
-    unsafe {
-        libc::mallopt(libc::M_MMAP_THRESHOLD, 32 << 20);
-        libc::mallopt(libc::M_TRIM_THRESHOLD, libc::c_int::MAX);
-    }
 }
 
 #[cfg(test)]

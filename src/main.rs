@@ -5,7 +5,6 @@ use std::process::ExitCode;
 static ALLOCATOR: larix::heap::Counted = larix::heap::Counted;
 
 fn main() -> ExitCode {
-    larix::heap::keep_freed();
     larix::export::survive_file_limits();
     larix::cli::run()
 }
