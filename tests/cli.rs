@@ -264,6 +264,17 @@ fn a_file_that_may_not_grow_is_told_and_nothing_stays() {
 }
 
 #[test]
+fn a_picture_of_a_tree_holds_no_levels() {
+    let dir = tempfile::tempdir().unwrap();
+    let output = dir.path().join("birch.png").to_string_lossy().into_owned();
+    for more in [&["--lods", "2"][..], &["--wind", "unity"], &["--profile", "engine"]] {
+        let says = ["a picture shows the finest form alone", "write a .glb"];
+        refused(&[&["tree", "betula_pendula", "-o", &output], more].concat(), &says);
+    }
+    assert!(!dir.path().join("birch.png").exists());
+}
+
+#[test]
 fn folders_that_are_missing_are_made_and_told() {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path().join("a").join("b");

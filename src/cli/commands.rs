@@ -572,6 +572,10 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
 fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let extension = extension(&a.output, &[&SCENE_EXTENSIONS[..], &["png"]].concat())?;
     check_levels(&a.levels)?;
+    if extension == "png" && levels_job(&a.levels) != LevelsJob::default() {
+        return Err(Error::new("a picture shows the finest form alone: it holds no levels, bodies or wind")
+            .remedy("leave out --lods, --impostor, --collision, --wind, --lightmap-uv and --profile, or write a .glb"));
+    }
     let species = species::load(&a.species)?;
     let foliage = if a.bare { FoliageLevel::None } else { level(a.foliage) };
     let job = TreeJob {

@@ -49,7 +49,8 @@ pub fn table(told: &Told<'_>) -> Vec<Saved> {
         parts.map(|p| p.surface.position.len() as u64).sum()
     };
     let geometry: u64 = told.scene.parts().map(|p| p.surface.bytes()).sum();
-    let per_byte = seconds("export") / geometry.max(1) as f64;
+    let pictures = crate::scene::statistics(told.scene).texture_bytes;
+    let per_byte = seconds("export") / (geometry + pictures).max(1) as f64;
     let mut lines = Vec::new();
     let mut line = |what: &str, count: u64, of, bytes: u64, more_s: f64| {
         if count > 0 {

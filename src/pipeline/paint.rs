@@ -61,6 +61,9 @@ pub(super) fn leaf_variants(
     let conditions = CONDITIONS.map(|(name, condition)| (name, State { condition, ..state }));
     let own = state.look(species, seed).foliage;
     let mut variants = Vec::new();
+    if state.leaf_share(species) == 0.0 {
+        return Ok(variants);
+    }
     for (name, state) in seasons.into_iter().chain(conditions) {
         let mut look = state.look(species, seed);
         // Only colours differ. Twigs in leaf don't fit the cards of bare ones.
@@ -129,6 +132,9 @@ mod tests {
         let spruce = crate::species::load("picea_abies").unwrap();
         let variants = leaf_variants(&spruce, state, 64, Seed::new(1), &cache).unwrap();
         assert!(variants.iter().all(|v| v.0 != "autumn"), "an evergreen has no autumn");
+        let dead = State { condition: Condition::OldDead, ..state };
+        let variants = leaf_variants(&spruce, dead, 64, Seed::new(1), &cache).unwrap();
+        assert!(variants.is_empty(), "no picture of leaves that are not there");
     }
 
     #[test]

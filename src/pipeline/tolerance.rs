@@ -6,11 +6,11 @@
 //! twigs and leaves left out count alike. Limits: nothing below a sample of the silhouettes, a
 //! 320th of the tree, is told apart; the finer form has facets of its own.
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::cover::Subject;
 use super::forest::model_scene;
-use super::levels::bounds;
 use crate::diagnostic::Result;
 use crate::lod::{Silhouettes, Views};
 use crate::mesh::{FoliageLevel, MAX_SIDES, MeshOptions, TreeMesh};
@@ -22,6 +22,8 @@ use crate::scene::Apart;
 const REFERENCE: [usize; 2] = [100_000, 1_000_000];
 /// Fewest triangles tried.
 const LEAST: usize = 200;
+/// Room about the finest form for larger twigs, share of its size; farther out nothing is seen.
+const ROOM: f32 = 0.1;
 /// Steps into which the last rung is cut.
 const STEPS: usize = 4;
 
@@ -35,6 +37,8 @@ pub struct Reached {
     pub worst_m: f32,
     /// Asked for.
     pub tolerance_m: f32,
+    /// Triangles of the form that it was measured against.
+    pub finest: usize,
     /// Facets may be farther from the wood's roundness than asked for: what that would take is spent on
     /// branches, where so few triangles do not do for both.
     pub is_rough: bool,
@@ -43,6 +47,11 @@ pub struct Reached {
 impl Reached {
     pub fn is_within(&self) -> bool {
         self.rms_m <= self.tolerance_m && self.made <= self.triangles
+    }
+
+    /// Too near to the finest form for that to tell its error.
+    fn is_untold(&self) -> bool {
+        2 * self.triangles > self.finest
     }
 }
 
@@ -67,50 +76,73 @@ pub fn fewest(
     let rungs = std::iter::successors(Some(most), |n| Some(n / 2));
     let ladder: Vec<usize> =
         rungs.enumerate().take_while(|&(k, n)| k == 0 || n >= LEAST).map(|r| r.1).collect();
-    let found = measured(subject, options, most, &ladder, tolerance_m)?;
+    let finest = Finest::of(subject, options, most)?;
+    let found = finest.reached(options, &ladder, tolerance_m)?;
     let Some(k) = found.iter().rposition(Reached::is_within) else {
         let rough = |n: usize| MeshOptions { sagitta_m: f32::INFINITY, ..options(n) };
-        let freed = measured(subject, &rough, most, &[most], tolerance_m)?[0];
+        let freed = finest.reached(&rough, &[most], tolerance_m)?[0];
         let is_worse = freed.rms_m >= found[0].rms_m && found[0].made <= most;
         return Ok(if is_worse { found[0] } else { Reached { is_rough: true, ..freed } });
     };
     let Some(coarser) = found.get(k + 1) else { return Ok(found[k]) };
     let (low, high) = (coarser.triangles, found[k].triangles);
     let between: Vec<usize> = (1..STEPS).map(|i| low + (high - low) * i / STEPS).collect();
-    let between = measured(subject, options, most, &between, tolerance_m)?;
+    let between = finest.reached(options, &between, tolerance_m)?;
     Ok(between.into_iter().find(Reached::is_within).unwrap_or(found[k]))
 }
 
-fn measured(
+/// The form that others are measured against.
+struct Finest<'a> {
+    subject: &'a Subject<'a>,
+    /// As a budget.
+    triangles: usize,
+    silhouettes: Silhouettes,
+    /// Where one looks, the same for all forms: errors of a sample or two go with where its grid lies.
+    around: (Vec3, Vec3),
+}
+
+impl<'a> Finest<'a> {
+    fn of(subject: &'a Subject<'a>, options: Options<'_>, most: usize) -> Result<Finest<'a>> {
+        let triangles = reference(most, options(most).foliage);
+        let mesh = subject.mesh(&options(triangles))?;
+        let (low, high) = mesh.bounds();
+        let room = (high - low) * ROOM;
+        let around = (low - room, high + room);
+        let silhouettes = silhouettes(subject, vec![mesh], around)?.remove(0);
+        Ok(Finest { subject, triangles, silhouettes, around })
+    }
+
+    fn reached(
+        &self,
+        options: Options<'_>,
+        budgets: &[usize],
+        tolerance_m: f32,
+    ) -> Result<Vec<Reached>> {
+        let meshes: Vec<TreeMesh> =
+            budgets.par_iter().map(|&n| self.subject.mesh(&options(n))).collect::<Result<_>>()?;
+        let made: Vec<usize> = meshes.iter().map(TreeMesh::triangles).collect();
+        let forms = silhouettes(self.subject, meshes, self.around)?;
+        let reached = forms.par_iter().zip(budgets).zip(made).map(|((form, &triangles), made)| {
+            let Apart { rms_m, worst_m } = self.silhouettes.apart(form);
+            let finest = self.triangles;
+            Reached { triangles, made, rms_m, worst_m, tolerance_m, finest, is_rough: false }
+        });
+        Ok(reached.collect())
+    }
+}
+
+fn silhouettes(
     subject: &Subject<'_>,
-    options: Options<'_>,
-    most: usize,
-    budgets: &[usize],
-    tolerance_m: f32,
-) -> Result<Vec<Reached>> {
-    let finest = reference(most, options(most).foliage);
-    let all: Vec<usize> = [finest].iter().chain(budgets).copied().collect();
-    let meshes: Vec<TreeMesh> =
-        all.par_iter().map(|&n| subject.mesh(&options(n))).collect::<Result<_>>()?;
-    let made: Vec<usize> = meshes[1..].iter().map(TreeMesh::triangles).collect();
+    meshes: Vec<TreeMesh>,
+    around: (Vec3, Vec3),
+) -> Result<Vec<Silhouettes>> {
     let scene = model_scene(subject.species, meshes, subject.textures.clone());
     let models: Vec<_> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
-    let around = models
-        .iter()
-        .map(|parts| bounds(parts))
-        .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
-        .unwrap_or_default();
     let sitter = Sitter::outlines(&models, &scene.materials, &scene.textures);
-    let outlines: Vec<Silhouettes> = (0..all.len() as u32)
+    (0..models.len() as u32)
         .into_par_iter()
         .map(|m| Silhouettes::of(&sitter, m, around, Views::All))
-        .collect::<Result<_>>()?;
-    let (reference, forms) = outlines.split_at(1);
-    let reached = forms.par_iter().zip(budgets).zip(made).map(|((form, &triangles), made)| {
-        let Apart { rms_m, worst_m } = reference[0].apart(form);
-        Reached { triangles, made, rms_m, worst_m, tolerance_m, is_rough: false }
-    });
-    Ok(reached.collect())
+        .collect()
 }
 
 /// What a report says of the trees; a warning where any is not within its tolerance.
@@ -124,6 +156,15 @@ pub fn outcome(reached: &[Reached], warnings: &mut Vec<String>) -> Outcome {
             "--tolerance: {} of {} models would take more than {most} triangles each; their \
              silhouettes are off by up to {rms_m:.3} m (RMS); give more --triangles",
             beyond.len(),
+            reached.len()
+        ));
+    }
+    let untold = || reached.iter().filter(|r| r.is_within() && r.is_untold());
+    if let Some(Reached { finest, tolerance_m, .. }) = untold().next() {
+        warnings.push(format!(
+            "--tolerance: {} of {} models take more than half of the {finest} triangles that they are \
+             measured against, so whether they keep to {tolerance_m} m can't be told",
+            untold().count(),
             reached.len()
         ));
     }
@@ -198,11 +239,13 @@ mod tests {
         for tolerance_m in [0.045, 0.06, 0.2] {
             let got = fewest(10_000, tolerance_m).unwrap();
             assert!(got.is_within() && got.triangles < last, "{tolerance_m}: {got:?}");
-            // A good deal fewer would be too coarse.
-            let fewer =
-                measured(&subject, &mesh_options, 10_000, &[got.triangles / 2], tolerance_m)
-                    .unwrap()[0];
-            assert!(got.triangles < 400 || !fewer.is_within(), "{got:?} {fewer:?}");
+            // About half as many would be too coarse, but for one that happens to fit.
+            let about_half: Vec<usize> =
+                (40..65).step_by(5).map(|k| got.triangles * k / 100).collect();
+            let finest = Finest::of(&subject, &mesh_options, 10_000).unwrap();
+            let fewer = finest.reached(&mesh_options, &about_half, tolerance_m).unwrap();
+            let within = fewer.iter().filter(|f| f.is_within()).count();
+            assert!(got.triangles < 400 || within <= 1, "{got:?} {fewer:?}");
             last = got.triangles;
         }
         let mut warnings = Vec::new();
@@ -210,5 +253,12 @@ mod tests {
         assert_eq!((got.triangles, got.is_within()), (300, false));
         outcome(&[got], &mut warnings);
         assert!(warnings[0].contains("1 of 1 models would take more than 300"), "{warnings:?}");
+        let mut warnings = Vec::new();
+        let got = fewest(100_000, 0.001).unwrap();
+        outcome(&[got], &mut warnings);
+        assert!(
+            warnings[0].contains("of the 100000 triangles that they are measured against"),
+            "{warnings:?}"
+        );
     }
 }

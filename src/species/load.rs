@@ -282,8 +282,10 @@ fn build_reporting(
     let own_picture = own_file(places, ["foliage", "picture"], own::twig_picture, errors);
     let own_fruit = own_file(places, ["fruit", "model"], own::model, errors);
     let read = own_bark::read(merged.get("bark")?, &sources, errors);
-    let (own_bark, remarks) =
+    let (own_bark, mut remarks) =
         read.map_or((None, Vec::new()), |own| (Some(own.value), own.warnings));
+    let models = [&own_model, &own_fruit].into_iter().flatten();
+    remarks.extend(models.filter_map(|model| model.remark.clone()));
     let name = name.unwrap_or_else(|| id.to_owned());
     let species = Species {
         id: id.to_owned(),

@@ -5,6 +5,7 @@
 //! every line is looked at first. Several pictures (`map_Kd`) and plain colours are laid side by side
 //! in one; then no texture coordinate may leave its picture. Polygons are cut into fans.
 
+use std::collections::BTreeSet;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
@@ -43,6 +44,8 @@ pub struct Model {
     /// Three a triangle.
     pub index: Vec<u32>,
     pub picture: Picture,
+    /// What of its materials is not used, one sentence.
+    pub remark: Option<String>,
 }
 
 /// Reads an OBJ file and, through its material file, its picture.
@@ -111,6 +114,7 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
         uv: Vec::new(),
         index: Vec::new(),
         picture: Picture::filled(0, 0, [0; 4]),
+        remark: remark(path, materials.iter().enumerate().filter(|m| used(m.0)).map(|m| m.1)),
     };
     for tobj::Model { mesh, .. } in meshes {
         let first = model.position.len() as u32;
@@ -411,6 +415,32 @@ fn materials(path: &Path, text: &str) -> Result<Vec<tobj::Material>> {
         }
     }
     Ok(all)
+}
+
+/// Of what would change the look, and is not what every exporter writes.
+fn remark<'a>(path: &Path, materials: impl Iterator<Item = &'a tobj::Material>) -> Option<String> {
+    let mut unused = BTreeSet::new();
+    for m in materials {
+        let mut note = |is_there: bool, name| is_there.then(|| unused.insert(name));
+        let is_other =
+            |picture: &Option<String>| picture.is_some() && *picture != m.diffuse_texture;
+        note(m.normal_texture.is_some(), "map_Bump");
+        note(is_other(&m.dissolve_texture), "map_d");
+        note(m.specular_texture.is_some(), "map_Ks");
+        note(m.shininess_texture.is_some(), "map_Ns");
+        note(m.dissolve.is_some_and(|d| d < 1.0), "d");
+        for name in ["norm", "map_Pr", "map_Pm", "map_Ke", "disp"] {
+            note(m.unknown_param.contains_key(name), name);
+        }
+    }
+    let names: Vec<&str> = unused.into_iter().collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "{}: {} of its materials not used: leaves have the colour and the alpha of map_Kd, or Kd",
+            path.display(),
+            names.join(", ")
+        )
+    })
 }
 
 /// Colours are three ordinary numbers.

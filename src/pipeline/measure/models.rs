@@ -54,7 +54,7 @@ pub(super) fn fronts(bench: &mut Bench<'_>) -> Result<Vec<Front>> {
         truth: Truth::Finer,
         cost: triangles(),
         note: format!(
-            "Silhouettes from eight sides and from above, beside those of {reference} triangles of the \
+            "Silhouettes from nine sides and from above, beside those of {reference} triangles of the \
              same skeleton. Seconds are of meshing one tree. The default is that of a forest."
         ),
         is_by_group: true,

@@ -47,6 +47,20 @@ fn a_twig_is_read_with_its_picture_to_a_height_of_one() {
 }
 
 #[test]
+fn what_a_material_says_in_vain_is_told() {
+    let remarks = |more: &str| {
+        let folder = folder(RULE, TWIG, &format!("{MATERIAL}{more}"));
+        load(&rule(&folder)).unwrap().remarks
+    };
+    let as_exported = "Ns 250\nKs 0.5 0.5 0.5\nKe 0 0 0\nNi 1.45\nd 1\nillum 2\nmap_d leaf.png\n";
+    assert_eq!(remarks(as_exported), [""; 0]);
+    let told =
+        remarks("map_Bump -bm 1 bumps.png\nd 0.3\nmap_d mask.png\nnewmtl other\nmap_Ks a.png\n");
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].contains("twig.obj: d, map_Bump, map_d of its materials not used"), "{told:?}");
+}
+
+#[test]
 fn a_cone_is_read_beside_the_leaves_and_errors_name_its_key() {
     let rule_text = "extends = 'table3/13'\n[fruit]\nmodel = 'twig.obj'\nlength_m = 0.1\n";
     let cones = folder(rule_text, TWIG, MATERIAL);
