@@ -272,6 +272,10 @@ fn a_picture_of_a_tree_holds_no_levels() {
         refused(&[&["tree", "betula_pendula", "-o", &output], more].concat(), &says);
     }
     assert!(!dir.path().join("birch.png").exists());
+    let scene = output.replace(".png", ".glb");
+    let more = ["--height-maps", "--texture", "0"];
+    let all = [&["tree", "betula_pendula", "-o", &scene], &more[..]].concat();
+    refused(&all, &["--height-maps asks for pictures", "give --texture"]);
 }
 
 #[test]

@@ -392,6 +392,9 @@ pub struct SceneArgs {
     /// Side of the tree textures in pixels; 0 for none: bark and leaves in a colour each.
     #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = texture_px)]
     pub texture: u32,
+    /// Heights of the bark, too, for those who displace: pictures in `textures` beside the scene.
+    #[arg(long)]
+    pub height_maps: bool,
     #[command(flatten)]
     pub state: StateArgs,
     #[command(flatten)]
@@ -532,6 +535,9 @@ pub struct Tree {
     /// Side of the textures in pixels; 0 for none: bark and leaves in a colour each.
     #[arg(long, value_name = "PX", default_value_t = 1024, allow_negative_numbers = true, value_parser = texture_px)]
     pub texture: u32,
+    /// Heights of the bark, too, for those who displace: pictures in `textures` beside the scene.
+    #[arg(long)]
+    pub height_maps: bool,
     #[command(flatten)]
     pub state: StateArgs,
     /// What stands for the leaves.

@@ -280,6 +280,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
         texture_px: scene.texture,
         state: state(&scene.state),
         has_variants: scene.state.variants,
+        has_height_maps: scene.height_maps,
         cache,
         levels: levels_job(&scene.levels),
         scene_triangles: scene.scene_triangles.map(|n| n as usize),
@@ -302,6 +303,14 @@ fn check_levels(typed: &args::LevelArgs) -> Result<()> {
             .remedy("add --wind unity, cryengine or speedtree-like"));
     }
     if typed.lightmap_uv { lightmap::needed() } else { Ok(()) }
+}
+
+fn check_pictures(texture_px: u32, height_maps: bool) -> Result<()> {
+    if height_maps && texture_px == 0 {
+        return Err(Error::new("--height-maps asks for pictures, and --texture 0 for none")
+            .remedy("give --texture 512 or more, or leave out --height-maps"));
+    }
+    Ok(())
 }
 
 fn profile(typed: args::Profile) -> Profile {
@@ -350,6 +359,7 @@ fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
 fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let dir = forest_folder(a);
     check_levels(&a.scene.levels)?;
+    check_pictures(a.scene.texture, a.scene.height_maps)?;
     let job = forest_job(survey_job(&a.scan, &a.tree)?, &a.scene, cache);
     export::check_writable(&dir)?;
     let (forest, reached) = match goal(a) {
@@ -572,9 +582,15 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
 fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let extension = extension(&a.output, &[&SCENE_EXTENSIONS[..], &["png"]].concat())?;
     check_levels(&a.levels)?;
-    if extension == "png" && levels_job(&a.levels) != LevelsJob::default() {
-        return Err(Error::new("a picture shows the finest form alone: it holds no levels, bodies or wind")
-            .remedy("leave out --lods, --impostor, --collision, --wind, --lightmap-uv and --profile, or write a .glb"));
+    check_pictures(a.texture, a.height_maps)?;
+    let is_plain = levels_job(&a.levels) == LevelsJob::default() && !a.height_maps;
+    if extension == "png" && !is_plain {
+        let error =
+            "a picture shows the finest form alone: it holds no levels, bodies, wind or heights";
+        return Err(Error::new(error).remedy(
+            "leave out --lods, --impostor, --collision, --wind, --lightmap-uv, --profile and \
+             --height-maps, or write a .glb",
+        ));
     }
     let species = species::load(&a.species)?;
     let foliage = if a.bare { FoliageLevel::None } else { level(a.foliage) };
@@ -592,6 +608,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         levels: levels_job(&a.levels),
         state: state(&a.state),
         has_variants: a.state.variants,
+        has_height_maps: a.height_maps,
         cache,
         cloud: a.cloud.clone(),
     };
@@ -706,6 +723,7 @@ fn fit_lines(fit: &crate::skeleton::cloud::Report) -> Vec<String> {
 fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&a.output)?;
     check_levels(&a.scene.levels)?;
+    check_pictures(a.scene.texture, a.scene.height_maps)?;
     let species = load_species(&[])?;
     let options = StandOptions { trees: a.trees as usize, ..StandOptions::default() };
     let survey = pipeline::demo::survey_of_stand(&options, &species, seed(a.seed), run)?;

@@ -23,7 +23,7 @@ pub use gltf::{MOST_GLB_BYTES, Profile, WindAs};
 pub use pictures::{Keeper, PictureFormat, Pictures};
 
 use crate::diagnostic::{Result, Warned};
-use crate::scene::{Forms, Selection, ValidScene};
+use crate::scene::{Forms, Material, Selection, ValidScene};
 
 /// What wrote the file, as the files say it.
 const GENERATOR: &str = concat!("Larix ", env!("CARGO_PKG_VERSION"));
@@ -207,6 +207,10 @@ pub fn files<'a>(
     for kind in job.pictures_beside() {
         let files_of = pictures.files(scene, stem, kind);
         files.extend(files_of.filter(|file| paths.insert(file.path.clone())));
+    }
+    for (name, relief) in scene.materials().iter().filter_map(Material::relief) {
+        let path = pictures::texture_path(stem, &name, PictureFormat::Png);
+        files.push(OutputFile::new(path, relief.image.png()?));
     }
     Ok(Warned::with(files, warnings))
 }

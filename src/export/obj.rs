@@ -304,6 +304,10 @@ fn newmtl(selection: &Selection<'_>, material: &Material, textures_of: &str) -> 
         line("map_Bump", normal);
         line("norm", normal);
     }
+    if let Some((name, relief)) = material.relief() {
+        let (path, deep_m) = (texture_path(textures_of, &name, PictureFormat::Png), relief.depth_m);
+        let _ = writeln!(text, "disp -mm {} {deep_m} {path}", -0.5 * deep_m);
+    }
     text
 }
 

@@ -298,6 +298,39 @@ fn names_of_files_and_textures_shared_by_formats() {
     assert_eq!(glb_alone.len(), 1);
 }
 
+/// Heights lie beside every format once, and those that have a word for them say where.
+#[test]
+fn heights_of_bark_lie_beside_and_are_named() {
+    let mut scene = forest(&["Larix sibirica"], 2, 20.0);
+    let image: crate::raster::Image =
+        crate::raster::Picture::filled(4, 4, [99, 99, 99, 255]).into();
+    let bark = scene.materials.iter_mut().find(|m| m.name == "Larix_sibirica_bark").unwrap();
+    bark.relief = Some(crate::scene::Relief { image: image.clone(), depth_m: 0.025 });
+    let scene = scene.validate().unwrap();
+    let path = "textures/x_Larix_sibirica_bark_height.png";
+    for format in ALL {
+        let all = files(&scene, "x", &[format]);
+        let found: Vec<_> = all.iter().filter(|f| f.path == Path::new(path)).collect();
+        assert_eq!(found.len(), 1, "{format:?}");
+        assert_eq!(found[0].bytes, image.png().unwrap());
+    }
+    let all = files(&scene, "x", &ALL);
+    assert_eq!(all.iter().filter(|f| f.path == Path::new(path)).count(), 1);
+    let of = |name: &str| all.iter().find(|f| f.path.ends_with(name)).unwrap();
+    let json: serde_json::Value = serde_json::from_slice(&of("x.gltf").bytes).unwrap();
+    let told: Vec<_> = json["materials"].as_array().unwrap().iter().map(|m| &m["extras"]).collect();
+    let height = serde_json::json!({ "height": { "uri": path, "depth_m": 0.025 } });
+    assert_eq!(told.iter().filter(|extras| ***extras == height).count(), 1, "{told:?}");
+    assert_eq!(told.iter().filter(|extras| !extras.is_null()).count(), 1, "{told:?}");
+    let mtl = String::from_utf8_lossy(&of("x.mtl").bytes).into_owned();
+    assert!(mtl.contains(&format!("\ndisp -mm -0.0125 0.025 {path}\n")), "{mtl}");
+    let within = |f: &Made| f.bytes.windows(path.len()).any(|bytes| bytes == path.as_bytes());
+    assert!(within(of("x.usdz")), "the package holds it");
+    let layers: Vec<_> =
+        all.iter().filter(|f| f.path.extension().is_some_and(|e| e == "usda")).collect();
+    assert_eq!(layers.iter().filter(|layer| within(layer)).count(), 2, "one layer a model");
+}
+
 /// Opaque colours and normals are JPEG for engines, everything else PNG; USD beside them needs PNG throughout.
 #[test]
 fn engines_and_others_share_a_folder() {

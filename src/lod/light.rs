@@ -133,6 +133,7 @@ mod tests {
             base_color_texture: None,
             normal_texture: None,
             orm_texture: None,
+            relief: None,
             roughness: 1.0,
             translucency: 0.0,
             alpha: Alpha::Opaque,

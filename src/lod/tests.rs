@@ -39,6 +39,7 @@ fn red() -> Vec<Material> {
         base_color_texture: None,
         normal_texture: None,
         orm_texture: None,
+        relief: None,
         roughness: 1.0,
         translucency: 0.0,
         alpha: Alpha::Opaque,

@@ -28,8 +28,8 @@ use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scene::sharing::{Build, Model, share};
 use crate::scene::turn;
 use crate::scene::{
-    Alpha, Colorspace, Instance, LeftOut, Material, Part, Prototype, Scene, Texture, TreeFacts,
-    ValidScene, Variant, identifier,
+    Alpha, Colorspace, Instance, LeftOut, Material, Part, Prototype, Relief, Scene, Texture,
+    TreeFacts, ValidScene, Variant, identifier,
 };
 use crate::seed::Seed;
 use crate::skeleton::surroundings::{Neighbour, Surroundings};
@@ -70,6 +70,8 @@ pub struct ForestJob {
     pub state: State,
     /// Whether the leaves come in the colours of other seasons and conditions, too.
     pub has_variants: bool,
+    /// Whether heights of the bark are written, too.
+    pub has_height_maps: bool,
     /// The terrain's triangles keep this near to its heights, as far as their number allows.
     pub terrain_error_m: f32,
     /// Whether it is measured how far the points of trees are from the wood that stands for them.
@@ -95,6 +97,7 @@ impl ForestJob {
             cache: Cache::off(),
             state: State::default(),
             has_variants: false,
+            has_height_maps: false,
             terrain_error_m: 0.05,
             tells_fit: false,
             name: "forest".into(),
@@ -583,6 +586,9 @@ fn paint_all(
                         textures.leaf_variants =
                             leaf_variants(s, job.state, size_px, seed, &job.cache)?;
                     }
+                    if !job.has_height_maps {
+                        textures.forget_heights();
+                    }
                     Ok(textures)
                 };
                 used.then(draw).transpose()
@@ -713,6 +719,7 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         base_color_texture: leaf,
         normal_texture: None,
         orm_texture: None,
+        relief: None,
         variants,
         roughness: 0.65,
         translucency: LEAF_TRANSLUCENCY,
@@ -748,6 +755,7 @@ fn add_fruit(scene: &mut Scene, name: &str, picture: &Picture, is_plain: bool) -
         base_color_texture,
         normal_texture: None,
         orm_texture: None,
+        relief: None,
         variants: Vec::new(),
         roughness: 0.75,
         translucency: 0.0,
@@ -797,6 +805,7 @@ fn add_bark(scene: &mut Scene, name: &str, bark: BarkTextures) -> u32 {
         base_color_texture: colour,
         normal_texture,
         orm_texture,
+        relief: bark.height.map(|image| Relief { image, depth_m: bark.depth_m }),
         variants: Vec::new(),
         roughness: if orm_texture.is_some() { 1.0 } else { 0.9 },
         translucency: 0.0,
@@ -877,6 +886,7 @@ fn place_terrain(scene: &mut Scene, surface: Surface, picture: Picture) {
         base_color_texture: Some(scene.textures.len() as u32 - 1),
         normal_texture: None,
         orm_texture: None,
+        relief: None,
         variants: Vec::new(),
         roughness: 1.0,
         translucency: 0.0,

@@ -281,6 +281,7 @@ pub fn add(
             base_color_texture: Some(first_texture as u32),
             normal_texture: Some(first_texture as u32 + 1),
             orm_texture: None,
+            relief: None,
             roughness: 1.0,
             translucency: LEAF_TRANSLUCENCY,
             alpha: Alpha::Mask { cutoff: impostor::CUTOFF },

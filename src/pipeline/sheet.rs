@@ -242,6 +242,7 @@ fn draw(job: &SheetJob, scene: &mut Scene, trees: &[Shown]) -> Result<Picture> {
         base_color_texture: None,
         normal_texture: None,
         orm_texture: None,
+        relief: None,
         variants: Vec::new(),
         roughness: 1.0,
         translucency: 0.0,

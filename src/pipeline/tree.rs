@@ -49,6 +49,8 @@ pub struct TreeJob {
     pub state: State,
     /// Whether the leaves come in the colours of other seasons and conditions, too.
     pub has_variants: bool,
+    /// Whether heights of the bark are written, too.
+    pub has_height_maps: bool,
     /// The scan of one tree to fit to, instead of growing one.
     pub cloud: Option<PathBuf>,
 }
@@ -181,6 +183,9 @@ fn stand(
         if job.has_variants {
             textures.leaf_variants =
                 leaf_variants(&own, job.state, job.texture_px, job.seed, &job.cache)?;
+        }
+        if !job.has_height_maps {
+            textures.forget_heights();
         }
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;

@@ -10,6 +10,7 @@ fn material(name: &str, base_color: [f32; 3], texture: Option<u32>, alpha: Alpha
         base_color_texture: texture,
         normal_texture: None,
         orm_texture: None,
+        relief: None,
         variants: Vec::new(),
         roughness: 1.0,
         translucency: 0.0,

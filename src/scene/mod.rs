@@ -68,6 +68,8 @@ pub struct Material {
     pub normal_texture: Option<u32>,
     /// Occlusion in red, roughness in green, metalness in blue.
     pub orm_texture: Option<u32>,
+    /// Heights of what the normals bend, for those who displace; nothing draws it by itself.
+    pub relief: Option<Relief>,
     /// Multiplies the texture.
     pub roughness: f32,
     /// Share of the light that comes through, diffusely, 0…1.
@@ -76,6 +78,15 @@ pub struct Material {
     pub double_sided: bool,
     /// Its other colours; no two of one name.
     pub variants: Vec<Variant>,
+}
+
+/// A picture of heights, laid as the material's textures are.
+#[derive(Debug, Clone)]
+pub struct Relief {
+    /// Grey, from the deepest place (0) to the highest (255).
+    pub image: Image,
+    /// How far those are apart, metres.
+    pub depth_m: f32,
 }
 
 /// Another colour of a material, by a name that materials share, e.g. `autumn`.
@@ -180,6 +191,11 @@ impl Material {
         own.into_iter()
             .chain(variants.map(|texture| ("variant's base colour", texture, Colorspace::Srgb)))
             .filter_map(|(slot, texture, colorspace)| Some((slot, texture?, colorspace)))
+    }
+
+    /// Its picture of heights, by the name that files give it.
+    pub fn relief(&self) -> Option<(String, &Relief)> {
+        self.relief.as_ref().map(|relief| (format!("{}_height", self.name), relief))
     }
 
     /// Whether surfaces of it need texture coordinates.

@@ -151,6 +151,7 @@ fn plain(name: &str, texture: u32) -> Material {
         base_color_texture: Some(texture),
         normal_texture: None,
         orm_texture: None,
+        relief: None,
         variants: Vec::new(),
         roughness: 0.9,
         translucency: 0.0,

@@ -64,6 +64,14 @@ pub struct BarkTextures {
     pub depth_m: f32,
 }
 
+impl TreeTextures {
+    /// For who writes none.
+    pub fn forget_heights(&mut self) {
+        let barks = [Some(&mut self.bark), self.bark_upper.as_mut(), self.bark_twig.as_mut()];
+        barks.into_iter().flatten().for_each(|bark| bark.height = None);
+    }
+}
+
 impl From<BarkPictures> for BarkTextures {
     fn from(p: BarkPictures) -> Self {
         BarkTextures {

@@ -106,7 +106,7 @@ pub(super) fn build<'a>(
         scenes: [SceneNodes { name: selection.scene().name(), nodes: [0] }],
         nodes,
         meshes,
-        materials: materials(selection, &uv_ranges),
+        materials: materials(selection, &uv_ranges, recipe.stem),
         textures,
         samplers,
         images: images(
@@ -444,13 +444,13 @@ fn octahedral(o: scene::Octahedral) -> MeshExtras {
 }
 
 /// The selection's, then their variants in the same order.
-fn materials<'a>(selection: &Selection<'a>, ranges: &[UvRange]) -> Vec<Material<'a>> {
+fn materials<'a>(selection: &Selection<'a>, ranges: &[UvRange], stem: &str) -> Vec<Material<'a>> {
     let all = || selection.materials.iter().zip(ranges);
-    let own = all().map(|(m, &range)| material(selection, m, range));
+    let own = all().map(|(m, &range)| material(selection, m, range, stem));
     let others = all().flat_map(|(m, &range)| {
         m.variants.iter().map(move |v| {
             let [r, g, b] = v.base_color;
-            let mut other = material(selection, m, range);
+            let mut other = material(selection, m, range, stem);
             other.name = format!("{}_{}", m.name, v.name).into();
             other.pbr_metallic_roughness.base_color_factor = [r, g, b, 1.0];
             other.pbr_metallic_roughness.base_color_texture =
@@ -477,6 +477,7 @@ fn material<'a>(
     selection: &Selection<'a>,
     material: &'a scene::Material,
     range: UvRange,
+    stem: &str,
 ) -> Material<'a> {
     let [r, g, b] = material.base_color;
     let texture = |of: Option<u32>| texture_ref(selection, of, range);
@@ -504,6 +505,10 @@ fn material<'a>(
                 diffuse_transmission_color_factor: material.base_color,
                 diffuse_transmission_color_texture: texture(material.base_color_texture),
             },
+        }),
+        extras: material.relief().map(|(name, relief)| {
+            let uri = percent_encoded(&texture_path(stem, &name, PictureFormat::Png));
+            MaterialExtras { height: Height { uri, depth_m: relief.depth_m } }
         }),
     }
 }

@@ -240,6 +240,21 @@ pub(super) struct Material<'a> {
     pub double_sided: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub extensions: Option<MaterialExtensions>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub extras: Option<MaterialExtras>,
+}
+
+#[derive(Serialize)]
+pub(super) struct MaterialExtras {
+    /// glTF has no word for it.
+    pub height: Height,
+}
+
+/// A picture beside the file; from 0 to 1 it rises by so much.
+#[derive(Serialize)]
+pub(super) struct Height {
+    pub uri: String,
+    pub depth_m: f32,
 }
 
 #[derive(Serialize)]

@@ -6,6 +6,7 @@ use crate::scene::{Alpha, Material, ValidScene, Wrap};
 
 const RGB: &[(&str, &str)] = &[("float3", "outputs:rgb")];
 const RGBA: &[(&str, &str)] = &[("float", "outputs:a"), ("float3", "outputs:rgb")];
+const HEIGHT: &[(&str, &str)] = &[("float", "outputs:r")];
 const ORM: &[(&str, &str)] = &[("float", "outputs:g"), ("float", "outputs:r")];
 
 /// A material's own colours, or those of a variant of it.
@@ -77,17 +78,38 @@ pub(super) fn material<'a>(
         ),
         None => surface.attribute("float", "inputs:roughness", Value::Float(material.roughness)),
     };
-    let surface = surface.declared("token", "outputs:surface");
+    if material.relief.is_some() {
+        surface = surface.connected("float", "inputs:displacement", output("height", "r"));
+    }
+    let mut surface = surface.declared("token", "outputs:surface");
+    if material.relief.is_some() {
+        surface = surface.declared("token", "outputs:displacement");
+    }
 
-    let mut prim = Prim::def("Material", material.name.as_str())
-        .connected("token", "outputs:surface", output("surface", "surface"))
-        .child(surface);
+    let mut prim = Prim::def("Material", material.name.as_str()).connected(
+        "token",
+        "outputs:surface",
+        output("surface", "surface"),
+    );
+    if material.relief.is_some() {
+        prim = prim.connected("token", "outputs:displacement", output("surface", "displacement"));
+    }
+    prim = prim.child(surface);
+    let of_scene = |index: u32| {
+        let wrap = match scene.wrap(index) {
+            Wrap::Repeat => "repeat",
+            Wrap::Clamp => "clamp",
+        };
+        (scene.textures()[index as usize].name.as_str(), wrap)
+    };
+    let relief = material.relief();
     let mut shaders = Vec::new();
     if let Some(index) = colours.texture {
         let scale = is_tinted.then_some([r, g, b, 1.0]);
         let outputs = if is_masked && !is_tinted { RGBA } else { RGB };
+        let file = of_scene(index);
         let texture =
-            Texture { name: "base_color", index, is_raw: false, bias: None, scale, outputs };
+            Texture { name: "base_color", file, is_raw: false, bias: None, scale, outputs };
         if is_masked && is_tinted {
             let second = Texture { name: opacity, scale: None, outputs: RGBA, ..texture };
             shaders.extend([texture, second]);
@@ -97,17 +119,25 @@ pub(super) fn material<'a>(
     }
     if let Some(index) = material.normal_texture {
         let (bias, scale) = (Some([-1.0, -1.0, -1.0, 0.0]), Some([2.0, 2.0, 2.0, 1.0]));
-        shaders.push(Texture { name: "normal", index, is_raw: true, bias, scale, outputs: RGB });
+        let file = of_scene(index);
+        shaders.push(Texture { name: "normal", file, is_raw: true, bias, scale, outputs: RGB });
     }
     if let Some(index) = material.orm_texture {
         let scale = (material.roughness != 1.0).then_some([1.0, material.roughness, 1.0, 1.0]);
-        shaders.push(Texture { name: "orm", index, is_raw: true, bias: None, scale, outputs: ORM });
+        let file = of_scene(index);
+        shaders.push(Texture { name: "orm", file, is_raw: true, bias: None, scale, outputs: ORM });
+    }
+    if let Some((name, relief)) = &relief {
+        let [up_m, deep_m] = [0.5, 1.0].map(|share| share * relief.depth_m);
+        let (bias, scale) = (Some([-up_m; 4]), Some([deep_m; 4]));
+        let file = (name.as_str(), "repeat");
+        shaders.push(Texture { name: "height", file, is_raw: true, bias, scale, outputs: HEIGHT });
     }
     if shaders.is_empty() {
         return prim;
     }
     for texture in &shaders {
-        prim = prim.child(texture.shader(scene, output("st", "result"), textures));
+        prim = prim.child(texture.shader(output("st", "result"), textures));
     }
     let reader = Prim::def("Shader", "st")
         .uniform("token", "info:id", Value::token("UsdPrimvarReader_float2"))
@@ -131,10 +161,10 @@ impl TexturePaths<'_> {
 
 /// A UsdUVTexture.
 #[derive(Clone, Copy)]
-struct Texture {
+struct Texture<'t> {
     name: &'static str,
-    /// Into the scene's textures.
-    index: u32,
+    /// The picture's name, and what is beyond its border.
+    file: (&'t str, &'static str),
     is_raw: bool,
     bias: Option<[f32; 4]>,
     scale: Option<[f32; 4]>,
@@ -142,13 +172,10 @@ struct Texture {
     outputs: &'static [(&'static str, &'static str)],
 }
 
-impl Texture {
-    fn shader<'a>(self, scene: &'a ValidScene, st: String, textures: &TexturePaths) -> Prim<'a> {
-        let file = textures.of(&scene.textures()[self.index as usize].name);
-        let wrap = match scene.wrap(self.index) {
-            Wrap::Repeat => "repeat",
-            Wrap::Clamp => "clamp",
-        };
+impl Texture<'_> {
+    fn shader<'a>(self, st: String, textures: &TexturePaths) -> Prim<'a> {
+        let (name, wrap) = self.file;
+        let file = textures.of(name);
         let mut shader = Prim::def("Shader", self.name)
             .uniform("token", "info:id", Value::token("UsdUVTexture"))
             .attribute("asset", "inputs:file", Value::Asset(file));

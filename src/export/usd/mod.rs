@@ -24,7 +24,7 @@ use super::pictures::{plain, texture_path};
 use super::{Content, OutputFile, PictureFormat, Pictures, Sink};
 use crate::diagnostic::{Error, Result};
 use crate::mesh::Surface;
-use crate::scene::ValidScene;
+use crate::scene::{Material, ValidScene};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Encoding {
@@ -119,7 +119,10 @@ fn bytes_at_most(scene: &ValidScene, pictures: &Pictures) -> u64 {
     let trees = scene.instances().iter().map(|tree| TREE + tree.facts.id.len() as u64);
     let textures = (0..).zip(scene.textures());
     let textures = textures.map(|(k, _)| REST + pictures.of(k, PictureFormat::Png).len() as u64);
-    surfaces.chain(bodies).map(of).chain(trees).chain(textures).sum::<u64>() + REST
+    let reliefs = scene.materials().iter().filter_map(|m| m.relief.as_ref());
+    let reliefs =
+        reliefs.map(|r| REST + 4 * u64::from(r.image.width()) * u64::from(r.image.height()));
+    surfaces.chain(bodies).map(of).chain(trees).chain(textures).chain(reliefs).sum::<u64>() + REST
 }
 
 fn write_package(
@@ -137,6 +140,10 @@ fn write_package(
     for (number, texture) in (0..).zip(scene.textures()) {
         let png = pictures.of(number, PictureFormat::Png);
         package.add(&texture_path(stem, &texture.name, PictureFormat::Png), &png)?;
+    }
+    for (name, relief) in scene.materials().iter().filter_map(Material::relief) {
+        let png = relief.image.png().map_err(io::Error::other)?;
+        package.add(&texture_path(stem, &name, PictureFormat::Png), &png)?;
     }
     package.finish()
 }

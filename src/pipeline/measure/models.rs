@@ -169,6 +169,7 @@ fn by_level(bench: &Bench<'_>, species: &Species) -> Result<Vec<Point>> {
             cache: Cache::off(),
             state: State::default(),
             has_variants: false,
+            has_height_maps: false,
             cloud: None,
         };
         let mut seconds = Vec::new();
