@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use super::path::{Knot, Least, simplify};
+use super::path::{Knot, Least, Off, simplify};
 use crate::skeleton::Skeleton;
 
 /// The chains of a skeleton, each followed by those that spring from it.
@@ -125,6 +125,9 @@ impl Chains {
     }
 }
 
+/// How far the radius of the stem may be off, share of it: it is what one sees change from level to level.
+const STEM_OFF: f32 = 0.08;
+
 fn radius(skeleton: &Skeleton, node: u32) -> f32 {
     skeleton.radius_m[node as usize].min(1e4)
 }
@@ -163,7 +166,11 @@ impl Pieces {
                 self.arc_m.resize(chain.line.end, 0.0);
             } else {
                 let knots = &chains.knot[chain.line.clone()];
-                simplify(knots, tolerance_m, least.step_m, &mut self.knot, &mut self.arc_m);
+                let mut off = Off::by(tolerance_m);
+                if c == 0 {
+                    (off.share, off.thick_m) = (STEM_OFF, 0.5 * chain.radius_m);
+                }
+                simplify(knots, off, least.step_m, &mut self.knot, &mut self.arc_m);
             }
             self.span.push(start..self.knot.len() as u32);
         }

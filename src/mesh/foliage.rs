@@ -203,7 +203,8 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         }
         (None, None) => {
             let emit = |k, out: &mut Piece| {
-                let (pose, mut draws) = stand(k);
+                let (mut pose, mut draws) = stand(k);
+                pose.lift();
                 // Pictures of one scale give way to those of the next little by little.
                 let cells = atlas.nearest(pose.size_m * draws.between(BLEND[0], BLEND[1]).exp());
                 let pick = draws.index(cells.clone().count());

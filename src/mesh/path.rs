@@ -16,10 +16,18 @@ const LEAST_STEP_M: f32 = 2e-3;
 /// Sides of the roundest and the plainest ring.
 pub const MAX_SIDES: u32 = 64;
 pub const MIN_SIDES: u32 = 3;
+/// Sides of a stem at least, where it is no thinner than this share of its foot: with fewer its width would
+/// change from side to side and from level to level.
+const STEM_SIDES: u32 = 6;
+const THICK: f32 = 0.5;
+/// Radius of a foot from which on a stem is a trunk.
+const TRUNK_M: f32 = 0.02;
 /// How far a stem goes on below ground, so that no slope shows its end.
 pub const BELOW_GROUND_M: f32 = 0.3;
-/// Rings where two barks mix, without and with detail.
-const MIXED_RINGS: [u32; 2] = [6, 24];
+/// Rings where two barks mix: of stems that are off by more than this share of their foot, without and
+/// with detail.
+const MIXED_RINGS: [u32; 3] = [2, 6, 24];
+const ROUGH: f32 = 0.1;
 /// Nodes that one straight piece may replace.
 const SPAN: usize = 24;
 
@@ -170,6 +178,13 @@ impl Sides {
         MIN_SIDES + self.radius_m.partition_point(|&r| r < radius_m) as u32
     }
 
+    /// Of a stem whose foot has this radius.
+    pub fn of_stem(&self, radius_m: f32, foot_m: f32) -> u32 {
+        let is_trunk = foot_m >= TRUNK_M && radius_m >= THICK * foot_m;
+        let least = if is_trunk { STEM_SIDES } else { MIN_SIDES };
+        self.of(radius_m).max(least)
+    }
+
     /// The greatest sagitta of rings, metres.
     pub fn sagitta_m(&self, rings: &[Ring]) -> f32 {
         let of = |r: &Ring| r.radius_m * self.depth[r.sides.min(MAX_SIDES) as usize];
@@ -208,13 +223,14 @@ pub fn rings(
         Foot::Ground { mixed_m } => {
             path.extend_from_slice(kept);
             if let Some([low, high]) = mixed_m {
-                let rings = MIXED_RINGS[usize::from(detail)];
+                let is_rough = tolerance_m > ROUGH * kept[0].radius_m;
+                let rings = MIXED_RINGS[if is_rough { 0 } else { 1 + usize::from(detail) }];
                 for k in 0..rings {
                     let t = (k as f32 + 0.5) / rings as f32;
                     insert(path, low + (high - low) * t, least.step_m, |r| r);
                 }
             }
-            flare(path, lobes, tolerance_m, least.step_m, detail);
+            flare(path, lobes, least.step_m, detail);
             shift = path[0].at.distance(path[1].at);
         }
         Foot::Inside { parent_radius_m, parent_direction } => {
@@ -237,6 +253,11 @@ pub fn rings(
     if across.is_some() {
         out[start..].iter_mut().for_each(|r| r.sides = r.sides.min(most_sides));
         out[start].sides = most_sides;
+    }
+    if let Foot::Ground { .. } = foot {
+        for r in &mut out[start..] {
+            r.sides = r.sides.max(sides.of_stem(r.radius_m, kept[0].radius_m));
+        }
     }
     if let Foot::Ground { mixed_m: Some([low, high]) } = foot {
         // The line between two barks winds through facets: bands of one number of sides.
@@ -297,12 +318,27 @@ fn leave(kept: &[Knot], start: &Start, least_step: f32, path: &mut Vec<Knot>) {
     }
 }
 
-/// Leaves out knots that lie within the tolerance of a straight cone, and knots too close to tell
+/// How far what is left may be from what was there.
+#[derive(Debug, Clone, Copy)]
+pub struct Off {
+    pub most_m: f32,
+    /// Of a radius too, as a share of it or, where it is thinner, of this radius.
+    pub share: f32,
+    pub thick_m: f32,
+}
+
+impl Off {
+    pub fn by(most_m: f32) -> Off {
+        Off { most_m, share: f32::INFINITY, thick_m: 1.0 }
+    }
+}
+
+/// Leaves out knots that a straight cone replaces, and knots too close to tell
 /// apart. First and last stay. Appends the rest to `kept`, and to `arc` how far along them each
 /// knot lies.
 pub fn simplify(
     knots: &[Knot],
-    tolerance_m: f32,
+    off: Off,
     least_step: f32,
     kept: &mut Vec<Knot>,
     arc: &mut Vec<f32>,
@@ -315,8 +351,7 @@ pub fn simplify(
     let mut from = 0;
     while from + 1 < knots.len() {
         let mut to = from + 1;
-        while to + 1 < knots.len() && to - from < SPAN && straight(knots, from, to + 1, tolerance_m)
-        {
+        while to + 1 < knots.len() && to - from < SPAN && straight(knots, from, to + 1, off) {
             to += 1;
         }
         let before = kept[kept.len() - 1];
@@ -343,7 +378,7 @@ pub fn simplify(
     }
 }
 
-fn straight(knots: &[Knot], from: usize, to: usize, tolerance_m: f32) -> bool {
+fn straight(knots: &[Knot], from: usize, to: usize, off: Off) -> bool {
     let (a, b) = (knots[from], knots[to]);
     let chord = b.at - a.at;
     let length_sq = chord.length_squared();
@@ -352,8 +387,8 @@ fn straight(knots: &[Knot], from: usize, to: usize, tolerance_m: f32) -> bool {
         let inside = (0.0..=1.0).contains(&t);
         let cone = a.radius_m + (b.radius_m - a.radius_m) * t;
         inside
-            && (k.at - a.at - chord * t).length_squared() <= tolerance_m * tolerance_m
-            && (k.radius_m - cone).abs() <= tolerance_m
+            && (k.at - a.at - chord * t).length_squared() <= off.most_m * off.most_m
+            && (k.radius_m - cone).abs() <= off.most_m.min(off.share * k.radius_m.max(off.thick_m))
     })
 }
 
@@ -416,32 +451,23 @@ fn collar(
 }
 
 /// A stem widens towards the ground, in lobes, and goes on below it.
-fn flare(
-    kept: &mut Vec<Knot>,
-    lobes: &mut Vec<f32>,
-    tolerance_m: f32,
-    least_step: f32,
-    detail: bool,
-) {
+fn flare(kept: &mut Vec<Knot>, lobes: &mut Vec<f32>, least_step: f32, detail: bool) {
     let radius = kept[0].radius_m;
     let length: f32 = kept.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
     let height = (4.5 * radius).min(0.25 * length);
     let wide = 0.42f32;
-    if radius * wide > tolerance_m {
-        let shares: &[f32] = if detail { &[1.0, 0.6, 0.32, 0.14] } else { &[1.0, 0.3] };
-        for &s in shares {
-            insert(kept, s * height, least_step, |r| r);
-        }
-        let foot = kept[0].at;
-        let mut walked = 0.0;
-        let mut last = foot;
-        for k in kept.iter_mut() {
-            walked += k.at.distance(last);
-            last = k.at;
-            let up = 1.0 - (walked / height.max(1e-6)).min(1.0);
-            k.radius_m *= 1.0 + wide * up * up * up;
-            lobes.push(if detail { 0.2 * up * up } else { 0.0 });
-        }
+    let shares: &[f32] = if detail { &[1.0, 0.6, 0.32, 0.14] } else { &[1.0, 0.3] };
+    for &s in shares {
+        insert(kept, s * height, least_step, |r| r);
+    }
+    let mut walked = 0.0;
+    let mut last = kept[0].at;
+    for k in kept.iter_mut() {
+        walked += k.at.distance(last);
+        last = k.at;
+        let up = 1.0 - (walked / height.max(1e-6)).min(1.0);
+        k.radius_m *= 1.0 + wide * up * up * up;
+        lobes.push(if detail { 0.2 * up * up } else { 0.0 });
     }
     let depth = BELOW_GROUND_M.min(0.1 * length).max(2.0 * least_step);
     let base = kept[0];
@@ -582,7 +608,7 @@ mod tests {
         let (mut kept, mut arc, mut out) = (Vec::new(), Vec::new(), Vec::new());
         let foot = Foot::Inside { parent_radius_m: 0.02, parent_direction: Vec3::X };
         let least = Least::within(0.0);
-        simplify(&knots, tolerance, least.step_m, &mut kept, &mut arc);
+        simplify(&knots, Off::by(tolerance), least.step_m, &mut kept, &mut arc);
         assert_eq!(arc.len(), knots.len());
         rings(&kept, foot, least, &Sides::new(tolerance), true, &mut Scratch::default(), &mut out);
         out

@@ -223,7 +223,12 @@ pub fn spots(
     out
 }
 
-/// About `most` of the spots, evenly: those deep inside the crown go first, but of a young one, which
+/// Layers of a crown in which so many twigs are spread evenly: about as far apart as the twigs around.
+fn layers(twigs: usize) -> f32 {
+    (0.7 * (twigs as f32).sqrt()).clamp(4.0, 64.0).floor()
+}
+
+/// About `most` of the spots, in their order, evenly over heights and directions: those deep inside the crown go first, but of a young one, which
 /// casts no shade; where twigs, `twig_m` long as a rule, are small more stay, so that a spire is as
 /// full at its tip as below.
 pub fn thinned(spots: Vec<Spot>, hull: &Hull, most: usize, enlarge: f32, twig_m: f32) -> Vec<Spot> {
@@ -237,19 +242,32 @@ pub fn thinned(spots: Vec<Spot>, hull: &Hull, most: usize, enlarge: f32, twig_m:
     };
     let total: f64 = spots.iter().map(weight).sum();
     let rate = most as f64 / total.max(1e-9);
-    let mut due = 0.5;
-    let mut kept: Vec<Spot> = spots
-        .into_iter()
-        .filter(|s| {
-            // The leader always.
-            due += if s.at == hull.apex { 1.0 } else { (weight(s) * rate).min(1.0) };
-            let is_due = due >= 1.0;
-            due -= f64::from(u8::from(is_due));
-            is_due
+    let layers = layers(most);
+    let mut around: Vec<(u64, u32)> = (0..)
+        .zip(&spots)
+        .map(|(k, s): (u32, &Spot)| {
+            if s.at == hull.apex {
+                return (0, k);
+            }
+            let layer = 1 + (hull.share(s.at.z) * layers) as u64;
+            let turn = (s.at - hull.centre).truncate().to_angle() + std::f32::consts::PI;
+            (layer << 32 | (turn * 1e8) as u64, k)
         })
         .collect();
-    kept.truncate(most);
-    kept
+    around.sort_unstable();
+    let mut is_kept = vec![false; spots.len()];
+    let (mut due, mut left) = (0.5, most);
+    for (_, k) in around {
+        let s = &spots[k as usize];
+        // The leader always.
+        due += if s.at == hull.apex { 1.0 } else { (weight(s) * rate).min(1.0) };
+        if due >= 1.0 && left > 0 {
+            due -= 1.0;
+            left -= 1;
+            is_kept[k as usize] = true;
+        }
+    }
+    spots.into_iter().zip(is_kept).filter_map(|(s, is_kept)| is_kept.then_some(s)).collect()
 }
 
 /// How the twigs of a leaf shape stand.
@@ -314,6 +332,17 @@ pub struct Pose {
 }
 
 impl Pose {
+    /// A card that stands for several twigs, and would hang into the ground, is raised out of it where
+    /// half its length will do.
+    pub fn lift(&mut self) {
+        let side = 0.5 * self.heading.cross(self.facing).z.abs();
+        let low = self.size_m * (self.heading.z - self.sag).min(0.0) - self.size_m * side;
+        let into_m = -(self.base.z + low);
+        if (0.0..0.5 * self.size_m).contains(&into_m) {
+            self.base.z += into_m;
+        }
+    }
+
     /// Of a twig alone, along the x axis: what it hides is measured so.
     pub fn measured(f: &Foliage) -> Pose {
         Pose {

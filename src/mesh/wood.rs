@@ -201,16 +201,21 @@ impl Planner<'_> {
     }
 
     fn triangles(&self, pieces: &Pieces, sides: &Sides) -> f32 {
-        let rest = |knots: &[Knot]| {
+        let rest = |c: u32| {
+            let knots = pieces.of(c);
             let Some(base) = knots.first() else { return 0 };
-            let rings: u32 = knots[1..].iter().map(|k| 2 * sides.of(k.radius_m)).sum();
+            let around = |k: &Knot| match c {
+                0 => sides.of_stem(k.radius_m, base.radius_m),
+                _ => sides.of(k.radius_m),
+            };
+            let rings: u32 = knots[1..].iter().map(|k| 2 * around(k)).sum();
             let around = sides.of(base.radius_m);
             // Its hole and a ring of its parent, less its tip, which is a point; or its base.
             let (collar_rings, more) = if self.is_welded { (2, 8) } else { (3, around) };
             let has_collar = junction::has_collar(base.radius_m, sides);
             rings + more + if has_collar { collar_rings * 2 * around } else { 0 }
         };
-        (0..self.chains.chain.len() as u32).map(|c| rest(pieces.of(c))).sum::<u32>().max(1) as f32
+        (0..self.chains.chain.len() as u32).map(rest).sum::<u32>().max(1) as f32
     }
 
     /// Makes the tubes of a wood anew, parents before their branches.

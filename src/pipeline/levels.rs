@@ -457,6 +457,56 @@ pub fn outcome(rows: &[Row], models: usize) -> Outcome {
 mod tests {
     use super::*;
 
+    /// Area that a level plane cuts out of closed wood, as the diameter of a circle.
+    fn thickness_m(tree: &TreeMesh, z: f32) -> f32 {
+        let mut area = 0.0;
+        for wood in tree.woods() {
+            for t in wood.index.chunks_exact(3) {
+                let [a, b, c] = [0, 1, 2].map(|k| wood.position[t[k] as usize]);
+                let cut = [(a, b), (b, c), (c, a)].into_iter().filter_map(|(p, q)| {
+                    let is_cut = (p.z < z) != (q.z < z);
+                    is_cut.then(|| p.lerp(q, (z - p.z) / (q.z - p.z)).truncate())
+                });
+                let ends: Vec<Vec2> = cut.collect();
+                let [p, q] = ends[..] else { continue };
+                let out = (b - a).cross(c - a).truncate();
+                area += 0.5 * p.perp_dot(q) * (q - p).perp_dot(-out).signum();
+            }
+        }
+        (4.0 * area.abs() / std::f32::consts::PI).sqrt()
+    }
+
+    #[test]
+    fn a_trunk_is_as_thick_at_every_level() {
+        use super::super::forest::{WoodJob, detail};
+        use crate::mesh::FoliageLevel;
+        use crate::skeleton::{self, Target};
+        let names = [
+            "quercus_robur",
+            "larix_sibirica",
+            "pinus_sylvestris",
+            "betula_pendula",
+            "populus_tremula",
+        ];
+        for (name, triangles) in names.into_iter().flat_map(|n| [(n, 20_000), (n, 5_000)]) {
+            let species = crate::species::load(name).unwrap();
+            let seed = crate::seed::Seed::new(1);
+            let detail = detail(triangles, FoliageLevel::Cards);
+            let target = Target::FromSpecies { height_m: None };
+            let skeleton = skeleton::grow(&species, target, detail, seed).unwrap();
+            let textures = crate::texture::for_species(&species, 64, seed);
+            let subject =
+                Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
+            let options = WoodJob::default().options(triangles, FoliageLevel::Cards);
+            let all = meshes(&subject, &options, SHARES.len(), None).unwrap();
+            for z in [0.05, 0.7, 1.3, 2.5] {
+                let of: Vec<f32> = all.iter().map(|tree| thickness_m(tree, z)).collect();
+                let is_kept = of.iter().all(|m| (m / of[0] - 1.0).abs() < 0.12);
+                assert!(is_kept, "{name} {triangles}, {z} m up: {of:?}");
+            }
+        }
+    }
+
     #[test]
     fn levels_have_triangles_enough_for_a_crown_and_fall() {
         let of = |most: usize| [0, 1, 2].map(|k| (most as f32 * share(most, k)) as usize);
