@@ -74,6 +74,9 @@ impl Circles {
 
 /// Bounds of texel density, as tiles a tile's length.
 const DENSITY: [f32; 2] = [0.7, FINEST];
+/// Bark winds about its stem, as the grain of wood does, by so many tiles a tile along: the marks of a
+/// tile do not stand in a column.
+const SPIRAL: f32 = 0.16;
 /// Tiles around change where the density is off by more than this factor.
 const OFF: f32 = 1.45;
 /// Where a tube flares, its radius grows towards its foot by more than this share of the way; and
@@ -84,7 +87,7 @@ const FLARED: f32 = 1.8;
 /// Lays bark along a tube: whole tiles around, so that it closes on itself, and as many along as
 /// there are around a metre, so that a taper does not stretch it. Where the number around changes,
 /// a band shears the bark by half a tile at its seam; not so over the flare of a foot, which has the
-/// tiles of the tube above, wider. Where bark is folded (see `young`) all of it is as fine; thin
+/// tiles of the tube above, wider. It winds about the tube to the left or the right, by `key`. Where bark is folded (see `young`) all of it is as fine; thin
 /// tubes begin anywhere in the tile, by `key`.
 pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
     // Of the polygon: N sin(π / N) / π of the circle's.
@@ -105,6 +108,7 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
         let share = |inverse: f64| (f64::from(key) * inverse).fract() as f32;
         (below.u, below.v) = (share(0.754_877_666), share(0.569_840_291));
     }
+    let spiral = if key % 2 == 0 { SPIRAL } else { -SPIRAL };
     for (i, ring) in rings.iter_mut().enumerate() {
         (ring.u, ring.girth) = (below.u, around(ring));
         let is_off = below.repeats > OFF * ring.girth || ring.girth > OFF * below.repeats;
@@ -117,6 +121,9 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
         let density =
             if is_folded { FINEST } else { (repeats / girth).clamp(DENSITY[0], DENSITY[1]) };
         ring.v = below.v + (ring.arc_m - below.arc_m) * density / repeat_m;
+        if !is_folded {
+            ring.u = below.u + spiral * (ring.v - below.v);
+        }
         below = *ring;
     }
 }
