@@ -115,7 +115,18 @@ impl ForestJob {
             },
         }
     }
+
+    /// Of an impostor's picture.
+    fn sheet_px(&self) -> u32 {
+        match (&self.eye, self.levels.impostor) {
+            (Some(_), None | Some(Kind::Cross)) => self.texture_px.min(CHOSEN_SHEET_PX),
+            _ => self.texture_px,
+        }
+    }
 }
+
+/// Of a cross for a camera, which shows most of them where they are so many lines high or less.
+const CHOSEN_SHEET_PX: u32 = 256;
 
 /// A forest, ready to write.
 pub struct Forest {
@@ -205,7 +216,7 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     let forms = job.forms();
     if !forms.is_empty() {
         run.stage("levels", |_| {
-            levels::add(&mut scene, coarse, &looks, &forms, job.texture_px)?;
+            levels::add(&mut scene, coarse, &looks, &forms, job.sheet_px())?;
             rows = levels::rows(&scene);
             Ok(((), levels::outcome(&rows, scene.prototypes.len())))
         })?;

@@ -45,7 +45,7 @@ pub fn share(most: usize, k: usize) -> f32 {
 }
 
 /// The name of the last form.
-const IMPOSTOR: &str = "impostor";
+pub(super) const IMPOSTOR: &str = "impostor";
 
 impl LevelsJob {
     pub fn is_empty(&self) -> bool {

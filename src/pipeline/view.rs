@@ -5,13 +5,14 @@ use std::collections::BTreeMap;
 
 use glam::{DVec3, Vec2, Vec3};
 
+use super::levels;
 use super::survey::Survey;
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::render::capture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::scene::sharing::Model;
-use crate::scene::{Prototype, Scene, plain_rms_m};
+use crate::scene::{Level, Prototype, Scene, plain_rms_m};
 use crate::work::{self, Work};
 
 /// Where a picture will be taken from; the scan's own coordinates.
@@ -55,7 +56,7 @@ pub struct Chosen {
 
 /// Drops the trees that the camera does not see and shows the others in the form of fewest
 /// triangles whose silhouette is off by no more than a pixel of 1,080 lines, or `tolerance_m`,
-/// RMS. Forms become prototypes of their own. Known limit: shadows and reflections of what is dropped are missing.
+/// RMS, and whose texels are no larger where it is an impostor. Forms become prototypes of their own. Known limit: shadows and reflections of what is dropped are missing.
 pub fn choose(scene: &mut Scene, eye: &Eye, tolerance_m: f32) -> Chosen {
     work::count(Work::TreesLookedFor, scene.instances.len());
     let camera = camera(&scene.frame, eye);
@@ -66,7 +67,7 @@ pub fn choose(scene: &mut Scene, eye: &Eye, tolerance_m: f32) -> Chosen {
         ..RenderOptions::default()
     };
     let seen = render::seen(&render::View::from(&*scene), &camera, &options);
-    let forms: Vec<Vec<Form>> = scene.prototypes.iter().map(forms).collect();
+    let forms: Vec<Vec<Form>> = scene.prototypes.iter().map(|p| forms(p, scene)).collect();
     let mut chosen = Chosen::default();
     let bytes = |scene: &Scene| -> u64 {
         scene.prototypes.iter().flat_map(|p| &p.parts).map(|part| part.surface.bytes()).sum()
@@ -181,16 +182,32 @@ pub(super) fn camera(frame: &Frame, eye: &Eye) -> Camera {
 struct Form {
     name: String,
     triangles: usize,
+    /// The silhouette's; a texel of an impostor where that is more.
     error_m: f32,
 }
 
-fn forms(prototype: &Prototype) -> Vec<Form> {
+/// What a texel of an impostor's sheet spans; 0 of other forms.
+fn texel_m(level: &Level, scene: &Scene) -> f32 {
+    if level.name != levels::IMPOSTOR {
+        return 0.0;
+    }
+    let [sheet] = &level.parts[..] else { return 0.0 };
+    let texture = scene.materials[sheet.material as usize].base_color_texture;
+    let lines = texture.map_or(1, |t| scene.textures[t as usize].image.height());
+    let [low, high] =
+        [Vec2::min, Vec2::max].map(|end| sheet.surface.uv.iter().copied().reduce(end));
+    let shown = low.zip(high).map_or(1.0, |(low, high)| high.y - low.y) * lines as f32;
+    let (low, high) = sheet.surface.bounds();
+    (high.z - low.z) / shown.max(1.0)
+}
+
+fn forms(prototype: &Prototype, scene: &Scene) -> Vec<Form> {
     let count = |parts: &[crate::scene::Part]| parts.iter().map(|p| p.surface.triangles()).sum();
     let finest = Form { name: "LOD0".into(), triangles: count(&prototype.parts), error_m: 0.0 };
     let coarser = prototype.levels.iter().map(|l| Form {
         name: l.name.clone(),
         triangles: count(&l.parts),
-        error_m: plain_rms_m(l.silhouette, l.octahedral),
+        error_m: plain_rms_m(l.silhouette, l.octahedral).max(texel_m(l, scene)),
     });
     [finest].into_iter().chain(coarser).collect()
 }
@@ -255,7 +272,9 @@ pub fn shared_budget(models: &[(f32, usize)], total: usize) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::sample;
+    use crate::mesh::Surface;
+    use crate::raster::Picture;
+    use crate::scene::{Apart, Colorspace, Part, Texture, sample};
 
     #[test]
     fn a_budget_is_spent_whole_and_more_on_what_is_larger() {
@@ -310,5 +329,34 @@ mod tests {
         let away = eye(far.at, far.at * 2.0 - middle);
         assert_eq!(choose(&mut none, &away, 0.0).outside, scene.instances.len());
         assert!(none.instances.is_empty() && none.prototypes.is_empty());
+    }
+
+    /// A sheet of 10 m that shows the upper half of a picture of 100 lines has texels of 0.2 m.
+    #[test]
+    fn an_impostor_is_not_shown_where_its_texels_are() {
+        let mut scene = sample::forest(&["Betula pendula"], 4, 60.0);
+        let picture = Picture::filled(100, 100, [255; 4]);
+        let texture =
+            Texture { name: "sheet".into(), image: picture.into(), colorspace: Colorspace::Srgb };
+        let material = scene.prototypes[0].parts[0].material as usize;
+        scene.materials[material].base_color_texture = Some(scene.textures.len() as u32);
+        scene.textures.push(texture);
+        let corner = |x: f32, z: f32| (Vec3::new(x, 0.0, z), Vec2::new(x, 0.5 + 0.05 * z));
+        let (position, uv) =
+            [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 10.0)].into_iter().unzip();
+        let surface = Surface { position, uv, index: vec![0, 1, 2], ..Surface::default() };
+        let part = Part { name: "sheet".into(), surface, material: material as u32 };
+        let level = |name: &str| Level {
+            name: name.into(),
+            parts: vec![part.clone()],
+            silhouette: Apart { worst_m: 0.1, rms_m: 0.05 },
+            octahedral: None,
+        };
+        let levels = ["LOD1", levels::IMPOSTOR].map(level).to_vec();
+        scene.prototypes[0].levels = levels;
+        let errors: Vec<f32> =
+            forms(&scene.prototypes[0], &scene).iter().map(|f| f.error_m).collect();
+        assert_eq!(errors[..2], [0.0, 0.05]);
+        assert!((errors[2] - 0.2).abs() < 1e-5, "{errors:?}");
     }
 }
