@@ -530,7 +530,7 @@ pub struct Tree {
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Most triangles; 20000 where absent, 1000000 with --foliage geometry.
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=40_000_000))]
     pub triangles: Option<u32>,
     /// Side of the textures in pixels; 0 for none: bark and leaves in a colour each.
     #[arg(long, value_name = "PX", default_value_t = 1024, allow_negative_numbers = true, value_parser = texture_px)]

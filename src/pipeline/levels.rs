@@ -221,6 +221,12 @@ fn scheme(
         lower_share: lowest / widest[1].max(1e-3),
     };
     let mut mesh = p18::Scheme::new(&measures)?.mesh(SIDES);
+    // As deep in the ground as the tree, for slopes.
+    let foot_m = tree.bounds().0.z.min(0.0);
+    let Surface { position, uv, .. } = &mut mesh.wood;
+    for (p, uv) in position.iter_mut().zip(uv).filter(|(p, _)| p.z == 0.0) {
+        (p.z, uv.y) = (foot_m, foot_m);
+    }
     mesh.foliage.uv.fill(atlas.fill());
     // Most of a stem shows the upper bark, where there is one.
     if species.bark.upper.is_some() {
@@ -477,7 +483,7 @@ mod tests {
     }
 
     #[test]
-    fn a_trunk_is_as_thick_at_every_level() {
+    fn a_trunk_is_as_thick_and_as_deep_at_every_level() {
         use super::super::forest::{WoodJob, detail};
         use crate::mesh::FoliageLevel;
         use crate::skeleton::{self, Target};
@@ -498,7 +504,10 @@ mod tests {
             let subject =
                 Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
             let options = WoodJob::default().options(triangles, FoliageLevel::Cards);
-            let all = meshes(&subject, &options, SHARES.len(), None).unwrap();
+            let mut all = meshes(&subject, &options, SHARES.len() + 1, None).unwrap();
+            let feet: Vec<f32> = all.iter().map(|tree| tree.bounds().0.z).collect();
+            assert!(feet.iter().all(|foot| (foot - feet[0]).abs() < 0.01), "{name}: {feet:?}");
+            all.pop();
             for z in [0.05, 0.7, 1.3, 2.5] {
                 let of: Vec<f32> = all.iter().map(|tree| thickness_m(tree, z)).collect();
                 let is_kept = of.iter().all(|m| (m / of[0] - 1.0).abs() < 0.12);
