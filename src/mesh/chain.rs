@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use super::path::{Knot, Least, Off, simplify};
+use super::path::{Knot, Least, Off, Sides, simplify};
 use crate::skeleton::Skeleton;
 
 /// The chains of a skeleton, each followed by those that spring from it.
@@ -125,9 +125,6 @@ impl Chains {
     }
 }
 
-/// How far the radius of the stem may be off, share of it: it is what one sees change from level to level.
-const STEM_OFF: f32 = 0.08;
-
 fn radius(skeleton: &Skeleton, node: u32) -> f32 {
     skeleton.radius_m[node as usize].min(1e4)
 }
@@ -148,7 +145,7 @@ impl Pieces {
     pub fn simplify(
         &mut self,
         chains: &Chains,
-        tolerance_m: f32,
+        sides: &Sides,
         (cut_m, keeps_top): (f32, bool),
         least: Least,
     ) {
@@ -166,9 +163,9 @@ impl Pieces {
                 self.arc_m.resize(chain.line.end, 0.0);
             } else {
                 let knots = &chains.knot[chain.line.clone()];
-                let mut off = Off::by(tolerance_m);
+                let mut off = Off::by(sides.tolerance_m);
                 if c == 0 {
-                    (off.share, off.thick_m) = (STEM_OFF, 0.5 * chain.radius_m);
+                    (off.share, off.thick_m) = (sides.stem.off, 0.5 * chain.radius_m);
                 }
                 simplify(knots, off, least.step_m, &mut self.knot, &mut self.arc_m);
             }

@@ -16,9 +16,22 @@ const LEAST_STEP_M: f32 = 2e-3;
 /// Sides of the roundest and the plainest ring.
 pub const MAX_SIDES: u32 = 64;
 pub const MIN_SIDES: u32 = 3;
-/// Sides of a stem at least, where it is no thinner than this share of its foot: with fewer its width would
-/// change from side to side and from level to level.
-const STEM_SIDES: u32 = 6;
+/// How true a stem is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stem {
+    /// Sides at least, where it is no thinner than [`THICK`] of its foot: with fewer its width would change from
+    /// side to side and from level to level.
+    pub sides: u32,
+    /// How far its radius may be off, share of it.
+    pub off: f32,
+}
+
+impl Stem {
+    pub const TRUE: Stem = Stem { sides: 6, off: 0.08 };
+    /// Where a true one would leave no triangles for a crown.
+    pub const PLAIN: Stem = Stem { sides: 4, off: 0.25 };
+}
+
 const THICK: f32 = 0.5;
 /// Radius of a foot from which on a stem is a trunk.
 const TRUNK_M: f32 = 0.02;
@@ -150,6 +163,7 @@ pub struct Knot {
 #[derive(Debug, Clone)]
 pub struct Sides {
     pub tolerance_m: f32,
+    pub stem: Stem,
     /// Greatest radius for 3, 4, … sides.
     radius_m: [f32; (MAX_SIDES - MIN_SIDES) as usize],
     /// Sagitta over radius, by the number of sides.
@@ -157,7 +171,7 @@ pub struct Sides {
 }
 
 impl Sides {
-    pub fn new(tolerance_m: f32) -> Sides {
+    pub fn new(tolerance_m: f32, stem: Stem) -> Sides {
         let depth = |sides: usize| {
             // 1 − cos x = 2 sin² (x / 2), without cancelling.
             let sine = (0.5 * std::f32::consts::PI / sides.max(1) as f32).sin();
@@ -165,6 +179,7 @@ impl Sides {
         };
         Sides {
             tolerance_m,
+            stem,
             radius_m: std::array::from_fn(|k| tolerance_m / depth(k + MIN_SIDES as usize)),
             depth: std::array::from_fn(depth),
         }
@@ -181,7 +196,7 @@ impl Sides {
     /// Of a stem whose foot has this radius.
     pub fn of_stem(&self, radius_m: f32, foot_m: f32) -> u32 {
         let is_trunk = foot_m >= TRUNK_M && radius_m >= THICK * foot_m;
-        let least = if is_trunk { STEM_SIDES } else { MIN_SIDES };
+        let least = if is_trunk { self.stem.sides } else { MIN_SIDES };
         self.of(radius_m).max(least)
     }
 
@@ -593,14 +608,14 @@ mod tests {
         for tolerance in [1e-4f32, 1e-3, 5e-3] {
             for k in 1..200 {
                 let r = k as f32 * 0.002;
-                let n = Sides::new(tolerance).of(r);
+                let n = Sides::new(tolerance, Stem::TRUE).of(r);
                 let sagitta = |n: u32| r * (1.0 - (std::f32::consts::PI / n as f32).cos());
                 assert!(n == MAX_SIDES || sagitta(n) <= tolerance * 1.001, "{r} {n}");
                 assert!(n == MIN_SIDES || sagitta(n - 1) > tolerance * 0.999, "{r} {n}");
             }
         }
-        assert_eq!(Sides::new(1e-3).of(1e3), MAX_SIDES);
-        assert_eq!(Sides::new(1e-3).of(1e-6), MIN_SIDES);
+        assert_eq!(Sides::new(1e-3, Stem::TRUE).of(1e3), MAX_SIDES);
+        assert_eq!(Sides::new(1e-3, Stem::TRUE).of(1e-6), MIN_SIDES);
     }
 
     fn path(points: &[Vec3], tolerance: f32) -> Vec<Ring> {
@@ -610,7 +625,15 @@ mod tests {
         let least = Least::within(0.0);
         simplify(&knots, Off::by(tolerance), least.step_m, &mut kept, &mut arc);
         assert_eq!(arc.len(), knots.len());
-        rings(&kept, foot, least, &Sides::new(tolerance), true, &mut Scratch::default(), &mut out);
+        rings(
+            &kept,
+            foot,
+            least,
+            &Sides::new(tolerance, Stem::TRUE),
+            true,
+            &mut Scratch::default(),
+            &mut out,
+        );
         out
     }
 

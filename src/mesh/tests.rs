@@ -147,7 +147,15 @@ fn cone(radius: f32, height: f32, tolerance: f32) -> Surface {
     let mut rings = Vec::new();
     let least = path::Least::within(height);
     let scratch = &mut path::Scratch::default();
-    path::rings(&knots, foot, least, &path::Sides::new(tolerance), false, scratch, &mut rings);
+    path::rings(
+        &knots,
+        foot,
+        least,
+        &path::Sides::new(tolerance, path::Stem::TRUE),
+        false,
+        scratch,
+        &mut rings,
+    );
     tube::lay_bark(&mut rings, 1.0, 0);
     let mut bark = tube::Bark::new(young::Young::default(), None, Seed::new(1));
     bark.tube(&tube::Shape {
@@ -170,7 +178,7 @@ fn a_cone_has_the_volume_and_area_of_its_prism() {
     for tolerance in [0.1, 0.02, 0.004] {
         let c = cone(r, h, tolerance);
         c.check().unwrap();
-        let n = f64::from(path::Sides::new(tolerance).of(r));
+        let n = f64::from(path::Sides::new(tolerance, path::Stem::TRUE).of(r));
         let base = 0.5 * n * f64::from(r * r) * (std::f64::consts::TAU / n).sin();
         assert!((c.volume_m3() - base * f64::from(h) / 3.0).abs() < 1e-4);
         let truth = std::f64::consts::PI * f64::from(r * r * h) / 3.0;
@@ -186,7 +194,7 @@ fn a_cone_has_the_volume_and_area_of_its_prism() {
 #[test]
 fn seams_repeat_whole_tiles_and_a_taper_does_not_stretch_the_bark() {
     let c = cone(0.5, 3.0, 0.01);
-    let n = path::Sides::new(0.01).of(0.5) as usize;
+    let n = path::Sides::new(0.01, path::Stem::TRUE).of(0.5) as usize;
     assert_eq!(c.position[0], c.position[n], "the seam closes to the bit");
     let u = c.uv[n].x - c.uv[0].x;
     assert_eq!(u, u.round());
@@ -203,7 +211,7 @@ fn seams_repeat_whole_tiles_and_a_taper_does_not_stretch_the_bark() {
         &knots,
         foot,
         least,
-        &path::Sides::new(0.001),
+        &path::Sides::new(0.001, path::Stem::TRUE),
         true,
         &mut path::Scratch::default(),
         &mut rings,

@@ -2,7 +2,7 @@
 
 use super::chain::{Chains, Pieces};
 use super::junction::{self, Branch, Hole};
-use super::path::{Foot, Knot, Least, Ring, Scratch, Sides, Start, rings};
+use super::path::{Foot, Knot, Least, Ring, Scratch, Sides, Start, Stem, rings};
 use super::tube::{Bark, Outlet, Shape, lay_bark};
 use super::wind::Wind;
 use super::young::{BARKS, Upper, Young};
@@ -23,6 +23,8 @@ const GUESSES: u32 = 16;
 const AIM: f32 = 0.96;
 const ENOUGH: f32 = 0.92;
 const LIKELY: f32 = 1.8;
+/// Share of a tree's triangles that a true stem may take.
+const MOST_STEM: f32 = 0.6;
 /// What woods come to over their guesses, bare and leafy: where the search starts.
 const USUAL: [f32; 2] = [0.93, 1.1];
 
@@ -79,6 +81,7 @@ pub fn wood(
         mixed_m: young.upper.map(|u| u.height_m),
         least: Least::within(reach_m(&skeleton.position)),
         is_welded: options.junctions == Junctions::Welded,
+        stem: Stem::TRUE,
         options: *options,
     };
     let mut bark = Bark::new(young, wind, seed);
@@ -96,6 +99,7 @@ struct Planner<'a> {
     mixed_m: Option<[f32; 2]>,
     least: Least,
     is_welded: bool,
+    stem: Stem,
     options: MeshOptions,
 }
 
@@ -148,7 +152,12 @@ impl Planner<'_> {
             if triangles > budget {
                 fine = x;
                 if fine >= rough {
-                    return count;
+                    let whole = self.options.triangle_budget.unwrap_or(usize::MAX);
+                    if triangles as f32 <= MOST_STEM * whole as f32 {
+                        return count;
+                    }
+                    let plain = Planner { stem: Stem::PLAIN, ..*self };
+                    return plain.attempt(x, work, bark);
                 }
             } else if triangles as f32 > ENOUGH * budget as f32 || rough - fine < 4.0 * STEP {
                 return count;
@@ -196,8 +205,9 @@ impl Planner<'_> {
     /// About how many triangles a wood of this coarseness has.
     fn guess(&self, log_coarse: f32, work: &mut Work) -> f32 {
         let (tolerance_m, cut_m) = self.limits(log_coarse.exp());
-        work.pieces.simplify(self.chains, tolerance_m, (cut_m, self.is_bare()), self.least);
-        self.triangles(&work.pieces, &Sides::new(tolerance_m))
+        let sides = Sides::new(tolerance_m, self.stem);
+        work.pieces.simplify(self.chains, &sides, (cut_m, self.is_bare()), self.least);
+        self.triangles(&work.pieces, &sides)
     }
 
     fn triangles(&self, pieces: &Pieces, sides: &Sides) -> f32 {
@@ -226,8 +236,8 @@ impl Planner<'_> {
         let detail = self.options.detail && coarse < 30.0;
         let Work { pieces, out_of, start, scratch, path, todo, branches, rings: made, holes } =
             work;
-        pieces.simplify(self.chains, tolerance_m, (cut_m, self.is_bare()), self.least);
-        let sides = Sides::new(tolerance_m);
+        let sides = Sides::new(tolerance_m, self.stem);
+        pieces.simplify(self.chains, &sides, (cut_m, self.is_bare()), self.least);
         bark.reserve((self.triangles(pieces, &sides) * 1.1) as usize);
         let count_of = self.chains.chain.len() as u32;
         let Some(root) = (0..count_of).find(|&c| !pieces.of(c).is_empty()) else {

@@ -517,6 +517,28 @@ mod tests {
     }
 
     #[test]
+    fn few_triangles_are_not_all_the_stem_s() {
+        use super::super::forest::{WoodJob, detail};
+        use crate::mesh::FoliageLevel;
+        use crate::skeleton::{self, Target};
+        for name in ["larix_sibirica", "pinus_sylvestris", "pinus_sibirica", "populus_tremula"] {
+            let species = crate::species::load(name).unwrap();
+            let seed = crate::seed::Seed::new(1);
+            let detail = detail(20_000, FoliageLevel::Cards);
+            let target = Target::FromSpecies { height_m: None };
+            let skeleton = skeleton::grow(&species, target, detail, seed).unwrap();
+            let textures = crate::texture::for_species(&species, 64, seed);
+            let subject =
+                Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
+            let options = WoodJob::default().options(130, FoliageLevel::Cards);
+            let tree = subject.mesh(&options).unwrap();
+            tree.check().unwrap();
+            let [wood, leaves] = [tree.triangles(), tree.foliage.triangles()];
+            assert!(leaves >= 40 && wood <= 130, "{name}: {leaves} of {wood}");
+        }
+    }
+
+    #[test]
     fn levels_have_triangles_enough_for_a_crown_and_fall() {
         let of = |most: usize| [0, 1, 2].map(|k| (most as f32 * share(most, k)) as usize);
         assert_eq!(of(20_000), [8_000, 3_000, 500]);
