@@ -108,7 +108,7 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
         let share = |inverse: f64| (f64::from(key) * inverse).fract() as f32;
         (below.u, below.v) = (share(0.754_877_666), share(0.569_840_291));
     }
-    let spiral = if key % 2 == 0 { SPIRAL } else { -SPIRAL };
+    let spiral = if key.is_multiple_of(2) { SPIRAL } else { -SPIRAL };
     for (i, ring) in rings.iter_mut().enumerate() {
         (ring.u, ring.girth) = (below.u, around(ring));
         let is_off = below.repeats > OFF * ring.girth || ring.girth > OFF * below.repeats;
