@@ -1,11 +1,12 @@
 //! What a scene did without, and what that saved.
 //!
 //! Bytes are those the file would hold more, uncompressed. Seconds are at this run's own rates: of
-//! writing, for bytes; of meshing, for forms that were not made. What was never made has no
-//! measured time.
+//! writing, for bytes; of meshing, for forms that were not made. They are the least: what was never made
+//! has no measured time, and what a level covers is looked at many times until it is right.
 
-use super::levels::{LevelsJob, SHARES};
+use super::levels::{LevelsJob, SHARES, share};
 use super::view::Chosen;
+use crate::mesh::Surface;
 use crate::report::StageRecord;
 use crate::scene::{LeftOut, ValidScene};
 
@@ -74,11 +75,20 @@ pub fn table(told: &Told<'_>) -> Vec<Saved> {
     let count = vertices(&unlit);
     line("places on a light map", count, "vertices", count * UV, 0.0);
     let made = if told.has_forms { SHARES.len() } else { told.levels.meshed.min(SHARES.len()) };
-    let share: f64 = SHARES[made..].iter().map(|&s| f64::from(s)).sum();
-    let models = told.scene.prototypes().len() as u64;
-    let forms = models * (SHARES.len() - made) as u64;
-    let bytes = (geometry as f64 * share) as u64;
-    line("coarser levels", forms, "meshes", bytes, seconds("mesh") * share);
+    let models = told.scene.prototypes();
+    let forms = (models.len() * (SHARES.len() - made)) as u64;
+    let bytes: f64 = (models.iter())
+        .map(|model| {
+            let sum =
+                |of: &dyn Fn(&Surface) -> usize| model.parts.iter().map(|p| of(&p.surface)).sum();
+            let triangles: usize = sum(&Surface::triangles);
+            let bytes: usize = sum(&|s| s.bytes() as usize);
+            let shares = (made..SHARES.len()).map(|k| share(triangles, k));
+            bytes as f64 * f64::from(shares.sum::<f32>())
+        })
+        .sum();
+    let meshing_s = seconds("mesh") * bytes / geometry.max(1) as f64;
+    line("coarser levels", forms, "meshes", bytes as u64, meshing_s);
     let p = told.pruned;
     line(
         "triangles without area",
