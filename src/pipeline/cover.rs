@@ -27,6 +27,8 @@ use crate::texture::TreeTextures;
 /// Factors tried at each height, how often, and how far that may lead.
 const STEP: [f32; 2] = [0.85, 1.18];
 const ROUNDS: usize = 6;
+/// Change of all sizes, logarithm, at which they are right, times the rounds so far: few twigs never settle.
+const STILL: f32 = 0.03;
 const LARGER: [f32; 2] = [0.3, 3.0];
 /// Below the crown's tip twigs are larger than at most heights by no more than this: where a form has
 /// few, those would stand out of it.
@@ -112,20 +114,17 @@ pub fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMes
         });
         wanted.seen(made.collect::<Result<_>>()?)
     };
-    for _ in 0..ROUNDS {
-        let seen = tried(&open, &STEP)?;
-        for ((_, larger), of) in open.iter_mut().zip(seen.as_chunks::<{ STEP.len() }>().0) {
-            let factors: [f32; HEIGHTS] =
-                array::from_fn(|h| between(of.each_ref().map(|seen| seen.heights[h])));
-            for (h, larger) in larger.iter_mut().enumerate() {
-                let beside = factors[h.saturating_sub(1)] * factors[(h + 1).min(HEIGHTS - 1)];
-                let factor = factors[h].powf(1.0 - 2.0 * BESIDE) * beside.powf(BESIDE);
-                *larger = (*larger * factor).clamp(LARGER[0], LARGER[1]);
-            }
-            let mut sorted = *larger;
-            sorted.sort_by(f32::total_cmp);
-            let most = UNEVEN * sorted[HEIGHTS / 2];
-            larger[..HEIGHTS - 1].iter_mut().for_each(|larger| *larger = larger.min(most));
+    let mut moving: Vec<usize> = (0..open.len()).collect();
+    for round in 1..=ROUNDS {
+        let at_hand: Vec<_> = moving.iter().map(|k| open[*k]).collect();
+        let seen = tried(&at_hand, &STEP)?;
+        let mut each = seen.as_chunks::<{ STEP.len() }>().0.iter();
+        moving.retain(|k| {
+            let (_, larger) = &mut open[*k];
+            each.next().is_some_and(|of| steer(larger, of) > STILL * round as f32)
+        });
+        if moving.is_empty() {
+            break;
         }
     }
     let seen = tried(&open, &LADDER)?;
@@ -135,6 +134,24 @@ pub fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMes
         coarser[*k] = subject.with_leaves(&coarser[*k], &options)?;
     }
     Ok(())
+}
+
+/// Sets how much larger twigs are from what they cover at either [`STEP`]; gives the greatest change, logarithm.
+fn steer(larger: &mut [f32; HEIGHTS], seen: &[Seen; STEP.len()]) -> f32 {
+    let before = *larger;
+    let factors: [f32; HEIGHTS] =
+        array::from_fn(|h| between(seen.each_ref().map(|seen| seen.heights[h])));
+    for (h, larger) in larger.iter_mut().enumerate() {
+        let beside = factors[h.saturating_sub(1)] * factors[(h + 1).min(HEIGHTS - 1)];
+        let factor = factors[h].powf(1.0 - 2.0 * BESIDE) * beside.powf(BESIDE);
+        *larger = (*larger * factor).clamp(LARGER[0], LARGER[1]);
+    }
+    let mut sorted = *larger;
+    sorted.sort_by(f32::total_cmp);
+    let most = UNEVEN * sorted[HEIGHTS / 2];
+    larger[..HEIGHTS - 1].iter_mut().for_each(|larger| *larger = larger.min(most));
+    let change = |(a, b): (&f32, &f32)| (a / b).ln().abs();
+    before.iter().zip(&*larger).map(change).fold(0.0, f32::max)
 }
 
 /// The factor at which as much is covered as is to be, from what is at [`STEP`].
