@@ -27,6 +27,8 @@ pub struct Chain {
     pub first: u32,
     pub axis: u32,
     pub radius_m: f32,
+    /// A stem beside the first, on the ground.
+    pub stands: bool,
     /// It, or what springs from it, reaches the tree's top.
     is_leader: bool,
 }
@@ -68,10 +70,17 @@ impl Chains {
         let mut todo = vec![(0, None, 0)];
         while let Some((start, base, slot)) = todo.pop() {
             let (from, k) = (chains.node.len(), chains.chain.len() as u32);
-            let radius_m = radius(skeleton, start);
+            let stands = base == Some(0);
+            // The root of a stool carries all stems, of which the first is but one.
+            let is_stool = start == 0 && first[0] != NONE && onward[0] != NONE;
+            let radius_m = radius(skeleton, if is_stool { onward[0] } else { start });
             if let Some(base) = base {
+                let mut at = skeleton.position[base as usize];
+                if stands {
+                    at = skeleton.position[start as usize].with_z(at.z);
+                }
                 chains.node.push(base);
-                chains.knot.push(Knot { at: skeleton.position[base as usize], radius_m });
+                chains.knot.push(Knot { at, radius_m });
                 chains.branch[slot].0 = k;
             }
             let mut next = start;
@@ -86,13 +95,23 @@ impl Chains {
                 next = onward[this as usize];
                 // Radii as the mean of both nodes at a shared base (P18).
                 let beyond = if next == NONE || this == 0 { this } else { next };
-                let radius_m = 0.5 * (radius(skeleton, this) + radius(skeleton, beyond));
+                let mean_m = 0.5 * (radius(skeleton, this) + radius(skeleton, beyond));
+                let radius_m = if this == 0 { radius_m } else { mean_m };
                 chains.node.push(this);
                 chains.knot.push(Knot { at: skeleton.position[this as usize], radius_m });
             }
             let line = from..chains.node.len();
             let axis = skeleton.axis[start as usize];
-            chains.chain.push(Chain { line, base, first: start, axis, radius_m, is_leader: false });
+            let is_leader = false;
+            chains.chain.push(Chain {
+                line,
+                base,
+                first: start,
+                axis,
+                radius_m,
+                stands,
+                is_leader,
+            });
             chains.first_branch.push(chains.branch.len() as u32);
         }
         chains.find_leaders(skeleton);
@@ -164,8 +183,9 @@ impl Pieces {
             } else {
                 let knots = &chains.knot[chain.line.clone()];
                 let mut off = Off::by(sides.tolerance_m);
-                if c == 0 {
-                    (off.share, off.thick_m) = (sides.stem.off, 0.5 * chain.radius_m);
+                if c == 0 || chain.stands {
+                    (off.share, off.aside) = (sides.stem.off, sides.stem.aside);
+                    off.thick_m = 0.5 * chain.radius_m;
                 }
                 simplify(knots, off, least.step_m, &mut self.knot, &mut self.arc_m);
             }

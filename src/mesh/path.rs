@@ -22,14 +22,15 @@ pub struct Stem {
     /// Sides at least, where it is no thinner than [`THICK`] of its foot: with fewer its width would change from
     /// side to side and from level to level.
     pub sides: u32,
-    /// How far its radius may be off, share of it.
+    /// How far its radius, and its axis, may be off, share of the radius.
     pub off: f32,
+    pub aside: f32,
 }
 
 impl Stem {
-    pub const TRUE: Stem = Stem { sides: 6, off: 0.08 };
+    pub const TRUE: Stem = Stem { sides: 6, off: 0.08, aside: 0.25 };
     /// Where a true one would leave no triangles for a crown.
-    pub const PLAIN: Stem = Stem { sides: 4, off: 0.25 };
+    pub const PLAIN: Stem = Stem { sides: 4, off: 0.25, aside: 1.0 };
 }
 
 const THICK: f32 = 0.5;
@@ -337,14 +338,15 @@ fn leave(kept: &[Knot], start: &Start, least_step: f32, path: &mut Vec<Knot>) {
 #[derive(Debug, Clone, Copy)]
 pub struct Off {
     pub most_m: f32,
-    /// Of a radius too, as a share of it or, where it is thinner, of this radius.
+    /// Of a radius too, as a share of it or, where it is thinner, of this radius; and of an axis.
     pub share: f32,
+    pub aside: f32,
     pub thick_m: f32,
 }
 
 impl Off {
     pub fn by(most_m: f32) -> Off {
-        Off { most_m, share: f32::INFINITY, thick_m: 1.0 }
+        Off { most_m, share: f32::INFINITY, aside: f32::INFINITY, thick_m: 1.0 }
     }
 }
 
@@ -401,9 +403,11 @@ fn straight(knots: &[Knot], from: usize, to: usize, off: Off) -> bool {
         let t = if length_sq > 0.0 { (k.at - a.at).dot(chord) / length_sq } else { 0.0 };
         let inside = (0.0..=1.0).contains(&t);
         let cone = a.radius_m + (b.radius_m - a.radius_m) * t;
+        let thick_m = k.radius_m.max(off.thick_m);
+        let aside_m = off.most_m.min(off.aside * thick_m);
         inside
-            && (k.at - a.at - chord * t).length_squared() <= off.most_m * off.most_m
-            && (k.radius_m - cone).abs() <= off.most_m.min(off.share * k.radius_m.max(off.thick_m))
+            && (k.at - a.at - chord * t).length_squared() <= aside_m * aside_m
+            && (k.radius_m - cone).abs() <= off.most_m.min(off.share * thick_m)
     })
 }
 
