@@ -24,7 +24,7 @@ const AIM: f32 = 0.96;
 const ENOUGH: f32 = 0.92;
 const LIKELY: f32 = 1.8;
 /// Share of a tree's triangles that a true stem may take.
-const MOST_STEM: f32 = 0.6;
+const MOST_STEM: f32 = 0.7;
 /// What woods come to over their guesses, bare and leafy: where the search starts.
 const USUAL: [f32; 2] = [0.93, 1.1];
 
@@ -214,7 +214,7 @@ impl Planner<'_> {
         let rest = |c: u32| {
             let knots = pieces.of(c);
             let Some(base) = knots.first() else { return 0 };
-            let around = |k: &Knot| match c == 0 || self.stands(c) {
+            let around = |k: &Knot| match c == 0 && !self.stands(c) {
                 true => sides.of_stem(k.radius_m, base.radius_m),
                 false => sides.of(k.radius_m),
             };
@@ -324,7 +324,7 @@ impl Planner<'_> {
         Count { axes, without: axes - tubes, sagitta_m }
     }
 
-    /// A stem beside the first.
+    /// A stem of a stool.
     fn stands(&self, c: u32) -> bool {
         self.chains.chain[c as usize].stands
     }
@@ -342,7 +342,7 @@ impl Planner<'_> {
                     parent_direction: along.normalize_or_zero(),
                 }
             }
-            _ => Foot::Ground { mixed_m: self.mixed_m },
+            _ => Foot::Ground { mixed_m: self.mixed_m, is_alone: !self.stands(c) },
         }
     }
 }
