@@ -16,14 +16,19 @@ const LEAST_STEP_M: f32 = 2e-3;
 /// Sides of the roundest and the plainest ring.
 pub const MAX_SIDES: u32 = 64;
 pub const MIN_SIDES: u32 = 3;
-/// How true a stem is.
+/// Radius of a stem over that of its foot down to which it has a trunk's sides.
+const THICK: f32 = 0.5;
+/// Radius of a foot from which on a stem is a trunk.
+const TRUNK_M: f32 = 0.02;
+
+/// How true a stem is: it is what one sees change from level to level.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stem {
-    /// Sides at least, where it is no thinner than [`THICK`] of its foot: with fewer its width would change from
-    /// side to side and from level to level.
+    /// Sides of a trunk at least: with fewer its width would change with the side it is seen from.
     pub sides: u32,
-    /// How far its radius, and its axis, may be off, share of the radius.
+    /// How far its radius may be off, share of it.
     pub off: f32,
+    /// How far its axis may be, share of the radius.
     pub aside: f32,
 }
 
@@ -33,9 +38,6 @@ impl Stem {
     pub const PLAIN: Stem = Stem { sides: 4, off: 0.25, aside: 1.0 };
 }
 
-const THICK: f32 = 0.5;
-/// Radius of a foot from which on a stem is a trunk.
-const TRUNK_M: f32 = 0.02;
 /// How far a stem goes on below ground, so that no slope shows its end.
 pub const BELOW_GROUND_M: f32 = 0.3;
 /// Rings where two barks mix: of stems that are off by more than this share of their foot, without and
@@ -338,7 +340,7 @@ fn leave(kept: &[Knot], start: &Start, least_step: f32, path: &mut Vec<Knot>) {
 #[derive(Debug, Clone, Copy)]
 pub struct Off {
     pub most_m: f32,
-    /// Of a radius too, as a share of it or, where it is thinner, of this radius; and of an axis.
+    /// Of a radius and of an axis too: shares of the radius or, where that is less, of `thick_m`.
     pub share: f32,
     pub aside: f32,
     pub thick_m: f32,

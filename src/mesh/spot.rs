@@ -228,8 +228,8 @@ fn layers(twigs: usize) -> f32 {
     (0.7 * (twigs as f32).sqrt()).clamp(4.0, 64.0).floor()
 }
 
-/// About `most` of the spots, in their order, evenly over heights and directions: those deep inside the crown go first, but of a young one, which
-/// casts no shade; where twigs, `twig_m` long as a rule, are small more stay, so that a spire is as
+/// About `most` of the spots, in their order, evenly over heights and directions: those deep inside the
+/// crown go first, but of a young one, which casts no shade; where twigs, `twig_m` long as a rule, are small more stay, so that a spire is as
 /// full at its tip as below.
 pub fn thinned(spots: Vec<Spot>, hull: &Hull, most: usize, enlarge: f32, twig_m: f32) -> Vec<Spot> {
     if spots.len() <= most {

@@ -87,8 +87,8 @@ const FLARED: f32 = 1.8;
 /// Lays bark along a tube: whole tiles around, so that it closes on itself, and as many along as
 /// there are around a metre, so that a taper does not stretch it. Where the number around changes,
 /// a band shears the bark by half a tile at its seam; not so over the flare of a foot, which has the
-/// tiles of the tube above, wider. It winds about the tube to the left or the right, by `key`. Where bark is folded (see `young`) all of it is as fine; thin
-/// tubes begin anywhere in the tile, by `key`.
+/// tiles of the tube above, wider. It winds to the left or the right, by `key`. Where bark is folded (see
+/// `young`) all of it is as fine and none winds; thin tubes begin anywhere in the tile, by `key`.
 pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
     // Of the polygon: N sin(π / N) / π of the circle's.
     let around = |ring: &Ring| {

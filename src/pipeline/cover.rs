@@ -136,7 +136,8 @@ pub fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMes
     Ok(())
 }
 
-/// Sets how much larger twigs are from what they cover at either [`STEP`]; gives the greatest change, logarithm.
+/// Sets how much larger twigs are from what they cover at either [`STEP`]; gives the greatest change,
+/// logarithm.
 fn steer(larger: &mut [f32; HEIGHTS], seen: &[Seen; STEP.len()]) -> f32 {
     let before = *larger;
     let factors: [f32; HEIGHTS] =

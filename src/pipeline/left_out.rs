@@ -79,10 +79,9 @@ pub fn table(told: &Told<'_>) -> Vec<Saved> {
     let forms = (models.len() * (SHARES.len() - made)) as u64;
     let bytes: f64 = (models.iter())
         .map(|model| {
-            let sum =
-                |of: &dyn Fn(&Surface) -> usize| model.parts.iter().map(|p| of(&p.surface)).sum();
-            let triangles: usize = sum(&Surface::triangles);
-            let bytes: usize = sum(&|s| s.bytes() as usize);
+            let surfaces = || model.parts.iter().map(|p| &p.surface);
+            let triangles = surfaces().map(Surface::triangles).sum();
+            let bytes: u64 = surfaces().map(Surface::bytes).sum();
             let shares = (made..SHARES.len()).map(|k| share(triangles, k));
             bytes as f64 * f64::from(shares.sum::<f32>())
         })

@@ -461,11 +461,15 @@ pub fn outcome(rows: &[Row], models: usize) -> Outcome {
 
 #[cfg(test)]
 mod tests {
+    use super::super::forest::{WoodJob, detail};
     use super::*;
+    use crate::mesh::FoliageLevel;
+    use crate::seed::Seed;
+    use crate::skeleton::{self, Target};
 
-    /// Area that a level plane cuts out of closed wood, as the diameter of a circle.
-    fn thickness_m(tree: &TreeMesh, z: f32) -> f32 {
-        let mut area = 0.0;
+    /// What a level plane cuts out of closed wood: the diameter of a circle of that area, and its middle.
+    fn section(tree: &TreeMesh, z: f32) -> (f32, Vec2) {
+        let (mut twice, mut moment) = (0.0, Vec2::ZERO);
         for wood in tree.woods() {
             for t in wood.index.chunks_exact(3) {
                 let [a, b, c] = [0, 1, 2].map(|k| wood.position[t[k] as usize]);
@@ -476,17 +480,30 @@ mod tests {
                 let ends: Vec<Vec2> = cut.collect();
                 let [p, q] = ends[..] else { continue };
                 let out = (b - a).cross(c - a).truncate();
-                area += 0.5 * p.perp_dot(q) * (q - p).perp_dot(-out).signum();
+                let part = p.perp_dot(q) * (q - p).perp_dot(-out).signum();
+                (twice, moment) = (twice + part, moment + (p + q) * part);
             }
         }
-        (4.0 * area.abs() / std::f32::consts::PI).sqrt()
+        ((2.0 * twice.abs() / std::f32::consts::PI).sqrt(), moment / (3.0 * twice))
+    }
+
+    /// A tree of the species grown for so many triangles, and how one of `budget` is meshed.
+    fn tree_of(
+        (name, triangles, budget): (&str, usize, usize),
+        make: impl Fn(&Subject<'_>, &MeshOptions) -> Result<Vec<TreeMesh>>,
+    ) -> Vec<TreeMesh> {
+        let species = crate::species::load(name).unwrap();
+        let seed = Seed::new(1);
+        let detail = detail(triangles, FoliageLevel::Cards);
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = skeleton::grow(&species, target, detail, seed).unwrap();
+        let textures = crate::texture::for_species(&species, 64, seed);
+        let subject = Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
+        make(&subject, &WoodJob::default().options(budget, FoliageLevel::Cards)).unwrap()
     }
 
     #[test]
     fn a_trunk_is_as_thick_and_as_deep_at_every_level() {
-        use super::super::forest::{WoodJob, detail};
-        use crate::mesh::FoliageLevel;
-        use crate::skeleton::{self, Target};
         let names = [
             "quercus_robur",
             "larix_sibirica",
@@ -495,46 +512,42 @@ mod tests {
             "populus_tremula",
         ];
         for (name, triangles) in names.into_iter().flat_map(|n| [(n, 20_000), (n, 5_000)]) {
-            let species = crate::species::load(name).unwrap();
-            let seed = crate::seed::Seed::new(1);
-            let detail = detail(triangles, FoliageLevel::Cards);
-            let target = Target::FromSpecies { height_m: None };
-            let skeleton = skeleton::grow(&species, target, detail, seed).unwrap();
-            let textures = crate::texture::for_species(&species, 64, seed);
-            let subject =
-                Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
-            let options = WoodJob::default().options(triangles, FoliageLevel::Cards);
-            let mut all = meshes(&subject, &options, SHARES.len() + 1, None).unwrap();
+            let mut all = tree_of((name, triangles, triangles), |subject, options| {
+                meshes(subject, options, SHARES.len() + 1, None)
+            });
             let feet: Vec<f32> = all.iter().map(|tree| tree.bounds().0.z).collect();
             assert!(feet.iter().all(|foot| (foot - feet[0]).abs() < 0.01), "{name}: {feet:?}");
             all.pop();
             for z in [0.05, 0.7, 1.3, 2.5] {
-                let of: Vec<f32> = all.iter().map(|tree| thickness_m(tree, z)).collect();
+                let of: Vec<f32> = all.iter().map(|tree| section(tree, z).0).collect();
                 let is_kept = of.iter().all(|m| (m / of[0] - 1.0).abs() < 0.12);
                 assert!(is_kept, "{name} {triangles}, {z} m up: {of:?}");
             }
         }
     }
 
+    /// A birch's leans and bends below its crown.
+    #[test]
+    fn a_trunk_stays_in_its_place_at_every_level() {
+        let all = tree_of(("betula_pendula", 20_000, 20_000), |subject, options| {
+            meshes(subject, options, SHARES.len(), None)
+        });
+        for z in [2.0, 3.0, 4.0, 5.0] {
+            let of: Vec<_> = all.iter().map(|tree| section(tree, z)).collect();
+            let (wide_m, middle) = of[0];
+            let is_kept = of.iter().all(|(_, m)| m.distance(middle) < 0.2 * wide_m);
+            assert!(is_kept, "{z} m up: {of:?}");
+        }
+    }
+
     #[test]
     fn few_triangles_are_not_all_the_stem_s() {
-        use super::super::forest::{WoodJob, detail};
-        use crate::mesh::FoliageLevel;
-        use crate::skeleton::{self, Target};
         for name in ["larix_sibirica", "pinus_sylvestris", "pinus_sibirica", "populus_tremula"] {
-            let species = crate::species::load(name).unwrap();
-            let seed = crate::seed::Seed::new(1);
-            let detail = detail(20_000, FoliageLevel::Cards);
-            let target = Target::FromSpecies { height_m: None };
-            let skeleton = skeleton::grow(&species, target, detail, seed).unwrap();
-            let textures = crate::texture::for_species(&species, 64, seed);
-            let subject =
-                Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
-            let options = WoodJob::default().options(130, FoliageLevel::Cards);
-            let tree = subject.mesh(&options).unwrap();
-            tree.check().unwrap();
-            let [wood, leaves] = [tree.triangles(), tree.foliage.triangles()];
-            assert!(leaves >= 40 && wood <= 130, "{name}: {leaves} of {wood}");
+            let made =
+                tree_of((name, 20_000, 130), |subject, options| Ok(vec![subject.mesh(options)?]));
+            made[0].check().unwrap();
+            let [all, leaves] = [made[0].triangles(), made[0].foliage.triangles()];
+            assert!(leaves >= 40 && all <= 130, "{name}: {leaves} of {all}");
         }
     }
 

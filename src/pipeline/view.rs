@@ -56,7 +56,8 @@ pub struct Chosen {
 
 /// Drops the trees that the camera does not see and shows the others in the form of fewest
 /// triangles whose silhouette is off by no more than a pixel of 1,080 lines, or `tolerance_m`,
-/// RMS, and whose texels are no larger where it is an impostor. Forms become prototypes of their own. Known limit: shadows and reflections of what is dropped are missing.
+/// RMS, and whose texels are no larger where it is an impostor. Forms become prototypes of their own. Known
+/// limit: shadows and reflections of what is dropped are missing.
 pub fn choose(scene: &mut Scene, eye: &Eye, tolerance_m: f32) -> Chosen {
     work::count(Work::TreesLookedFor, scene.instances.len());
     let camera = camera(&scene.frame, eye);
