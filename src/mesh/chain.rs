@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use super::path::{Knot, Least, Off, Sides, simplify};
+use super::path::{Knot, Least, Off, Sides, Stem, simplify};
 use crate::skeleton::Skeleton;
 
 /// The chains of a skeleton, each followed by those that spring from it.
@@ -27,6 +27,8 @@ pub struct Chain {
     pub first: u32,
     pub axis: u32,
     pub radius_m: f32,
+    /// A stem of a stool, beside others on the ground.
+    pub stands: bool,
     /// It, or what springs from it, reaches the tree's top.
     is_leader: bool,
 }
@@ -68,10 +70,17 @@ impl Chains {
         let mut todo = vec![(0, None, 0)];
         while let Some((start, base, slot)) = todo.pop() {
             let (from, k) = (chains.node.len(), chains.chain.len() as u32);
-            let radius_m = radius(skeleton, start);
+            // The root of a stool carries all stems, of which the first is but one.
+            let is_stool = first[0] != NONE && onward[0] != NONE;
+            let stands = is_stool && (start == 0 || base == Some(0));
+            let radius_m = radius(skeleton, if stands && start == 0 { onward[0] } else { start });
             if let Some(base) = base {
+                let mut at = skeleton.position[base as usize];
+                if stands {
+                    at = skeleton.position[start as usize].with_z(at.z);
+                }
                 chains.node.push(base);
-                chains.knot.push(Knot { at: skeleton.position[base as usize], radius_m });
+                chains.knot.push(Knot { at, radius_m });
                 chains.branch[slot].0 = k;
             }
             let mut next = start;
@@ -86,13 +95,23 @@ impl Chains {
                 next = onward[this as usize];
                 // Radii as the mean of both nodes at a shared base (P18).
                 let beyond = if next == NONE || this == 0 { this } else { next };
-                let radius_m = 0.5 * (radius(skeleton, this) + radius(skeleton, beyond));
+                let mean_m = 0.5 * (radius(skeleton, this) + radius(skeleton, beyond));
+                let radius_m = if this == 0 { radius_m } else { mean_m };
                 chains.node.push(this);
                 chains.knot.push(Knot { at: skeleton.position[this as usize], radius_m });
             }
             let line = from..chains.node.len();
             let axis = skeleton.axis[start as usize];
-            chains.chain.push(Chain { line, base, first: start, axis, radius_m, is_leader: false });
+            let is_leader = false;
+            chains.chain.push(Chain {
+                line,
+                base,
+                first: start,
+                axis,
+                radius_m,
+                stands,
+                is_leader,
+            });
             chains.first_branch.push(chains.branch.len() as u32);
         }
         chains.find_leaders(skeleton);
@@ -158,13 +177,16 @@ impl Pieces {
         for (c, chain) in chains.chain.iter().enumerate() {
             let start = self.knot.len() as u32;
             // Radii never grow outward: what springs from a dropped chain is thinner still.
-            let is_kept = c == 0 || keeps_top && chain.is_leader;
+            let has_all = chain.stands && sides.stem == Stem::TRUE;
+            let is_kept = c == 0 || has_all || keeps_top && chain.is_leader;
             if !is_kept && chain.radius_m < cut_m {
                 self.arc_m.resize(chain.line.end, 0.0);
             } else {
                 let knots = &chains.knot[chain.line.clone()];
                 let mut off = Off::by(sides.tolerance_m);
-                if c == 0 {
+                if chain.stands {
+                    (off.share, off.thick_m) = (Stem::PLAIN.off, 0.5 * chain.radius_m);
+                } else if c == 0 {
                     (off.share, off.aside) = (sides.stem.off, sides.stem.aside);
                     off.thick_m = 0.5 * chain.radius_m;
                 }

@@ -38,6 +38,8 @@ impl Stem {
     pub const PLAIN: Stem = Stem { sides: 4, off: 0.25, aside: 1.0 };
 }
 
+/// How much thicker a tube of three sides is to be to look, from all around, as wide as a round one: 2π / 3√3.
+const THREE_SIDED: f32 = 1.209;
 /// How far a stem goes on below ground, so that no slope shows its end.
 pub const BELOW_GROUND_M: f32 = 0.3;
 /// Rings where two barks mix: of stems that are off by more than this share of their foot, without and
@@ -107,8 +109,9 @@ impl Least {
 /// How an axis begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Foot {
-    /// In the ground; rings enough between these heights, where one bark gives way to another.
-    Ground { mixed_m: Option<[f32; 2]> },
+    /// In the ground; rings enough between these heights, where one bark gives way to another. A stem of a
+    /// stool may be plainer.
+    Ground { mixed_m: Option<[f32; 2]>, is_alone: bool },
     /// On the axis of a parent of this radius and direction; the tubes pass through each other.
     Inside { parent_radius_m: f32, parent_direction: Vec3 },
     /// Out of a hole in the parent's bark.
@@ -238,7 +241,7 @@ pub fn rings(
     lobes.clear();
     let (mut shift, mut across, mut most_sides) = (0.0, None, MAX_SIDES);
     match foot {
-        Foot::Ground { mixed_m } => {
+        Foot::Ground { mixed_m, is_alone } => {
             path.extend_from_slice(kept);
             if let Some([low, high]) = mixed_m {
                 let is_rough = tolerance_m > ROUGH * kept[0].radius_m;
@@ -248,8 +251,13 @@ pub fn rings(
                     insert(path, low + (high - low) * t, least.step_m, |r| r);
                 }
             }
-            flare(path, lobes, least.step_m, detail);
-            shift = path[0].at.distance(path[1].at);
+            if !is_alone && tolerance_m > ROUGH * kept[0].radius_m {
+                path.iter_mut().for_each(|k| k.radius_m *= THREE_SIDED);
+                path[0].at.z -= BELOW_GROUND_M.min(0.1 * path[0].at.distance(path[1].at));
+            } else {
+                flare(path, lobes, least.step_m, detail);
+                shift = path[0].at.distance(path[1].at);
+            }
         }
         Foot::Inside { parent_radius_m, parent_direction } => {
             path.extend_from_slice(kept);
@@ -272,12 +280,12 @@ pub fn rings(
         out[start..].iter_mut().for_each(|r| r.sides = r.sides.min(most_sides));
         out[start].sides = most_sides;
     }
-    if let Foot::Ground { .. } = foot {
+    if let Foot::Ground { is_alone: true, .. } = foot {
         for r in &mut out[start..] {
             r.sides = r.sides.max(sides.of_stem(r.radius_m, kept[0].radius_m));
         }
     }
-    if let Foot::Ground { mixed_m: Some([low, high]) } = foot {
+    if let Foot::Ground { mixed_m: Some([low, high]), .. } = foot {
         // The line between two barks winds through facets: bands of one number of sides.
         for i in start + 1..out.len() {
             if (low..=high).contains(&out[i].centre.z) {

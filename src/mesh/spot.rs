@@ -139,15 +139,15 @@ impl Hull {
         ((z - self.centre.z) / (self.half.z / 0.65) + 0.35).clamp(0.0, 1.0)
     }
 
-    /// Length of a twig at a place, `twig_m` long as a rule; where it stands for several, no longer
-    /// than suits the crown's width there.
+    /// Length of a twig at a place, `twig_m` long as a rule; where it stands for several, no longer than
+    /// suits the crown's width there, nor than it is above ground, from which it would have to be raised.
     pub fn twig_m(&self, at: Vec3, twig_m: f32, enlarge: f32) -> f32 {
         let twig_m = twig_m * self.tapered(at, twig_m);
         let layer = (self.share(at.z) * LAYERS as f32 - 0.5).clamp(0.0, (LAYERS - 1) as f32);
         let (below, t) = (layer as usize, layer.fract());
         let above = (below + 1).min(LAYERS - 1);
         let half_m = self.half_width_m[below] * (1.0 - t) + self.half_width_m[above] * t;
-        let most_m = (FIT * half_m).max(twig_m * self.scale(at, 1.0));
+        let most_m = (FIT * half_m).min(at.z).max(twig_m * self.scale(at, 1.0));
         (twig_m * self.scale(at, enlarge)).min(most_m)
     }
 
@@ -229,8 +229,8 @@ fn layers(twigs: usize) -> f32 {
 }
 
 /// About `most` of the spots, in their order, evenly over heights and directions: those deep inside the
-/// crown go first, but of a young one, which casts no shade; where twigs, `twig_m` long as a rule, are small more stay, so that a spire is as
-/// full at its tip as below.
+/// crown go first, but of a young one, which casts no shade; where twigs, `twig_m` long as a rule, are
+/// small more stay, so that a spire is as full at its tip, and a shrub at its foot, as between.
 pub fn thinned(spots: Vec<Spot>, hull: &Hull, most: usize, enlarge: f32, twig_m: f32) -> Vec<Spot> {
     if spots.len() <= most {
         return spots;

@@ -214,9 +214,9 @@ impl Planner<'_> {
         let rest = |c: u32| {
             let knots = pieces.of(c);
             let Some(base) = knots.first() else { return 0 };
-            let around = |k: &Knot| match c {
-                0 => sides.of_stem(k.radius_m, base.radius_m),
-                _ => sides.of(k.radius_m),
+            let around = |k: &Knot| match c == 0 && !self.stands(c) {
+                true => sides.of_stem(k.radius_m, base.radius_m),
+                false => sides.of(k.radius_m),
             };
             let rings: u32 = knots[1..].iter().map(|k| 2 * around(k)).sum();
             let around = sides.of(base.radius_m);
@@ -252,7 +252,7 @@ impl Planner<'_> {
             let comes_from = out_of[c as usize];
             let foot = match start.get(comes_from as usize) {
                 Some(&start) => Foot::Collar(start),
-                None if c == root || !self.is_welded => self.foot(c),
+                None if c == root || !self.is_welded || self.stands(c) => self.foot(c),
                 None => continue,
             };
             path.clear();
@@ -265,11 +265,13 @@ impl Planner<'_> {
             todo.clear();
             if self.is_welded {
                 let at = |&(k, place): &(u32, u32)| (k, pieces.arc_m(place));
-                todo.extend(self.chains.branches(c).iter().map(at));
+                let branches = self.chains.branches(c).iter();
+                todo.extend(branches.filter(|b| !self.stands(b.0)).map(at));
                 if c == root {
                     // What springs from chains before the root springs from its foot.
                     let lost = (0..root).flat_map(|c| self.chains.branches(c));
-                    todo.extend(lost.filter(|b| b.0 > root).map(|b| (b.0, 0.0)));
+                    let lost = lost.filter(|b| b.0 > root && !self.stands(b.0));
+                    todo.extend(lost.map(|b| (b.0, 0.0)));
                 }
             }
             while let Some((child, arc_m)) = todo.pop() {
@@ -322,6 +324,11 @@ impl Planner<'_> {
         Count { axes, without: axes - tubes, sagitta_m }
     }
 
+    /// A stem of a stool.
+    fn stands(&self, c: u32) -> bool {
+        self.chains.chain[c as usize].stands
+    }
+
     /// How a chain begins that comes out of no hole.
     fn foot(&self, c: u32) -> Foot {
         let s = self.skeleton;
@@ -335,7 +342,7 @@ impl Planner<'_> {
                     parent_direction: along.normalize_or_zero(),
                 }
             }
-            _ => Foot::Ground { mixed_m: self.mixed_m },
+            _ => Foot::Ground { mixed_m: self.mixed_m, is_alone: !self.stands(c) },
         }
     }
 }

@@ -68,6 +68,9 @@ const YOUNG_INTERNODES: f32 = 8.0;
 const FULL_NODES: f32 = 4000.0;
 /// Nodes that a stem needs: a tree of few has fewer stems.
 const NODES_OF_STEM: usize = 24;
+/// Radius of the circle on which the stems of a stool stand, in their diameters, over their number: side by
+/// side they take 1 / π.
+const ABREAST: f32 = 0.36;
 /// Stems of one tree; their axes have the first ids of the scaffold.
 const MAX_STEMS: u32 = 64;
 /// Share of the nodes that the scaffold may take.
@@ -322,7 +325,7 @@ impl<'a> Tree<'a> {
         let e = self.envelope;
         let share = self.growth.stem.clamp(0.2, 1.0);
         let mut top_m = e.base_m + share * e.crown_length_m();
-        let mut spread = Vec2::ZERO;
+        let (mut spread, mut foot) = (Vec2::ZERO, Vec2::ZERO);
         if count > 1 {
             // Stems of a stool part around it; each a little shorter than the crown.
             let turn = (number as f32 + 0.35 * draws.between(-1.0, 1.0)) / count as f32;
@@ -332,6 +335,9 @@ impl<'a> Tree<'a> {
             spread = side * e.radius_m * t;
             if number == 0 {
                 top_m = e.height_m;
+            } else {
+                let diameter_m = 2.0 * Pipes::of_species(self.species, e.height_m).stem_radius_m;
+                foot = side * diameter_m * (ABREAST * count as f32).max(1.1);
             }
         }
         let amplitude = self.growth.wander.abs() * 0.0022 * e.height_m;
@@ -344,7 +350,7 @@ impl<'a> Tree<'a> {
                 draws.unit(),
             );
         }
-        StemLine { top_m, spread, waves, is_straight_topped: share > 0.95 }
+        StemLine { top_m, foot, spread, waves, is_straight_topped: share > 0.95 }
     }
 
     fn draw_stem(
@@ -688,6 +694,8 @@ fn fit(tree: &mut Skeleton, e: &Envelope, is_alone: bool) {
 /// The course of a stem.
 struct StemLine {
     top_m: f32,
+    /// Horizontal offset of its foot.
+    foot: Vec2,
     /// Horizontal offset of its top from the envelope's centre line.
     spread: Vec2,
     /// Side and size, waves over the height, phase.
@@ -700,7 +708,8 @@ impl StemLine {
         let t = (z / self.top_m).clamp(0.0, 1.0);
         // Waves leave foot and, where it must meet the apex, top in place.
         let hold = if self.is_straight_topped { 4.0 * t * (1.0 - t) } else { t };
-        let mut side = envelope.centre(z) + self.spread * (0.35 * t + 0.65 * t.powf(0.7));
+        let mut side = envelope.centre(z) + self.foot * (1.0 - t).powi(4);
+        side += self.spread * (0.35 * t + 0.65 * t.powf(0.7));
         for &(size, count, phase) in &self.waves {
             side += size * hold * (std::f32::consts::TAU * (count * t + phase)).sin();
         }
