@@ -426,8 +426,8 @@ pub struct StateArgs {
 /// How the wood is meshed.
 #[derive(Debug, Args)]
 pub struct WoodArgs {
-    /// How branches join: `weld` makes one closed surface, `intersect` is cheaper: tubes pass
-    /// through each other.
+    /// How branches join: `weld` makes one closed surface of a stem and all that springs from it,
+    /// `intersect` is cheaper: tubes pass through each other.
     #[arg(long, value_enum, value_name = "HOW", default_value = "weld")]
     pub junctions: JoinedBy,
     /// How far a tree's silhouette may be off, in metres RMS: it takes the fewest triangles that

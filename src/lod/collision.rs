@@ -105,12 +105,18 @@ fn stems(skeleton: &Skeleton) -> Vec<Vec<Place>> {
 fn stem(skeleton: &Skeleton, axis: u32) -> Vec<Place> {
     let mut out: Vec<Place> = Vec::new();
     let mut foot_m = None;
-    for i in (0..skeleton.len()).filter(|&i| skeleton.axis[i] == axis) {
-        let place = Place { at: skeleton.position[i], radius_m: skeleton.radius_m[i] };
+    let nodes: Vec<usize> = (0..skeleton.len()).filter(|&i| skeleton.axis[i] == axis).collect();
+    let is_stool = skeleton.is_stool();
+    for (k, &i) in nodes.iter().enumerate() {
+        let of_stem = match nodes[k..] {
+            [0, next, ..] if is_stool => next,
+            _ => i,
+        };
+        let place = Place { at: skeleton.position[i], radius_m: skeleton.radius_m[of_stem] };
         if foot_m.is_none()
             && let Some(p) = skeleton.parent_of(i as u32)
         {
-            out.push(Place { at: skeleton.position[p as usize], ..place });
+            out.push(Place { at: skeleton.springs_at(i as u32, p), ..place });
         }
         let rises = out.last().is_none_or(|p| place.at.z > p.at.z + 1e-3);
         if rises && place.radius_m >= THIN * *foot_m.get_or_insert(place.radius_m) {
@@ -281,6 +287,27 @@ mod tests {
             let top = bodies.iter().map(|b| b.body.bounds().1.z).fold(0.0, f32::max);
             assert!(top >= 4.0, "{top}");
             assert!(bodies.iter().all(|b| is_convex(&b.body)));
+        }
+    }
+
+    #[test]
+    fn stems_that_stand_apart_have_bodies_that_do() {
+        let p = |x: f32, z: f32| Vec3::new(x, 0.0, z);
+        let s = Skeleton {
+            position: vec![p(0.0, 0.0), p(0.0, 0.5), p(0.0, 4.0), p(0.3, 0.5), p(0.3, 3.5)],
+            parent: vec![NO_PARENT, 0, 1, 0, 3],
+            radius_m: vec![0.2, 0.05, 0.04, 0.05, 0.04],
+            axis: vec![0, 0, 0, 1, 1],
+            order: vec![0, 0, 0, 1, 1],
+            birth: vec![0; 5],
+            dead: Vec::new(),
+        };
+        s.check().unwrap();
+        for shape in [ColliderShape::Capsule, ColliderShape::Convex] {
+            let bodies = collision(&s, shape);
+            let bounds: Vec<_> = bodies.iter().map(|b| b.body.bounds()).collect();
+            let [first, second] = bounds[..] else { panic!("{shape:?}: {}", bounds.len()) };
+            assert!(first.1.x < 0.1 && second.0.x > 0.2, "{shape:?} {bounds:?}");
         }
     }
 

@@ -68,17 +68,13 @@ impl Chains {
         chains.first_branch.push(0);
         // First node of a chain, the node it springs from, and its place among the branches.
         let mut todo = vec![(0, None, 0)];
+        let is_stool = skeleton.is_stool();
         while let Some((start, base, slot)) = todo.pop() {
             let (from, k) = (chains.node.len(), chains.chain.len() as u32);
-            // The root of a stool carries all stems, of which the first is but one.
-            let is_stool = first[0] != NONE && onward[0] != NONE;
             let stands = is_stool && (start == 0 || base == Some(0));
             let radius_m = radius(skeleton, if stands && start == 0 { onward[0] } else { start });
             if let Some(base) = base {
-                let mut at = skeleton.position[base as usize];
-                if stands {
-                    at = skeleton.position[start as usize].with_z(at.z);
-                }
+                let at = skeleton.springs_at(start, base);
                 chains.node.push(base);
                 chains.knot.push(Knot { at, radius_m });
                 chains.branch[slot].0 = k;

@@ -1,5 +1,5 @@
 //! Where branches leave their parent: each through a hole of its own in the parent's grid of
-//! facets, so that a tree's wood is one closed surface.
+//! facets, so that the wood of a stem is one closed surface.
 //!
 //! A parent's tube is bands of facets between rings. A branch's foot is an ellipse about the place
 //! where the branch's line passes through the bark, long the way the branch leans; a block of facets

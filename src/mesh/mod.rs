@@ -109,7 +109,7 @@ fn reach_m(points: &[Vec3]) -> f32 {
 /// A tree's mesh; tree-local metres, root collar at the origin, Z up.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TreeMesh {
-    /// One closed surface, or one closed tube an axis ([`Junctions`]); stems go on below ground. u
+    /// One closed surface a stem, or one closed tube an axis ([`Junctions`]); stems go on below ground. u
     /// counts whole tiles of bark around; v goes up along each axis, as fast as the tiles are wide.
     pub wood: Surface,
     /// The part of the wood with the bark of the upper stem and the branches; empty where the
@@ -272,7 +272,7 @@ pub struct MeshOptions {
 /// How a branch joins its parent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Junctions {
-    /// Out of a hole in the parent's bark: all wood is one closed surface.
+    /// Out of a hole in the parent's bark: the wood of a stem is one closed surface.
     #[default]
     Welded,
     /// Tubes closed each for itself pass through each other: fewer triangles.

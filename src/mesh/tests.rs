@@ -292,7 +292,11 @@ fn the_wood_of_every_species_is_one_solid() {
                     };
                     let atlas = Atlas::whole(0.4);
                     let tree = build(&skeleton, &s, &atlas, &options, Seed::new(seed)).unwrap();
-                    assert_solid(&tree, stems(&skeleton), &format!("{name} {seed} {budget:?}"));
+                    let stems = stems(&skeleton);
+                    assert_solid(&tree, stems, &format!("{name} {seed} {budget:?}"));
+                    if budget.is_none() {
+                        assert_eq!(check::parts(&tree.woods()), stems, "{name} {seed}");
+                    }
                 }
             }
         }

@@ -128,6 +128,18 @@ impl Skeleton {
         axes
     }
 
+    /// Whether several stems spring from the root, which carries them all and is as thick as none.
+    pub fn is_stool(&self) -> bool {
+        self.parent.iter().filter(|&&p| p == 0).take(2).count() == 2
+    }
+
+    /// Where an axis leaves `parent` that goes on with `node`: a stem of a stool beside the others.
+    pub fn springs_at(&self, node: u32, parent: u32) -> Vec3 {
+        let at = self.position[parent as usize];
+        let stands = parent == 0 && self.is_stool();
+        if stands { self.position[node as usize].with_z(at.z) } else { at }
+    }
+
     /// Length of the internode that ends at `node`, metres; 0 for the root.
     pub fn internode_m(&self, node: u32) -> f32 {
         self.parent_of(node)
