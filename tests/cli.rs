@@ -267,7 +267,9 @@ fn a_file_that_may_not_grow_is_told_and_nothing_stays() {
 fn a_picture_of_a_tree_holds_no_levels() {
     let dir = tempfile::tempdir().unwrap();
     let output = dir.path().join("birch.png").to_string_lossy().into_owned();
-    for more in [&["--lods", "2"][..], &["--wind", "unity"], &["--profile", "engine"]] {
+    let asked =
+        [&["--lods", "2"][..], &["--wind", "unity"], &["--profile", "engine"], &["--variants"]];
+    for more in asked {
         let says = ["a picture shows the finest form alone", "write a .glb"];
         refused(&[&["tree", "betula_pendula", "-o", &output], more].concat(), &says);
     }
@@ -276,6 +278,40 @@ fn a_picture_of_a_tree_holds_no_levels() {
     let more = ["--height-maps", "--texture", "0"];
     let all = [&["tree", "betula_pendula", "-o", &scene], &more[..]].concat();
     refused(&all, &["--height-maps asks for pictures", "give --texture"]);
+}
+
+#[test]
+fn what_no_file_would_hold_is_refused_before_it_is_made() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = |name: &str| dir.path().join(name).to_string_lossy().into_owned();
+    let asked = [
+        &["--wind", "unity"][..],
+        &["--collision", "convex"],
+        &["--impostor", "octahedral"],
+        &["--variants"],
+    ];
+    for more in asked {
+        for name in ["birch.obj", "birch.x3d"] {
+            let says =
+                [&name[5..], " files hold nothing of ", more[0], "leave that out, or write a .glb"];
+            refused(&[&["tree", "betula_pendula", "-o", &file(name)], more].concat(), &says);
+        }
+        let folder = file("demo");
+        let demo = ["demo", "--trees", "3", "--format", "obj,x3d", "-o", &folder];
+        refused(&[&demo, more].concat(), &[".obj and .x3d files hold nothing of ", more[0]]);
+    }
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    // What another file holds is made; what a profile alone asks for is not, where none does.
+    let (folder, tree) = (file("two"), file("engine.obj"));
+    let demo = ["demo", "--trees", "3", "--texture", "256", "--format", "obj,glb", "-o", &folder];
+    let out = larix(&[&demo[..], &["--wind", "unity", "--impostor", "octahedral"]].concat());
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    let told = text(&out.stderr);
+    assert!(told.contains(".obj files hold nothing of --impostor octahedral, --wind"), "{told}");
+    assert!(dir.path().join("two/forest_impostor.glb").exists());
+    assert!(!dir.path().join("two/forest_impostor.obj").exists());
+    let engine = ["tree", "betula_pendula", "--texture", "256", "--profile", "engine", "-o", &tree];
+    assert!(larix(&engine).status.success());
 }
 
 #[test]

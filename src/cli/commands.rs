@@ -205,21 +205,9 @@ fn species_by(by: args::SpeciesBy) -> SpeciesBy {
     }
 }
 
-/// Of the files of scenes.
-const SCENE_EXTENSIONS: [&str; 7] = ["glb", "gltf", "usda", "usdc", "usdz", "x3d", "obj"];
-
-/// `None` for what is no scene.
-fn scene_format(extension: &str) -> Option<Format> {
-    Some(match extension {
-        "glb" => Format::Glb,
-        "gltf" => Format::Gltf,
-        "usda" => Format::Usda,
-        "usdc" => Format::Usdc,
-        "usdz" => Format::Usdz,
-        "x3d" => Format::X3d,
-        "obj" => Format::Obj,
-        _ => return None,
-    })
+/// Of files of scenes, and others.
+fn scene_extensions(others: &[&'static str]) -> Vec<&'static str> {
+    Format::ALL.iter().map(|format| format.extension()).chain(others.iter().copied()).collect()
 }
 
 fn formats(typed: &[args::Format]) -> Vec<Format> {
@@ -282,7 +270,7 @@ fn forest_job(survey: SurveyJob, scene: &SceneArgs, cache: Cache) -> ForestJob {
         has_variants: scene.state.variants,
         has_height_maps: scene.height_maps,
         cache,
-        levels: levels_job(&scene.levels),
+        levels: levels_job(&scene.levels, &formats(&scene.format)),
         scene_triangles: scene.scene_triangles.map(|n| n as usize),
         clip: scene.clip,
         eye: scene.camera,
@@ -297,12 +285,48 @@ fn state(typed: &args::StateArgs) -> State {
 }
 
 /// Before any work: whether this program can make what is asked for.
-fn check_levels(typed: &args::LevelArgs) -> Result<()> {
-    if typed.wind_as == args::WindAs::Color && levels_job(typed).wind.is_none() {
+fn check_levels(typed: &args::LevelArgs, formats: &[Format]) -> Result<()> {
+    if typed.wind_as == args::WindAs::Color && levels_job(typed, formats).wind.is_none() {
         return Err(Error::new("--wind-as says where wind is written, and none is")
             .remedy("add --wind unity, cryengine or speedtree-like"));
     }
     if typed.lightmap_uv { lightmap::needed() } else { Ok(()) }
+}
+
+/// Options by which something is asked for that not every file holds.
+fn extras(levels: &args::LevelArgs, state: &args::StateArgs) -> Vec<&'static str> {
+    let asked = [
+        ("--impostor octahedral", levels.impostor == Some(args::Impostor::Octahedral)),
+        ("--collision", !matches!(levels.collision, None | Some(args::Collision::None))),
+        ("--wind", !matches!(levels.wind, None | Some(args::Wind::None))),
+        ("--lightmap-uv", levels.lightmap_uv),
+        ("--variants", state.variants),
+    ];
+    asked.into_iter().filter_map(|(option, is_asked)| is_asked.then_some(option)).collect()
+}
+
+/// Before any work.
+fn check_scene(scene: &SceneArgs, run: &mut Recorder) -> Result<()> {
+    let formats = formats(&scene.format);
+    check_levels(&scene.levels, &formats)?;
+    check_pictures(scene.texture, scene.height_maps)?;
+    run.warnings.extend(check_held(&extras(&scene.levels, &scene.state), &formats)?);
+    Ok(())
+}
+
+/// Whether a file will hold what is asked for. A warning where another does not.
+fn check_held(asked: &[&str], formats: &[Format]) -> Result<Option<String>> {
+    let (rich, plain): (Vec<&Format>, Vec<_>) = formats.iter().partition(|f| f.holds_extras());
+    if asked.is_empty() || plain.is_empty() {
+        return Ok(None);
+    }
+    let files: Vec<String> = plain.iter().map(|f| format!(".{}", f.extension())).collect();
+    let (files, asked) = (files.join(" and "), asked.join(", "));
+    if rich.is_empty() {
+        return Err(Error::new(format!("{files} files hold nothing of {asked}"))
+            .remedy("leave that out, or write a .glb or a .usda"));
+    }
+    Ok(Some(format!("{files} files hold nothing of {asked}; the other files do")))
 }
 
 fn check_pictures(texture_px: u32, height_maps: bool) -> Result<()> {
@@ -329,8 +353,10 @@ fn wind_as(typed: args::WindAs) -> WindAs {
 }
 
 /// As typed; what is not typed is as the profile's readers expect it.
-fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
+/// What nobody asked for by name is made where one of the formats holds it.
+fn levels_job(typed: &args::LevelArgs, formats: &[Format]) -> LevelsJob {
     let is_engine = typed.profile == args::Profile::Engine;
+    let is_rich = is_engine && formats.iter().any(|f| f.holds_extras());
     LevelsJob {
         meshed: usize::from(typed.lods.unwrap_or(if is_engine { 3 } else { 0 })),
         impostor: match typed.impostor {
@@ -340,13 +366,13 @@ fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
             Some(args::Impostor::Octahedral) => Some(lod::Kind::Octahedral),
         },
         collision: match typed.collision {
-            None => is_engine.then_some(ColliderShape::Convex),
+            None => is_rich.then_some(ColliderShape::Convex),
             Some(args::Collision::None) => None,
             Some(args::Collision::Capsule) => Some(ColliderShape::Capsule),
             Some(args::Collision::Convex) => Some(ColliderShape::Convex),
         },
         wind: match typed.wind {
-            None => is_engine.then_some(WindProfile::Unity),
+            None => is_rich.then_some(WindProfile::Unity),
             Some(args::Wind::None) => None,
             Some(args::Wind::Unity) => Some(WindProfile::Unity),
             Some(args::Wind::Cryengine) => Some(WindProfile::CryEngine),
@@ -358,8 +384,7 @@ fn levels_job(typed: &args::LevelArgs) -> LevelsJob {
 
 fn forest(a: &args::Forest, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let dir = forest_folder(a);
-    check_levels(&a.scene.levels)?;
-    check_pictures(a.scene.texture, a.scene.height_maps)?;
+    check_scene(&a.scene, run)?;
     let job = forest_job(survey_job(&a.scan, &a.tree)?, &a.scene, cache);
     export::check_writable(&dir)?;
     let (forest, reached) = match goal(a) {
@@ -526,8 +551,8 @@ fn inventory(a: &args::Inventory, run: &mut Recorder) -> Result<Told> {
 }
 
 fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
-    let extension = extension(&a.output, &[&["tif", "tiff"], &SCENE_EXTENSIONS[..]].concat())?;
-    let format = scene_format(extension);
+    let extension = extension(&a.output, &scene_extensions(&["tif", "tiff"]))?;
+    let format = Format::of_extension(extension);
     let job = SurveyJob {
         scans: files(&a.scan),
         ground: method(a.scan.ground),
@@ -580,16 +605,20 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
 }
 
 fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
-    let extension = extension(&a.output, &[&SCENE_EXTENSIONS[..], &["png"]].concat())?;
-    check_levels(&a.levels)?;
+    let extension = extension(&a.output, &scene_extensions(&["png"]))?;
+    let format = Format::of_extension(extension);
+    let formats = format.as_slice();
+    check_levels(&a.levels, formats)?;
     check_pictures(a.texture, a.height_maps)?;
-    let is_plain = levels_job(&a.levels) == LevelsJob::default() && !a.height_maps;
-    if extension == "png" && !is_plain {
-        let error =
-            "a picture shows the finest form alone: it holds no levels, bodies, wind or heights";
+    let extras = extras(&a.levels, &a.state);
+    check_held(&extras, formats)?;
+    let levels = levels_job(&a.levels, formats);
+    let is_plain = levels == LevelsJob::default() && !a.height_maps && extras.is_empty();
+    if format.is_none() && !is_plain {
+        let error = "a picture shows the finest form alone: it holds no levels, bodies, wind, looks or heights";
         return Err(Error::new(error).remedy(
-            "leave out --lods, --impostor, --collision, --wind, --lightmap-uv, --profile and \
-             --height-maps, or write a .glb",
+            "leave out --lods, --impostor, --collision, --wind, --lightmap-uv, --profile, --variants \
+             and --height-maps, or write a .glb",
         ));
     }
     let species = species::load(&a.species)?;
@@ -605,7 +634,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         wood: wood(&a.wood),
         texture_px: a.texture,
         foliage,
-        levels: levels_job(&a.levels),
+        levels,
         state: state(&a.state),
         has_variants: a.state.variants,
         has_height_maps: a.height_maps,
@@ -616,13 +645,11 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&dir)?;
     let Grown { scene, rows, pruned, fit } = pipeline::tree::tree(&job, run)?;
     let stem = stem(&a.output);
-    let format = scene_format(extension);
     let mut staged = Staged::new(&dir)?;
     match format {
-        Some(format) => {
+        Some(_) => {
             let (profile, wind) = (profile(a.levels.profile), wind_as(a.levels.wind_as));
-            let formats = [format];
-            let files = export::Job { profile, wind, ..export::Job::new(&stem, &formats) };
+            let files = export::Job { profile, wind, ..export::Job::new(&stem, formats) };
             stage_scene(&scene, &files, &job.cache, &mut staged, run)?;
         }
         None => run.stage("preview", |_| {
@@ -722,8 +749,7 @@ fn fit_lines(fit: &crate::skeleton::cloud::Report) -> Vec<String> {
 
 fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
     export::check_writable(&a.output)?;
-    check_levels(&a.scene.levels)?;
-    check_pictures(a.scene.texture, a.scene.height_maps)?;
+    check_scene(&a.scene, run)?;
     let species = load_species(&[])?;
     let options = StandOptions { trees: a.trees as usize, ..StandOptions::default() };
     let survey = pipeline::demo::survey_of_stand(&options, &species, seed(a.seed), run)?;
@@ -840,7 +866,7 @@ pub(super) fn summary(
 fn forest_left_out(forest: &Forest, typed: &SceneArgs, run: &Recorder) -> Vec<Saved> {
     left_out::table(&left_out::Told {
         scene: &forest.scene,
-        levels: &levels_job(&typed.levels),
+        levels: &levels_job(&typed.levels, &formats(&typed.format)),
         has_forms: typed.camera.is_some(),
         pruned: forest.pruned,
         clipped: forest.clipped,

@@ -104,6 +104,41 @@ pub enum Format {
     Obj,
 }
 
+impl Format {
+    pub const ALL: [Format; 7] = [
+        Format::Glb,
+        Format::Gltf,
+        Format::Usda,
+        Format::Usdc,
+        Format::Usdz,
+        Format::X3d,
+        Format::Obj,
+    ];
+
+    pub fn extension(self) -> &'static str {
+        match self {
+            Format::Glb => "glb",
+            Format::Gltf => "gltf",
+            Format::Usda => "usda",
+            Format::Usdc => "usdc",
+            Format::Usdz => "usdz",
+            Format::X3d => "x3d",
+            Format::Obj => "obj",
+        }
+    }
+
+    /// `None` for what is no scene.
+    pub fn of_extension(extension: &str) -> Option<Format> {
+        Format::ALL.into_iter().find(|format| format.extension() == extension)
+    }
+
+    /// Whether it holds what not every renderer shows: wind, bodies for physics, looks, places on
+    /// light maps, octahedral impostors.
+    pub fn holds_extras(self) -> bool {
+        !matches!(self, Format::X3d | Format::Obj)
+    }
+}
+
 /// What is to be written of a scene.
 #[derive(Debug, Clone, Copy)]
 pub struct Job<'a> {
@@ -196,7 +231,11 @@ pub fn files<'a>(
         files.push(x3d::file(Selection::of(scene, Forms::Drawn), stem, profile == Profile::Web));
     }
     if formats.contains(&Format::Obj) {
-        for (form, selection) in forms(scene, false) {
+        let needs_shader = |s: &Selection<'_>| {
+            s.models.iter().flat_map(|m| &m.forms).any(|form| form.octahedral.is_some())
+        };
+        let all = forms(scene, false).into_iter();
+        for (form, selection) in all.filter(|(_, selection)| !needs_shader(selection)) {
             let made = obj::files(selection, &format!("{stem}{form}"), stem)?;
             files.extend(made.value);
             warnings.extend(made.warnings);
