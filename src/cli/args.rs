@@ -371,7 +371,7 @@ pub struct SceneArgs {
     /// Most triangles of one tree model; 5000 where absent, 200000 with --foliage geometry.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
     pub triangles: Option<u32>,
-    /// Most triangles of all trees in their places, shared out by size.
+    /// Most triangles of all trees in their places, shared out by size; with --camera by distance.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1000..=1_000_000_000_000))]
     pub scene_triangles: Option<u64>,
     /// Keep what lies in this box, in the scan's coordinates.

@@ -224,14 +224,26 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     let mut chosen = None;
     if let Some(eye) = &job.eye {
         chosen = Some(run.stage("camera", |warnings| {
-            let mut chosen = view::choose(&mut scene, eye, job.wood.tolerance_m.unwrap_or(0.0));
+            let tolerance_m = job.wood.tolerance_m.unwrap_or(0.0);
+            let mut chosen = view::choose(&mut scene, eye, tolerance_m, job.scene_triangles);
             chosen.outside += unmade;
             let shown = scene.instances.len();
             if shown == 0 && !survey.trees.is_empty() {
                 warnings.push(view::blind(&survey));
             }
-            let outcome = Outcome::items(survey.trees.len(), "trees", shown, "shown")
+            let (total, taken) = (job.scene_triangles.unwrap_or(usize::MAX), chosen.triangles);
+            if taken > total {
+                warnings.push(format!(
+                    "--scene-triangles {total}: the {shown} trees in the picture take {taken} in their \
+                     coarsest forms; give more, or show fewer (--clip, --camera)"
+                ));
+            }
+            let mut outcome = Outcome::items(survey.trees.len(), "trees", shown, "shown")
                 .note(format!("{} outside the picture, {} hidden", chosen.outside, chosen.hidden));
+            if chosen.off_px > 1.0 {
+                let note = format!("{taken} triangles, off by up to {:.1} pixels", chosen.off_px);
+                outcome = outcome.note(note);
+            }
             Ok((chosen, outcome))
         })?);
     }
@@ -283,9 +295,11 @@ fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {
     }
 }
 
-/// Most triangles of each model.
+/// Most triangles of each model. A camera shares a scene's out when it chooses.
 fn budgets(job: &ForestJob, survey: &Survey, models: &[Model]) -> Vec<usize> {
-    let Some(total) = job.scene_triangles else { return vec![job.triangles; models.len()] };
+    let Some(total) = job.scene_triangles.filter(|_| job.eye.is_none()) else {
+        return vec![job.triangles; models.len()];
+    };
     let size = |m: &Model| {
         let crown = &survey.trees[m.exemplar].crown;
         (crown.height_m.max(crown.diameter_m), m.members.len())
@@ -300,7 +314,7 @@ fn budgets(job: &ForestJob, survey: &Survey, models: &[Model]) -> Vec<usize> {
 
 /// What to say where all trees together take more triangles than they may.
 fn over_budget(job: &ForestJob, models: &[Model], meshes: &[Vec<TreeMesh>]) -> Option<String> {
-    let total = job.scene_triangles?;
+    let total = job.scene_triangles.filter(|_| job.eye.is_none())?;
     let finest = meshes.iter().filter_map(|of_model| of_model.first());
     let taken = models.iter().zip(finest).map(|(m, mesh)| m.members.len() * mesh.triangles());
     let (taken, trees) =

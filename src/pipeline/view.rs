@@ -47,6 +47,8 @@ pub struct Chosen {
     pub hidden: usize,
     /// Trees shown in each form.
     pub shown: BTreeMap<String, usize>,
+    /// Pixels that a silhouette is off at most: 1, or more where fewer triangles were to be had.
+    pub off_px: f32,
     /// Triangles in place if all trees were shown in their finest form, and as they are.
     pub triangles_before: usize,
     pub triangles: usize,
@@ -56,9 +58,10 @@ pub struct Chosen {
 
 /// Drops the trees that the camera does not see and shows the others in the form of fewest
 /// triangles whose silhouette is off by no more than a pixel of 1,080 lines, or `tolerance_m`,
-/// RMS, and whose texels are no larger where it is an impostor. Forms become prototypes of their own. Known
-/// limit: shadows and reflections of what is dropped are missing.
-pub fn choose(scene: &mut Scene, eye: &Eye, tolerance_m: f32) -> Chosen {
+/// RMS, and whose texels are no larger where it is an impostor. By as few pixels more, the same for
+/// all, as make them take no more than `most` triangles, if their forms allow that. Forms become
+/// prototypes of their own. Known limit: shadows and reflections of what is dropped are missing.
+pub fn choose(scene: &mut Scene, eye: &Eye, tolerance_m: f32, most: Option<usize>) -> Chosen {
     work::count(Work::TreesLookedFor, scene.instances.len());
     let camera = camera(&scene.frame, eye);
     let options = RenderOptions {
@@ -77,31 +80,36 @@ pub fn choose(scene: &mut Scene, eye: &Eye, tolerance_m: f32) -> Chosen {
     // New prototypes, by the old one and its form.
     let mut number: BTreeMap<(u32, usize), u32> = BTreeMap::new();
     let mut seen = seen.into_iter();
-    scene.instances.retain_mut(|tree| {
+    // Of each tree that is shown, and each of its forms: how far off, in pixels.
+    let mut off_px: Vec<Vec<(usize, f32)>> = Vec::new();
+    scene.instances.retain(|tree| {
         let of = &forms[tree.prototype as usize];
         chosen.triangles_before += of[0].triangles;
         match seen.next().flatten() {
-            None => {
-                chosen.outside += 1;
-                return false;
+            None => chosen.outside += 1,
+            Some(false) => chosen.hidden += 1,
+            Some(true) => {
+                let size_m = [tree.facts.height_m, tree.facts.crown_diameter_m];
+                let pixel_m = pixel_m(&camera, tree.position, size_m);
+                let off = |form: &Form| {
+                    let off_m = form.error_m * tree.scale.max_element();
+                    if off_m <= tolerance_m { 0.0 } else { off_m / pixel_m }
+                };
+                off_px.push(of.iter().map(|form| (form.triangles, off(form))).collect());
+                return true;
             }
-            Some(false) => {
-                chosen.hidden += 1;
-                return false;
-            }
-            Some(true) => {}
         }
-        let size_m = [tree.facts.height_m, tree.facts.crown_diameter_m];
-        let told_m = pixel_m(&camera, tree.position, size_m).max(tolerance_m);
-        let most_m = told_m / tree.scale.max_element();
-        let fit = (0..of.len()).filter(|&k| of[k].error_m <= most_m);
-        let form = fit.min_by_key(|&k| of[k].triangles).unwrap_or(0);
-        *chosen.shown.entry(of[form].name.clone()).or_default() += 1;
-        chosen.triangles += of[form].triangles;
-        let next = number.len() as u32;
-        tree.prototype = *number.entry((tree.prototype, form)).or_insert(next);
-        true
+        false
     });
+    chosen.off_px = least_off(&off_px, most.unwrap_or(usize::MAX));
+    for (tree, off_px) in scene.instances.iter_mut().zip(&off_px) {
+        let k = cheapest(off_px, chosen.off_px);
+        let form = &forms[tree.prototype as usize][k];
+        *chosen.shown.entry(form.name.clone()).or_default() += 1;
+        chosen.triangles += form.triangles;
+        let next = number.len() as u32;
+        tree.prototype = *number.entry((tree.prototype, k)).or_insert(next);
+    }
     let mut order: Vec<((u32, usize), u32)> = number.into_iter().collect();
     order.sort_unstable_by_key(|&(_, new)| new);
     scene.prototypes = order
@@ -123,6 +131,26 @@ pub fn choose(scene: &mut Scene, eye: &Eye, tolerance_m: f32) -> Chosen {
         .collect();
     chosen.spared_bytes = bytes_before.saturating_sub(bytes(scene));
     chosen
+}
+
+/// Of a tree's forms that are off by no more than so many pixels, that of fewest triangles.
+fn cheapest(forms: &[(usize, f32)], off_px: f32) -> usize {
+    let fit = (0..forms.len()).filter(|&k| forms[k].1 <= off_px);
+    fit.min_by_key(|&k| forms[k].0).unwrap_or(0)
+}
+
+/// The fewest pixels, from 1 on, that trees must be off for all to take `most` triangles; if none are
+/// enough, those at which all are as coarse as can be.
+fn least_off(trees: &[Vec<(usize, f32)>], most: usize) -> f32 {
+    let taken = |off_px| trees.iter().map(|of| of[cheapest(of, off_px)].0).sum::<usize>();
+    if taken(1.0) <= most {
+        return 1.0;
+    }
+    let of_forms = trees.iter().flatten().map(|&(_, px)| px);
+    let mut steps: Vec<f32> = of_forms.filter(|px| px.is_finite() && *px > 1.0).collect();
+    steps.sort_unstable_by(f32::total_cmp);
+    let enough = steps.partition_point(|&off_px| taken(off_px) > most);
+    steps.get(enough).or(steps.last()).copied().unwrap_or(1.0)
 }
 
 /// Drops the models none of whose trees can be in the picture, before they are made; gives how many
@@ -304,7 +332,7 @@ mod tests {
             culled += scene.instances.len() - near.instances.len();
             let names = |scene: &Scene| -> Vec<String> {
                 let mut seen = scene.clone();
-                choose(&mut seen, &eye, 0.0);
+                choose(&mut seen, &eye, 0.0, None);
                 seen.instances.iter().map(|t| t.name.clone()).collect()
             };
             assert_eq!(names(&near), names(&scene), "{k}");
@@ -320,7 +348,7 @@ mod tests {
         let middle = scene.frame.origin;
         let eye = |at: DVec3, look: DVec3| Eye { at, look, fov_deg: 40.0 };
         let far = eye(middle + DVec3::new(0.0, -300.0, 200.0), middle);
-        let all = choose(&mut seen, &far, 0.0);
+        let all = choose(&mut seen, &far, 0.0, None);
         assert_eq!(all.outside, 0);
         assert_eq!(all.hidden + all.shown.values().sum::<usize>(), scene.instances.len());
         assert!(all.hidden < 4, "{all:?}");
@@ -328,8 +356,63 @@ mod tests {
         seen.validate().unwrap();
         let mut none = scene.clone();
         let away = eye(far.at, far.at * 2.0 - middle);
-        assert_eq!(choose(&mut none, &away, 0.0).outside, scene.instances.len());
+        assert_eq!(choose(&mut none, &away, 0.0, None).outside, scene.instances.len());
         assert!(none.instances.is_empty() && none.prototypes.is_empty());
+    }
+
+    #[test]
+    fn triangles_are_spent_where_the_camera_is_near() {
+        let mut scene = sample::forest(&["Betula pendula"], 40, 60.0);
+        // Levels of 8, 4, 2 and 1 in 16 of a model's triangles, off by more and more.
+        let mut finest = scene.prototypes[0].parts.clone();
+        finest.truncate(1);
+        finest[0].surface.index = finest[0].surface.index.repeat(16);
+        let level = |k: usize| {
+            let mut parts = finest.clone();
+            let index = &mut parts[0].surface.index;
+            index.truncate(index.len() >> k);
+            let silhouette = Apart { worst_m: 0.1, rms_m: 0.05 * k as f32 };
+            Level { name: format!("LOD{k}"), parts, silhouette, octahedral: None }
+        };
+        let levels: Vec<Level> = (1..=4).map(level).collect();
+        for prototype in &mut scene.prototypes {
+            (prototype.parts, prototype.levels) = (finest.clone(), levels.clone());
+        }
+        let middle = scene.frame.origin;
+        let eye = Eye { at: middle + DVec3::new(0.0, -60.0, 40.0), look: middle, fov_deg: 60.0 };
+        let chosen = |most| {
+            let mut scene = scene.clone();
+            let chosen = choose(&mut scene, &eye, 0.0, most);
+            (chosen, scene)
+        };
+        let (free, _) = chosen(None);
+        assert_eq!(free.off_px, 1.0);
+        assert_eq!(chosen(Some(free.triangles)).0, free);
+        let (_, coarsest) = chosen(Some(0));
+        let least = chosen(Some(0)).0.triangles;
+        assert!(coarsest.prototypes.iter().all(|p| p.name.ends_with("LOD4")));
+        assert!(least < free.triangles / 3, "{least} {}", free.triangles);
+        let mut before = f32::INFINITY;
+        for share in 1..8 {
+            let most = least + (free.triangles - least) * share / 8;
+            let (of, scene) = chosen(Some(most));
+            assert!(of.triangles <= most && of.off_px < before, "{of:?}");
+            before = of.off_px;
+            // No farther tree is finer than a nearer one, whose forms are the same.
+            let camera = camera(&scene.frame, &eye);
+            let mut trees: Vec<(f32, &str)> = scene
+                .instances
+                .iter()
+                .map(|t| {
+                    let size_m = [t.facts.height_m, t.facts.crown_diameter_m];
+                    let pixel_m = pixel_m(&camera, t.position, size_m) / t.scale.max_element();
+                    let name = &scene.prototypes[t.prototype as usize].name;
+                    (pixel_m, name.rsplit_once("_LOD").map_or("0", |(_, k)| k))
+                })
+                .collect();
+            trees.sort_by(|a, b| a.0.total_cmp(&b.0));
+            assert!(trees.is_sorted_by_key(|t| t.1), "{trees:?}");
+        }
     }
 
     /// A sheet of 10 m that shows the upper half of a picture of 100 lines has texels of 0.2 m.
