@@ -48,6 +48,8 @@ pub struct Impostor {
     /// normal is noise where the sheet is shown.
     pub normal: Picture,
     pub octahedral: Option<Octahedral>,
+    /// `colour` with leaves of other colours, as asked for.
+    pub tinted: Vec<Picture>,
 }
 
 /// Where alpha is cut.
@@ -80,7 +82,8 @@ pub(super) const FRAMES: u32 = 8;
 
 /// Bakes a model, whose extent is `bounds` (tree-local metres). `size_px`: texels
 /// along the longer side of a sheet and its gutters, or along the side of an octahedral picture;
-/// powers of two are best.
+/// powers of two are best. `tints`: factors on the linear light of leaves, for a picture each; the same
+/// for all leaves, however these differ in themselves.
 ///
 /// How far an octahedral one's sheet is off is left to be measured.
 ///
@@ -92,10 +95,11 @@ pub fn bake(
     bounds: (Vec3, Vec3),
     kind: Kind,
     size_px: u32,
+    tints: &[Vec3],
 ) -> Result<Impostor> {
     work::count(Work::Impostors, 1);
     let sky = Sky::over(sitter, model, bounds)?;
-    let of = Model { sitter, model, sky };
+    let of = Model { sitter, model, sky, tints };
     match kind {
         Kind::Cross => cross(&of, bounds, size_px as usize),
         Kind::Octahedral => octahedral(&of, bounds, size_px),
@@ -107,6 +111,7 @@ struct Model<'a> {
     sitter: &'a Sitter<'a>,
     model: u32,
     sky: Sky,
+    tints: &'a [Vec3],
 }
 
 /// A sheet: what it shows and where it lies.
@@ -145,7 +150,7 @@ fn cross(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impos
     let width = views.iter().map(|v| v.size[0] + GUTTER).sum::<usize>().next_power_of_two();
     let height = views.iter().map(|v| v.size[1]).fold(0, usize::max) + GUTTER;
     let height = height.next_power_of_two();
-    let mut board = Board::new(width, height);
+    let mut board = Board::new(width, height, of.tints);
     let mut surface = Surface::default();
     let mut left = GUTTER / 2;
     for (view, sheet) in views.iter().zip(&sheets) {
@@ -189,7 +194,7 @@ fn octahedral(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Result<Im
         })
         .collect::<Result<_>>()?;
     let whole = side * FRAMES as usize;
-    let mut board = Board::new(whole, whole);
+    let mut board = Board::new(whole, whole, of.tints);
     for (&(col, row), view) in cells.iter().zip(&views) {
         board.paste(view, [col as usize * side, row as usize * side]);
     }
@@ -258,6 +263,8 @@ fn quad(
 struct Baked {
     /// Linear light, of what is seen.
     albedo: Vec3,
+    /// The part of it that leaves have.
+    leaves: Vec3,
     /// Mean, in right, up, towards the eye.
     normal: Vec3,
     /// Share seen.
@@ -312,6 +319,7 @@ impl Frame {
                 let (mut sum, mut count) = (Baked::default(), 0);
                 for t in seen.clone().map(|i| &sample[i]) {
                     sum.albedo += Vec3::from(t.albedo);
+                    sum.leaves += Vec3::from(t.albedo) * t.leaf;
                     sum.normal += t.normal;
                     count += 1;
                 }
@@ -323,6 +331,7 @@ impl Frame {
                 });
                 Baked {
                     albedo: sum.albedo * share,
+                    leaves: sum.leaves * share,
                     normal: axes(sum.normal * share),
                     alpha: count as f32 / (n * n) as f32,
                     light,
@@ -338,7 +347,8 @@ impl Frame {
         for t in frame.texel.iter_mut().filter(|t| t.alpha > 0.0) {
             let normal = right * t.normal.x + up * t.normal.y - forward * t.normal.z;
             let on_sheet = light::on_sheet(normal, -forward).max(1e-3);
-            t.albedo = (t.albedo * (t.light / on_sheet).min(BRIGHTER)).min(Vec3::ONE);
+            let brighter = (t.light / on_sheet).min(BRIGHTER);
+            (t.albedo, t.leaves) = (t.albedo * brighter, t.leaves * brighter);
         }
         Ok(frame)
     }
@@ -386,6 +396,7 @@ struct Board {
     colour: Picture,
     normal: Picture,
     views: Vec<Place>,
+    tinted: Vec<(Vec3, Picture)>,
 }
 
 /// Where a view lies: texels from the left and from the top, and its size.
@@ -397,10 +408,12 @@ struct Place {
 }
 
 impl Board {
-    fn new(width: usize, height: usize) -> Board {
+    fn new(width: usize, height: usize, tints: &[Vec3]) -> Board {
         let [w, h] = [width as u32, height as u32];
+        let colour = Picture::filled(w, h, [0; 4]);
         Board {
-            colour: Picture::filled(w, h, [0; 4]),
+            tinted: tints.iter().map(|tint| (*tint, colour.clone())).collect(),
+            colour,
             normal: Picture::filled(w, h, [128, 128, 255, 0]),
             views: Vec::new(),
         }
@@ -417,9 +430,15 @@ impl Board {
         for (i, t) in frame.texel.iter().enumerate().filter(|(_, t)| t.alpha > 0.0) {
             let x = (corner[0] + i % w) as u32;
             let y = (top + i / w) as u32;
-            let [r, g, b] = t.albedo.to_array().map(|c| srgb_from_linear(c).round() as u8);
             let alpha = (alphas[i] * 255.0).round() as u8;
-            self.colour.set(x, y, [r, g, b, alpha]);
+            let coded = |c: Vec3| {
+                let [r, g, b] = c.to_array().map(|c| srgb_from_linear(c).round() as u8);
+                [r, g, b, alpha]
+            };
+            self.colour.set(x, y, coded(t.albedo));
+            for (tint, picture) in &mut self.tinted {
+                picture.set(x, y, coded(t.albedo + t.leaves * (*tint - 1.0)));
+            }
             let [nx, ny, nz] = t.normal.to_array().map(|c| ((c * 0.5 + 0.5) * 255.0).round() as u8);
             self.normal.set(x, y, [nx, ny, nz, alpha]);
         }
@@ -431,12 +450,18 @@ impl Board {
         for view in &self.views {
             fit(&mut self.colour, view);
         }
+        // All are cut alike.
+        for (_, picture) in &mut self.tinted {
+            pad_transparent(picture);
+            picture.data.iter_mut().zip(&self.colour.data).for_each(|(p, own)| p[3] = own[3]);
+        }
         let mut normal = halved(&self.normal);
         pad_transparent(&mut normal);
         for p in &mut normal.data {
             p[3] = 255;
         }
-        Ok(Impostor { surface, colour: self.colour, normal, octahedral })
+        let tinted = self.tinted.into_iter().map(|(_, picture)| picture).collect();
+        Ok(Impostor { surface, colour: self.colour, normal, octahedral, tinted })
     }
 }
 

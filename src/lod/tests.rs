@@ -92,7 +92,7 @@ fn an_impostor_covers_what_the_model_covers_in_its_colour() {
     let sitter = Sitter::new(&[&parts], &materials, &[]);
     let bounds = (Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 10.0));
     for kind in [Kind::Cross, Kind::Octahedral] {
-        let got = impostor::bake(&sitter, 0, bounds, kind, 256).unwrap();
+        let got = impostor::bake(&sitter, 0, bounds, kind, 256, &[]).unwrap();
         assert_eq!(got.octahedral.is_some(), kind == Kind::Octahedral);
         let seen = got.colour.data.iter().filter(|p| p[3] >= 128).count();
         if kind == Kind::Cross {
@@ -179,7 +179,7 @@ fn an_impostor_of_a_thin_crown_covers_as_much() {
     let sitter = Sitter::new(&[&parts], &materials, &[]);
     let bounds = (Vec3::new(-2.0, -2.0, 0.0), Vec3::new(2.0, 2.0, 8.0));
     for (kind, size_px) in [(Kind::Cross, 128), (Kind::Octahedral, 512)] {
-        let got = impostor::bake(&sitter, 0, bounds, kind, size_px).unwrap();
+        let got = impostor::bake(&sitter, 0, bounds, kind, size_px, &[]).unwrap();
         // One sheet, looked at squarely.
         let mut sheet = got.surface.clone();
         sheet.index.truncate(6);
@@ -204,7 +204,7 @@ fn an_octahedral_impostor_turns_to_the_eye() {
     let (parts, materials) = (part(block(1.0, 10.0)), red());
     let bounds = (Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 10.0));
     let sitter = Sitter::new(&[&parts], &materials, &[]);
-    let baked = impostor::bake(&sitter, 0, bounds, Kind::Octahedral, 2048).unwrap();
+    let baked = impostor::bake(&sitter, 0, bounds, Kind::Octahedral, 2048, &[]).unwrap();
     let octahedral = baked.octahedral.unwrap();
     let turned = looks().map(|look| part(impostor::sheet_towards(&octahedral, -look)));
     let models: Vec<Vec<Part>> = std::iter::once(part(baked.surface)).chain(turned).collect();

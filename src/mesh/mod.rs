@@ -128,6 +128,8 @@ pub struct TreeMesh {
     pub unmeshed_axes: usize,
     /// Greatest distance of the wood's facets from their circles, r (1 − cos(π / N)), metres.
     pub sagitta_m: f32,
+    /// Sides of the ring that has it.
+    pub sagitta_sides: u32,
     /// How much larger than in nature twigs are, to make up for those left out; 0 without any.
     pub twig_scale: f32,
     /// What leaves hide over what the species' do, 0…1, where each is meshed for itself; 1 elsewhere.
@@ -362,7 +364,8 @@ pub fn build(
     let foliage::Foliage { surface: foliage, twig_scale, cover: leaf_cover, leaf_size } =
         foliage::foliage(skeleton, &order)?;
     let [wood, upper_wood, twig_wood] = made.surface;
-    let wood::Count { axes, without: unmeshed_axes, sagitta_m } = made.count;
+    let wood::Count { axes, without: unmeshed_axes, sagitta: (sagitta_m, sagitta_sides) } =
+        made.count;
     Ok(TreeMesh {
         wood,
         upper_wood,
@@ -372,6 +375,7 @@ pub fn build(
         axes,
         unmeshed_axes,
         sagitta_m,
+        sagitta_sides,
         twig_scale,
         leaf_cover,
         leaf_size,

@@ -206,10 +206,10 @@ impl Sides {
         self.of(radius_m).max(least)
     }
 
-    /// The greatest sagitta of rings, metres.
-    pub fn sagitta_m(&self, rings: &[Ring]) -> f32 {
-        let of = |r: &Ring| r.radius_m * self.depth[r.sides.min(MAX_SIDES) as usize];
-        rings.iter().map(of).fold(0.0, f32::max)
+    /// The greatest sagitta of rings, metres, and the sides that leave it.
+    pub fn sagitta(&self, rings: &[Ring]) -> (f32, u32) {
+        let of = |r: &Ring| (r.radius_m * self.depth[r.sides.min(MAX_SIDES) as usize], r.sides);
+        rings.iter().map(of).fold((0.0, 0), |a, b| if b.0 > a.0 { b } else { a })
     }
 }
 

@@ -46,7 +46,8 @@ pub struct Wood {
 pub struct Count {
     pub axes: usize,
     pub without: usize,
-    pub sagitta_m: f32,
+    /// Metres, and the sides of the ring that has it.
+    pub sagitta: (f32, u32),
 }
 
 impl Wood {
@@ -247,7 +248,7 @@ impl Planner<'_> {
         out_of.resize(count_of as usize, NONE);
         start.clear();
         start.reserve(count_of as usize);
-        let (mut tubes, mut sagitta_m) = (0, 0.0f32);
+        let (mut tubes, mut sagitta) = (0, (0.0, 0));
         for c in root..count_of {
             let comes_from = out_of[c as usize];
             let foot = match start.get(comes_from as usize) {
@@ -308,7 +309,10 @@ impl Planner<'_> {
                 _ => None,
             };
             tubes += 1;
-            sagitta_m = sagitta_m.max(sides.sagitta_m(made));
+            let of_tube = sides.sagitta(made);
+            if of_tube.0 > sagitta.0 {
+                sagitta = of_tube;
+            }
             lay_bark(made, BARK_REPEAT_M, self.chains.chain[c as usize].axis);
             bark.tube(&Shape {
                 rings: made,
@@ -321,7 +325,7 @@ impl Planner<'_> {
             });
         }
         let axes = pieces.count();
-        Count { axes, without: axes - tubes, sagitta_m }
+        Count { axes, without: axes - tubes, sagitta }
     }
 
     /// A stem of a stool.

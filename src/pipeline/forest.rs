@@ -569,13 +569,8 @@ fn build_meshes(
         let nodes = skeletons.iter().map(Skeleton::len).sum();
         let triangles = meshes.iter().flatten().map(TreeMesh::triangles).sum();
         let finest = meshes.iter().filter_map(|of_model| of_model.first());
-        let outcome =
-            Outcome::items(nodes, "nodes", triangles, "triangles").error(tolerance::sagitta(
-                finest.clone(),
-                job.wood.tolerance_m,
-                rough.contains(&true),
-                warnings,
-            ));
+        let outcome = Outcome::items(nodes, "nodes", triangles, "triangles")
+            .error(tolerance::sagitta(finest.clone(), job.wood.tolerance_m, warnings));
         let outcome = levels::tell_leaves(finest.clone(), outcome);
         levels::tell_thin(finest.clone(), warnings);
         let of_model =
@@ -607,7 +602,7 @@ fn paint_all(
                 let draw = || {
                     let look = job.state.look_of_many(s);
                     let mut textures = paint(&look, size_px, seed, &job.cache)?;
-                    if job.has_variants {
+                    if job.has_variants && job.foliage != FoliageLevel::None {
                         textures.leaf_variants =
                             leaf_variants(s, job.state, size_px, seed, &job.cache)?;
                     }

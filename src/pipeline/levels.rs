@@ -1,7 +1,7 @@
 //! Coarser forms of every model, from one skeleton: meshes of fewer triangles, then an impostor,
 //! each with how far its silhouette is from the finest form's. What nobody asked for is not made.
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::cover::{self, Subject};
@@ -11,9 +11,11 @@ use crate::lod::{self, Silhouettes, Views, impostor};
 use crate::mesh::{MeshOptions, Surface, TreeMesh, WindProfile, p18};
 use crate::raster::Picture;
 use crate::render::capture::Sitter;
+use crate::render::linear_from_srgb;
 use crate::report::{ErrorMeasure, Outcome};
 use crate::scene::{
     Alpha, Apart, ColliderShape, Colorspace, Level, Material, Octahedral, Part, Scene, Texture,
+    Variant,
 };
 use crate::species::Species;
 use crate::texture::Atlas;
@@ -272,14 +274,20 @@ pub fn add(
         }
     }
     let baked = job.impostor.map(|kind| bake(scene, kind, texture_px)).transpose()?;
-    for (p, (parts, octahedral)) in baked.into_iter().flatten().enumerate() {
+    for (p, baked) in baked.into_iter().flatten().enumerate() {
         let (first_texture, first_material) = (scene.textures.len(), scene.materials.len());
-        let Baked { mut part, colour, normal } = parts;
+        let Baked { mut part, colour, normal, octahedral, others } = baked;
         if let Some(profile) = job.wind {
             let height_m = bounds(&scene.prototypes[p].parts).1.z;
             profile.whole_tree(height_m, &mut part.surface);
         }
         scene.textures.extend([colour, normal]);
+        let variants = others.into_iter().map(|(name, colour)| {
+            scene.textures.push(colour);
+            let base_color_texture = Some(scene.textures.len() as u32 - 1);
+            Variant { name, base_color: [1.0; 3], base_color_texture }
+        });
+        let variants = variants.collect();
         let stem = scene.prototypes[p].name.clone();
         scene.materials.push(Material {
             name: format!("{stem}_impostor"),
@@ -293,7 +301,7 @@ pub fn add(
             alpha: Alpha::Mask { cutoff: impostor::CUTOFF },
             // A cross has sheets for either side.
             double_sided: octahedral.is_some(),
-            variants: Vec::new(),
+            variants,
         });
         scene.prototypes[p].levels.push(Level {
             name: IMPOSTOR.into(),
@@ -310,16 +318,16 @@ struct Baked {
     part: Part,
     colour: Texture,
     normal: Texture,
+    octahedral: Option<Octahedral>,
+    /// Colours of the model's other looks, by their names.
+    others: Vec<(String, Texture)>,
 }
 
 /// Of an impostor's sheet, where trees themselves have no pictures.
 const LEAST_SHEET_PX: u32 = 32;
 
-fn bake(
-    scene: &Scene,
-    kind: lod::Kind,
-    texture_px: u32,
-) -> Result<Vec<(Baked, Option<Octahedral>)>> {
+/// The impostor of each model, in all looks that its materials know.
+fn bake(scene: &Scene, kind: lod::Kind, texture_px: u32) -> Result<Vec<Baked>> {
     // A sheet is shown where the tree is some 200 lines high or less; near by twice as many hold up.
     let size_px = match kind {
         lod::Kind::Cross => texture_px,
@@ -328,22 +336,56 @@ fn bake(
     .max(LEAST_SHEET_PX);
     let models: Vec<&[Part]> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
     let sitter = Sitter::new(&models, &scene.materials, &scene.textures);
+    let looks: Vec<Vec<Vec3>> = scene.materials.par_iter().map(|m| tints(m, scene)).collect();
     (0..models.len() as u32)
         .into_par_iter()
         .map(|m| {
             let prototype = &scene.prototypes[m as usize];
-            let baked = impostor::bake(&sitter, m, bounds(&prototype.parts), kind, size_px)?;
+            let around = bounds(&prototype.parts);
+            let materials = prototype.parts.iter().map(|part| part.material as usize);
+            let leaf = materials.max_by_key(|&m| looks[m].len()).filter(|&m| !looks[m].is_empty());
+            let tints = leaf.map_or(&[][..], |m| &looks[m]);
+            let baked = impostor::bake(&sitter, m, around, kind, size_px, tints)?;
             let texture = |suffix: &str, picture: Picture, colorspace| Texture {
                 name: format!("{}_impostor{suffix}", prototype.name),
                 image: picture.into(),
                 colorspace,
             };
-            let part = Part { name: "impostor".into(), surface: baked.surface, material: 0 };
-            let colour = texture("", baked.colour, Colorspace::Srgb);
-            let normal = texture("_normal", baked.normal, Colorspace::Raw);
-            Ok((Baked { part, colour, normal }, baked.octahedral))
+            let names =
+                leaf.into_iter().flat_map(|m| &scene.materials[m].variants).map(|v| &v.name);
+            let other = |(name, picture): (&String, Picture)| {
+                (name.clone(), texture(&format!("_{name}"), picture, Colorspace::Srgb))
+            };
+            Ok(Baked {
+                part: Part { name: "impostor".into(), surface: baked.surface, material: 0 },
+                others: names.zip(baked.tinted).map(other).collect(),
+                colour: texture("", baked.colour, Colorspace::Srgb),
+                normal: texture("_normal", baked.normal, Colorspace::Raw),
+                octahedral: baked.octahedral,
+            })
         })
         .collect()
+}
+
+/// Most that a leaf's own colour is taken times.
+const MOST_TINT: f32 = 8.0;
+
+/// The mean colour of each other look of a material over that of its own.
+fn tints(material: &Material, scene: &Scene) -> Vec<Vec3> {
+    let mean = |base_color: [f32; 3], texture: Option<u32>| {
+        let Some(texture) = texture else { return Vec3::from(base_color) };
+        let data = &scene.textures[texture as usize].image.picture().data;
+        let seen = || data.iter().filter(|p| p[3] >= 128);
+        let light = |p: &[u8; 4]| Vec3::from([0, 1, 2].map(|k| linear_from_srgb(p[k])));
+        let mean = seen().map(light).sum::<Vec3>() / seen().count().max(1) as f32;
+        mean * Vec3::from(base_color)
+    };
+    if material.variants.is_empty() {
+        return Vec::new();
+    }
+    let own = mean(material.base_color, material.base_color_texture).max(Vec3::splat(1e-3));
+    let each = material.variants.iter().map(|v| mean(v.base_color, v.base_color_texture));
+    each.map(|other| (other / own).min(Vec3::splat(MOST_TINT))).collect()
 }
 
 /// How far each form's silhouette is from the finest's; of octahedral impostors, as a shader shows
@@ -500,6 +542,39 @@ mod tests {
         let textures = crate::texture::for_species(&species, 64, seed);
         let subject = Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
         make(&subject, &WoodJob::default().options(budget, FoliageLevel::Cards)).unwrap()
+    }
+
+    #[test]
+    fn an_impostor_has_the_looks_of_its_tree() {
+        let mut scene = crate::scene::sample::forest(&["Betula pendula"], 4, 60.0);
+        let leaf = scene.prototypes[0].parts.last().unwrap().material as usize;
+        let green = scene.materials[leaf].base_color;
+        let red = [green[0], 0.2 * green[1], 0.2 * green[2]];
+        let variant = |name: &str, base_color| Variant {
+            name: name.into(),
+            base_color,
+            base_color_texture: scene.materials[leaf].base_color_texture,
+        };
+        scene.materials[leaf].variants = vec![variant("same", green), variant("autumn", red)];
+        let job = LevelsJob { impostor: Some(lod::Kind::Cross), ..LevelsJob::default() };
+        add(&mut scene, Vec::new(), &[], &job, 64).unwrap();
+        let level = scene.prototypes[0].levels.last().unwrap();
+        let material = &scene.materials[level.parts[0].material as usize];
+        let picture = |texture: Option<u32>| {
+            let texture = &scene.textures[texture.unwrap() as usize];
+            (texture.name.clone(), texture.image.picture().data.clone())
+        };
+        let (own_name, own) = picture(material.base_color_texture);
+        let [same, autumn] = &material.variants[..] else { panic!("{:?}", material.variants) };
+        assert_eq!((&same.name[..], &autumn.name[..]), ("same", "autumn"));
+        assert_eq!(picture(same.base_color_texture).1, own);
+        let (name, other) = picture(autumn.base_color_texture);
+        assert_eq!(name, format!("{own_name}_autumn"));
+        assert!(own.iter().zip(&other).all(|(a, b)| a[3] == b[3]), "cut alike");
+        let sum = |all: &[[u8; 4]], k: usize| all.iter().map(|p| u64::from(p[k])).sum::<u64>();
+        assert!(4 * sum(&other, 1) < 3 * sum(&own, 1) && sum(&other, 0) == sum(&own, 0));
+        scene.prune();
+        scene.validate().unwrap();
     }
 
     #[test]

@@ -174,27 +174,26 @@ pub fn outcome(reached: &[Reached], warnings: &mut Vec<String>) -> Outcome {
 }
 
 /// How far the facets of the wood are from their circles; a warning where that is more than asked
-/// for. `is_rough`: some have fewer sides than that takes, for want of triangles.
+/// for.
 pub fn sagitta<'a>(
     trees: impl Iterator<Item = &'a TreeMesh>,
     tolerance_m: Option<f32>,
-    is_rough: bool,
     warnings: &mut Vec<String>,
 ) -> ErrorMeasure {
-    let worst_m = trees.map(|t| t.sagitta_m).fold(0.0, f32::max);
-    warnings.extend(tolerance_m.and_then(|asked_m| too_flat(worst_m, asked_m, is_rough)));
+    let worst = trees.max_by(|a, b| a.sagitta_m.total_cmp(&b.sagitta_m));
+    let (worst_m, sides) = worst.map_or((0.0, 0), |t| (t.sagitta_m, t.sagitta_sides));
+    warnings.extend(tolerance_m.and_then(|asked_m| too_flat(worst_m, sides, asked_m)));
     ErrorMeasure::new("sagitta", worst_m.into(), "m")
 }
 
-fn too_flat(worst_m: f32, asked_m: f32, is_rough: bool) -> Option<String> {
-    let (of, remedy) = if is_rough {
-        (String::new(), ", for branches took the triangles; give more --triangles")
-    } else {
-        (format!(", of {MAX_SIDES} sides at most,"), "")
+fn too_flat(worst_m: f32, sides: u32, asked_m: f32) -> Option<String> {
+    let remedy = match sides < MAX_SIDES {
+        true => "; give more --triangles",
+        false => ", and no wood has more sides",
     };
     (worst_m > asked_m * 1.01).then(|| {
         format!(
-            "--tolerance: facets of the thickest wood{of} are up to {:.2} mm from its roundness, more than \
+            "--tolerance: facets of the thickest wood, of {sides} sides, are up to {:.2} mm from its roundness, more than \
              {:.2} mm{remedy}",
             1e3 * worst_m,
             1e3 * asked_m
@@ -212,17 +211,11 @@ mod tests {
 
     #[test]
     fn what_makes_wood_too_flat_is_told() {
-        assert_eq!(too_flat(0.005, 0.005, true), None);
-        assert!(
-            too_flat(0.0053, 0.005, false)
-                .unwrap()
-                .contains(", of 64 sides at most, are up to 5.30 mm")
-        );
-        let rough = too_flat(0.0053, 0.005, true).unwrap();
-        assert!(rough.ends_with(
-            "more than 5.00 mm, for branches took the triangles; give more --triangles"
-        ));
-        assert!(!rough.contains("64"));
+        assert_eq!(too_flat(0.005, 12, 0.005), None);
+        let told = |sides| too_flat(0.0053, sides, 0.005).unwrap();
+        assert!(told(64).contains(", of 64 sides, are up to 5.30 mm"));
+        assert!(told(64).ends_with("more than 5.00 mm, and no wood has more sides"));
+        assert!(told(12).ends_with("more than 5.00 mm; give more --triangles"));
     }
 
     #[test]

@@ -180,7 +180,7 @@ fn stand(
     let textures = run.stage("texture", |warnings| {
         warnings.extend(species.remarks.iter().cloned());
         let mut textures = paint(species, job.texture_px, job.seed, &job.cache)?;
-        if job.has_variants {
+        if job.has_variants && job.foliage != FoliageLevel::None {
             textures.leaf_variants =
                 leaf_variants(&own, job.state, job.texture_px, job.seed, &job.cache)?;
         }
@@ -210,14 +210,8 @@ fn stand(
         let subject = Subject { skeleton, species, textures: &textures, seed };
         let meshes = levels::meshes(&subject, &options, job.levels.meshed, height_m)?;
         let triangles = meshes.iter().map(|m| m.triangles()).sum();
-        let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles").error(
-            tolerance::sagitta(
-                meshes.first().into_iter(),
-                job.wood.tolerance_m,
-                is_rough,
-                warnings,
-            ),
-        );
+        let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles")
+            .error(tolerance::sagitta(meshes.first().into_iter(), job.wood.tolerance_m, warnings));
         let outcome = levels::tell_unmeshed(meshes.first().into_iter(), outcome, warnings);
         let outcome = levels::tell_leaves(meshes.first().into_iter(), outcome);
         levels::tell_thin(meshes.first().into_iter(), warnings);

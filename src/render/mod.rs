@@ -28,8 +28,8 @@ use light::Light;
 use model::{Mesh, Order};
 pub use seen::seen;
 use sky::film;
-pub use texture::srgb_from_linear;
 use texture::{Purpose, Pyramid};
+pub use texture::{linear_from_srgb, srgb_from_linear};
 
 use crate::mesh::Surface;
 use crate::raster::Picture;

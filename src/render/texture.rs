@@ -22,6 +22,11 @@ static LINEAR_FROM_SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
     })
 });
 
+/// Linear light of 8-bit sRGB.
+pub fn linear_from_srgb(c: u8) -> f32 {
+    LINEAR_FROM_SRGB[usize::from(c)]
+}
+
 /// 8-bit sRGB of linear light 0…1.
 pub fn srgb_from_linear(c: f32) -> f32 {
     let c = c.clamp(0.0, 1.0);
