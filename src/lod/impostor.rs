@@ -78,7 +78,7 @@ const APART_M: f32 = 1e-3;
 /// Texels between two views of a cross.
 const GUTTER: usize = 8;
 /// Views along a side of an octahedral picture.
-pub(super) const FRAMES: u32 = 8;
+pub const FRAMES: u32 = 8;
 
 /// Bakes a model, whose extent is `bounds` (tree-local metres). `size_px`: texels
 /// along the longer side of a sheet and its gutters, or along the side of an octahedral picture;

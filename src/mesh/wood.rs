@@ -25,6 +25,8 @@ const ENOUGH: f32 = 0.92;
 const LIKELY: f32 = 1.8;
 /// Share of a tree's triangles that a true stem may take.
 const MOST_STEM: f32 = 0.7;
+/// Triangles of a tree from which on its foot has lobes: a first coarser level is looked at from as near.
+const NEAR: usize = 6_000;
 /// What woods come to over their guesses, bare and leafy: where the search starts.
 const USUAL: [f32; 2] = [0.93, 1.1];
 
@@ -234,7 +236,8 @@ impl Planner<'_> {
         bark.clear();
         let coarse = log_coarse.exp();
         let (tolerance_m, cut_m) = self.limits(coarse);
-        let detail = self.options.detail && coarse < 30.0;
+        let is_near = self.options.triangle_budget.is_some_and(|most| most >= NEAR);
+        let detail = is_near || self.options.detail && coarse < 30.0;
         let Work { pieces, out_of, start, scratch, path, todo, branches, rings: made, holes } =
             work;
         let sides = Sides::new(tolerance_m, self.stem);

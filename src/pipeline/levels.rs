@@ -323,17 +323,16 @@ struct Baked {
     others: Vec<(String, Texture)>,
 }
 
-/// Of an impostor's sheet, where trees themselves have no pictures.
-const LEAST_SHEET_PX: u32 = 32;
+/// Of an impostor's view, where trees themselves have small pictures or none.
+const LEAST_VIEW_PX: u32 = 32;
 
 /// The impostor of each model, in all looks that its materials know.
 fn bake(scene: &Scene, kind: lod::Kind, texture_px: u32) -> Result<Vec<Baked>> {
     // A sheet is shown where the tree is some 200 lines high or less; near by twice as many hold up.
     let size_px = match kind {
-        lod::Kind::Cross => texture_px,
-        lod::Kind::Octahedral => 2 * texture_px,
-    }
-    .max(LEAST_SHEET_PX);
+        lod::Kind::Cross => texture_px.max(LEAST_VIEW_PX),
+        lod::Kind::Octahedral => (2 * texture_px).max(LEAST_VIEW_PX * impostor::FRAMES),
+    };
     let models: Vec<&[Part]> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
     let sitter = Sitter::new(&models, &scene.materials, &scene.textures);
     let looks: Vec<Vec<Vec3>> = scene.materials.par_iter().map(|m| tints(m, scene)).collect();
@@ -593,6 +592,16 @@ mod tests {
             let feet: Vec<f32> = all.iter().map(|tree| tree.bounds().0.z).collect();
             assert!(feet.iter().all(|foot| (foot - feet[0]).abs() < 0.01), "{name}: {feet:?}");
             all.pop();
+            if triangles == 20_000 {
+                let reach = |tree: &TreeMesh| {
+                    let at_ground = |p: &&Vec3| (-0.01..0.05).contains(&p.z);
+                    let woods = tree.woods();
+                    let foot = woods.iter().flat_map(|wood| &wood.position).filter(at_ground);
+                    foot.map(|p| p.truncate().length()).fold(0.0, f32::max)
+                };
+                let [finest, next] = [0, 1].map(|k| reach(&all[k]));
+                assert!((next / finest - 1.0).abs() < 0.03, "{name}: lobes {finest} {next}");
+            }
             for z in [0.05, 0.7, 1.3, 2.5] {
                 let of: Vec<f32> = all.iter().map(|tree| section(tree, z).0).collect();
                 let is_kept = of.iter().all(|m| (m / of[0] - 1.0).abs() < 0.12);
