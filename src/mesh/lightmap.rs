@@ -83,7 +83,7 @@ pub fn unwrap(surfaces: &mut [&mut Surface]) -> Result<Size> {
         let size = Size { width: atlas.width().max(1), height: atlas.height().max(1) };
         let texel = Vec2::new(size.width as f32, size.height as f32).recip();
         let at = |uv: [f32; 2]| (Vec2::from_array(uv) * texel).clamp(Vec2::ZERO, Vec2::ONE);
-        let parted: Vec<(Vec<u32>, Vec<(u32, Vec2)>)> = atlas
+        let parted: Vec<(Vec<u32>, Vec<Placed>)> = atlas
             .meshes()
             .iter()
             .map(|m| {
@@ -122,10 +122,14 @@ pub fn needed() -> Result<()> {
     ))
 }
 
-/// Gives a surface other vertices, each one of the old and a place on the light map.
+/// One of the old vertices, and its place on the light map.
 #[cfg(feature = "atlas")]
-fn part(surface: &mut Surface, index: Vec<u32>, vertices: &[(u32, Vec2)]) {
-    fn pick<T: Copy>(column: &mut Vec<T>, vertices: &[(u32, Vec2)]) {
+type Placed = (u32, Vec2);
+
+/// Gives a surface other vertices.
+#[cfg(feature = "atlas")]
+fn part(surface: &mut Surface, index: Vec<u32>, vertices: &[Placed]) {
+    fn pick<T: Copy>(column: &mut Vec<T>, vertices: &[Placed]) {
         *column = vertices.iter().filter_map(|v| column.get(v.0 as usize).copied()).collect();
     }
     pick(&mut surface.position, vertices);
