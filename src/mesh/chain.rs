@@ -6,6 +6,9 @@ use std::ops::Range;
 use super::path::{Knot, Least, Off, Sides, Stem, simplify};
 use crate::skeleton::Skeleton;
 
+/// Most stems of a stool that are each as true as a trunk.
+const FEW_STEMS: usize = 3;
+
 /// The chains of a skeleton, each followed by those that spring from it.
 pub struct Chains {
     /// Node and knot of every chain from base to tip, chain after chain; each begins with the node
@@ -29,6 +32,8 @@ pub struct Chain {
     pub radius_m: f32,
     /// A stem of a stool, beside others on the ground.
     pub stands: bool,
+    /// … that has many.
+    pub is_one_of_many: bool,
     /// It, or what springs from it, reaches the tree's top.
     is_leader: bool,
 }
@@ -69,6 +74,7 @@ impl Chains {
         // First node of a chain, the node it springs from, and its place among the branches.
         let mut todo = vec![(0, None, 0)];
         let is_stool = skeleton.is_stool();
+        let has_many = skeleton.parent.iter().filter(|&&p| p == 0).count() > FEW_STEMS;
         while let Some((start, base, slot)) = todo.pop() {
             let (from, k) = (chains.node.len(), chains.chain.len() as u32);
             let stands = is_stool && (start == 0 || base == Some(0));
@@ -106,6 +112,7 @@ impl Chains {
                 axis,
                 radius_m,
                 stands,
+                is_one_of_many: stands && has_many,
                 is_leader,
             });
             chains.first_branch.push(chains.branch.len() as u32);
@@ -180,9 +187,9 @@ impl Pieces {
             } else {
                 let knots = &chains.knot[chain.line.clone()];
                 let mut off = Off::by(sides.tolerance_m);
-                if chain.stands {
+                if chain.is_one_of_many {
                     (off.share, off.thick_m) = (Stem::PLAIN.off, 0.5 * chain.radius_m);
-                } else if c == 0 {
+                } else if c == 0 || chain.stands {
                     (off.share, off.aside) = (sides.stem.off, sides.stem.aside);
                     off.thick_m = 0.5 * chain.radius_m;
                 }

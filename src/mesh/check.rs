@@ -92,10 +92,16 @@ impl Surface {
 /// Connected parts, corners in one place taken for one.
 #[cfg(test)]
 pub fn parts(surfaces: &[&Surface]) -> usize {
+    feet_m(surfaces).len()
+}
+
+/// The lowest place of each of these.
+#[cfg(test)]
+pub fn feet_m(surfaces: &[&Surface]) -> Vec<f32> {
     // Adding zero makes −0 the same place as 0.
     let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
     let mut place = std::collections::HashMap::new();
-    let mut part: Vec<u32> = Vec::new();
+    let (mut part, mut height_m): (Vec<u32>, Vec<f32>) = Default::default();
     for s in surfaces {
         let ids: Vec<u32> = s
             .position
@@ -105,6 +111,7 @@ pub fn parts(surfaces: &[&Surface]) -> usize {
                 let id = *place.entry(key(p)).or_insert(next);
                 if id == next {
                     part.push(id);
+                    height_m.push(p.z);
                 }
                 id
             })
@@ -117,7 +124,12 @@ pub fn parts(surfaces: &[&Surface]) -> usize {
             }
         }
     }
-    (0..part.len()).filter(|&i| part[i] == i as u32).count()
+    let mut feet = std::collections::BTreeMap::new();
+    for (i, z) in height_m.into_iter().enumerate() {
+        let foot = feet.entry(root(&mut part, i as u32)).or_insert(z);
+        *foot = z.min(*foot);
+    }
+    feet.into_values().collect()
 }
 
 #[cfg(test)]

@@ -38,8 +38,12 @@ impl Stem {
     pub const PLAIN: Stem = Stem { sides: 4, off: 0.25, aside: 1.0 };
 }
 
-/// How much thicker a tube of three sides is to be to look, from all around, as wide as a round one: 2π / 3√3.
-const THREE_SIDED: f32 = 1.209;
+/// How much thicker a tube of `n` sides is to be to look, from all around, as wide as a round one.
+fn as_wide(n: u32) -> f32 {
+    let half = std::f32::consts::PI / n as f32;
+    half / half.sin()
+}
+
 /// How far a stem goes on below ground, so that no slope shows its end.
 pub const BELOW_GROUND_M: f32 = 0.3;
 /// Rings where two barks mix: of stems that are off by more than this share of their foot, without and
@@ -109,9 +113,9 @@ impl Least {
 /// How an axis begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Foot {
-    /// In the ground; rings enough between these heights, where one bark gives way to another. A stem of a
-    /// stool may be plainer.
-    Ground { mixed_m: Option<[f32; 2]>, is_alone: bool },
+    /// In the ground; rings enough between these heights, where one bark gives way to another. One of many
+    /// stems may be plainer.
+    Ground { mixed_m: Option<[f32; 2]>, is_one_of_many: bool },
     /// On the axis of a parent of this radius and direction; the tubes pass through each other.
     Inside { parent_radius_m: f32, parent_direction: Vec3 },
     /// Out of a hole in the parent's bark.
@@ -241,7 +245,7 @@ pub fn rings(
     lobes.clear();
     let (mut shift, mut across, mut most_sides) = (0.0, None, MAX_SIDES);
     match foot {
-        Foot::Ground { mixed_m, is_alone } => {
+        Foot::Ground { mixed_m, is_one_of_many } => {
             path.extend_from_slice(kept);
             if let Some([low, high]) = mixed_m {
                 let is_rough = tolerance_m > ROUGH * kept[0].radius_m;
@@ -251,9 +255,9 @@ pub fn rings(
                     insert(path, low + (high - low) * t, least.step_m, |r| r);
                 }
             }
-            if !is_alone && tolerance_m > ROUGH * kept[0].radius_m {
-                path.iter_mut().for_each(|k| k.radius_m *= THREE_SIDED);
-                path[0].at.z -= BELOW_GROUND_M.min(0.1 * path[0].at.distance(path[1].at));
+            if is_one_of_many && tolerance_m > ROUGH * kept[0].radius_m {
+                path.iter_mut().for_each(|k| k.radius_m *= as_wide(sides.of(k.radius_m)));
+                shift = sink(path);
             } else {
                 flare(path, lobes, least.step_m, detail);
                 shift = path[0].at.distance(path[1].at);
@@ -280,7 +284,7 @@ pub fn rings(
         out[start..].iter_mut().for_each(|r| r.sides = r.sides.min(most_sides));
         out[start].sides = most_sides;
     }
-    if let Foot::Ground { is_alone: true, .. } = foot {
+    if let Foot::Ground { is_one_of_many: false, .. } = foot {
         for r in &mut out[start..] {
             r.sides = r.sides.max(sides.of_stem(r.radius_m, kept[0].radius_m));
         }
@@ -479,10 +483,14 @@ fn collar(
     kept[0].radius_m = wide;
 }
 
+fn length_m(kept: &[Knot]) -> f32 {
+    kept.windows(2).map(|w| w[0].at.distance(w[1].at)).sum()
+}
+
 /// A stem widens towards the ground, in lobes, and goes on below it.
 fn flare(kept: &mut Vec<Knot>, lobes: &mut Vec<f32>, least_step: f32, detail: bool) {
     let radius = kept[0].radius_m;
-    let length: f32 = kept.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
+    let length = length_m(kept);
     let height = (4.5 * radius).min(0.25 * length);
     let wide = 0.42f32;
     let shares: &[f32] = if detail { &[1.0, 0.6, 0.32, 0.14] } else { &[1.0, 0.3] };
@@ -498,13 +506,33 @@ fn flare(kept: &mut Vec<Knot>, lobes: &mut Vec<f32>, least_step: f32, detail: bo
         k.radius_m *= 1.0 + wide * up * up * up;
         lobes.push(if detail { 0.2 * up * up } else { 0.0 });
     }
-    let depth = BELOW_GROUND_M.min(0.1 * length).max(2.0 * least_step);
+    let depth = depth_m(kept[0].at, length).max(2.0 * least_step);
     let base = kept[0];
     kept.insert(0, Knot { at: base.at - Vec3::Z * depth, radius_m: base.radius_m * 1.12 });
     if let Some(&first) = lobes.first() {
         lobes.insert(0, first);
     }
 }
+
+/// A stem without a flare goes on below the ground the way it comes out of it; gives how far.
+fn sink(kept: &mut [Knot]) -> f32 {
+    let depth_m = depth_m(kept[0].at, length_m(kept));
+    let [foot, next, ..] = kept else { return 0.0 };
+    let along = (next.at - foot.at).normalize_or(Vec3::Z);
+    // One that lies goes down steeper than it comes.
+    let down = along.with_z(along.z.max(LEAST_RISE)).normalize_or(Vec3::Z);
+    let depth = depth_m / down.z;
+    foot.at -= down * depth;
+    depth
+}
+
+/// How deep a stem of this length goes, whose root collar is the origin: deeper beside that, for slopes.
+fn depth_m(foot: Vec3, length_m: f32) -> f32 {
+    BELOW_GROUND_M.min(0.1 * length_m) + foot.truncate().length()
+}
+
+/// Sine of the least rise of a stem below the ground.
+const LEAST_RISE: f32 = 0.5;
 
 /// A tip that is too thick for a point gets a short cone on top.
 fn blunt(kept: &mut Vec<Knot>, tolerance_m: f32, least_step: f32) {

@@ -304,6 +304,60 @@ fn the_wood_of_every_species_is_one_solid() {
 }
 
 #[test]
+fn every_stem_of_a_shrub_stands_in_the_ground_at_every_level() {
+    for name in ["corylus_avellana", "salix_caprea", "sorbus_aucuparia"] {
+        let s = species::load(name).unwrap();
+        for seed in 1..=3 {
+            let target = Target::FromSpecies { height_m: None };
+            let skeleton = grow(&s, target, Detail::HERO, Seed::new(seed)).unwrap();
+            for budget in [20_000, 8_000, 3_000, 500] {
+                let options = MeshOptions { triangle_budget: Some(budget), ..MeshOptions::HERO };
+                let tree =
+                    build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(seed)).unwrap();
+                let feet = check::feet_m(&tree.woods());
+                assert!(feet.iter().all(|z| *z < -0.2), "{name} {seed} {budget}: {feet:?}");
+            }
+        }
+    }
+}
+
+/// A stem of few looks as thick at every level as it does from near.
+#[test]
+fn stems_of_a_small_stool_keep_their_flare() {
+    let s = species::load("sorbus_aucuparia").unwrap();
+    let target = Target::FromSpecies { height_m: None };
+    let skeleton = grow(&s, target, Detail::HERO, Seed::new(3)).unwrap();
+    let made = |budget| {
+        let options = MeshOptions { triangle_budget: Some(budget), ..MeshOptions::HERO };
+        build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(3)).unwrap()
+    };
+    // Their extent along y at a height, that between them included.
+    let wide = |tree: &TreeMesh, z: f32| {
+        let mut ends = [f32::INFINITY, f32::NEG_INFINITY];
+        for wood in tree.woods() {
+            for t in wood.index.chunks_exact(3) {
+                let [a, b, c] = [0, 1, 2].map(|k| wood.position[t[k] as usize]);
+                for (p, q) in [(a, b), (b, c), (c, a)] {
+                    if (p.z < z) != (q.z < z) {
+                        let y = p.lerp(q, (z - p.z) / (q.z - p.z)).y;
+                        ends = [ends[0].min(y), ends[1].max(y)];
+                    }
+                }
+            }
+        }
+        ends[1] - ends[0]
+    };
+    let finest = made(20_000);
+    for budget in [8_000, 3_000, 500] {
+        let tree = made(budget);
+        for z in [0.02, 0.3, 0.6] {
+            let [of, to] = [&tree, &finest].map(|tree| wide(tree, z));
+            assert!((of / to - 1.0).abs() < 0.1, "{budget}, {z} m up: {of} {to}");
+        }
+    }
+}
+
+#[test]
 fn normals_of_wood_look_where_its_triangles_do() {
     let mut worst = (0.0f32, String::new());
     for name in species::builtin_names() {

@@ -217,7 +217,8 @@ impl Planner<'_> {
         let rest = |c: u32| {
             let knots = pieces.of(c);
             let Some(base) = knots.first() else { return 0 };
-            let around = |k: &Knot| match c == 0 && !self.stands(c) {
+            let is_stem = c == 0 || self.stands(c);
+            let around = |k: &Knot| match is_stem && !self.is_one_of_many(c) {
                 true => sides.of_stem(k.radius_m, base.radius_m),
                 false => sides.of(k.radius_m),
             };
@@ -336,6 +337,10 @@ impl Planner<'_> {
         self.chains.chain[c as usize].stands
     }
 
+    fn is_one_of_many(&self, c: u32) -> bool {
+        self.chains.chain[c as usize].is_one_of_many
+    }
+
     /// How a chain begins that comes out of no hole.
     fn foot(&self, c: u32) -> Foot {
         let s = self.skeleton;
@@ -349,7 +354,7 @@ impl Planner<'_> {
                     parent_direction: along.normalize_or_zero(),
                 }
             }
-            _ => Foot::Ground { mixed_m: self.mixed_m, is_alone: !self.stands(c) },
+            _ => Foot::Ground { mixed_m: self.mixed_m, is_one_of_many: self.is_one_of_many(c) },
         }
     }
 }
