@@ -281,6 +281,16 @@ fn a_picture_of_a_tree_holds_no_levels() {
 }
 
 #[test]
+fn a_run_goes_on_where_nobody_listens() {
+    let dir = tempfile::tempdir().unwrap();
+    let program = assert_cmd::cargo::cargo_bin("larix");
+    let tree = dir.path().join("tree.glb");
+    let unheard = "exec \"$0\" tree betula_pendula --texture 64 -o \"$1\" 2> /dev/full";
+    let run = Command::new("sh").args(["-c", unheard]).args([&program, &tree]).output().unwrap();
+    assert!(run.status.success() && tree.exists(), "{}", run.status);
+}
+
+#[test]
 fn what_no_file_would_hold_is_refused_before_it_is_made() {
     let dir = tempfile::tempdir().unwrap();
     let file = |name: &str| dir.path().join(name).to_string_lossy().into_owned();

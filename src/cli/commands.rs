@@ -69,11 +69,11 @@ pub fn run(cli: &Cli) -> Result<()> {
     let report = told?;
     if !cli.quiet {
         for line in &report.lines {
-            eprintln!("{line}");
+            tell!("{line}");
         }
         // One that was mistyped would not be missed.
         for dir in made.iter().filter(|dir| dir.is_dir()) {
-            eprintln!("made the folder {}", dir.display());
+            tell!("made the folder {}", dir.display());
         }
     }
     if cli.json && !report.json.is_null() {

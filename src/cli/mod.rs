@@ -1,5 +1,13 @@
 //! The command line: arguments as typed to resolved jobs, progress, messages. Knows no algorithm.
 
+/// Writes a line to standard error. That nobody listens there is no reason to stop.
+macro_rules! tell {
+    ($($told:tt)*) => {{
+        use std::io::Write as _;
+        _ = writeln!(std::io::stderr(), $($told)*);
+    }};
+}
+
 mod args;
 mod commands;
 mod landscape;
@@ -20,7 +28,7 @@ pub fn run() -> ExitCode {
     match set_threads(cli.threads).and_then(|()| commands::run(&cli)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprint!("{}", diagnostic::render(&error));
+            tell!("{}", diagnostic::render(&error).trim_end());
             ExitCode::FAILURE
         }
     }

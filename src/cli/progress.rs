@@ -41,16 +41,19 @@ impl Observer for Terminal {
         if let Some(bar) = self.replace(None) {
             bar.finish_and_clear();
         }
-        eprintln!(
+        tell!(
             "{:<10}{:>8.2} s  {} {}",
-            record.stage, record.seconds, record.items_out.count, record.items_out.of
+            record.stage,
+            record.seconds,
+            record.items_out.count,
+            record.items_out.of
         );
     }
 
     /// Once, though a stage be run again.
     fn warn(&self, warning: &str) {
         if self.told.lock().unwrap_or_else(|e| e.into_inner()).insert(warning.to_owned()) {
-            let line = || eprintln!("warning: {warning}");
+            let line = || tell!("warning: {warning}");
             match &*self.bar.lock().unwrap_or_else(|e| e.into_inner()) {
                 Some(bar) => bar.suspend(line),
                 None => line(),
@@ -99,7 +102,7 @@ impl Progress for Bar {
         self.bar.set_position((100.0 * share) as u64);
         self.bar.set_message(told.clone());
         if self.bar.is_hidden() && !self.is_quiet {
-            eprintln!("{:>3.0} %  {told}", 100.0 * share);
+            tell!("{:>3.0} %  {told}", 100.0 * share);
         }
     }
 }

@@ -93,7 +93,7 @@ impl Watched {
     fn speak_of_absence(&mut self, is_quiet: bool) {
         if self.gone_since.is_some_and(|t| t.elapsed() > GONE_AFTER) {
             if !is_quiet {
-                eprintln!("{} is gone; waiting for it", self.path.display());
+                tell!("{} is gone; waiting for it", self.path.display());
             }
             self.gone_since = None;
             self.files.truncate(1);
@@ -170,11 +170,11 @@ fn examine(watched: &mut Watched, seed: u64, cli: &Cli) -> Result<bool> {
         )),
         Ok(_) => {}
         Err(error) => {
-            eprint!("{}", diagnostic::render(&error));
+            tell!("{}", diagnostic::render(&error).trim_end());
             if !cli.quiet {
                 let (count, shown) = (error.count(), path.display());
                 let s = if count == 1 { "" } else { "s" };
-                eprintln!("{shown}: {count} mistake{s}, found in {seconds:.2} s");
+                tell!("{shown}: {count} mistake{s}, found in {seconds:.2} s");
             }
         }
     }

@@ -121,6 +121,21 @@ impl Chains {
         chains
     }
 
+    /// Radius of a chain so far along it; at its end where it is shorter.
+    pub fn radius_after(&self, chain: u32, arc_m: f32) -> f32 {
+        let knots = &self.knot[self.chain[chain as usize].line.clone()];
+        let mut left_m = arc_m;
+        for w in knots.windows(2) {
+            let step_m = w[0].at.distance(w[1].at);
+            if step_m >= left_m {
+                let share = left_m / step_m.max(1e-9);
+                return w[0].radius_m + (w[1].radius_m - w[0].radius_m) * share;
+            }
+            left_m -= step_m;
+        }
+        knots.last().map_or(0.0, |k| k.radius_m)
+    }
+
     fn find_leaders(&mut self, skeleton: &Skeleton) {
         let height = |node: usize| skeleton.position[node].z;
         let top = (0..skeleton.len()).max_by(|&a, &b| height(a).total_cmp(&height(b)));

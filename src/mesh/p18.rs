@@ -104,17 +104,26 @@ impl Scheme {
     }
 
     /// The cylinder as wood and the cones as foliage, of so many sides (3 to 64), with hard edges;
-    /// root collar at the origin.
-    pub fn mesh(&self, sides: u32) -> TreeMesh {
+    /// root collar at the origin. From a height on the cylinder is upper wood.
+    pub fn mesh(&self, sides: u32, upper_from_m: Option<f32>) -> TreeMesh {
         let n = sides.clamp(3, 64);
-        let stem = [(0.0, 0.0), (self.r5_m, 0.0), (self.r5_m, self.h4_m), (0.0, self.h4_m)];
+        let (r, h) = (self.r5_m, self.h4_m);
+        let [foot, top] = [[(0.0, 0.0), (r, 0.0)], [(r, h), (0.0, h)]];
+        let (wood, upper_wood) = match upper_from_m.filter(|z| *z < h) {
+            Some(z) if z > 0.0 => {
+                let line = [(r, z)];
+                (turned(&[&foot[..], &line].concat(), n), turned(&[&line[..], &top].concat(), n))
+            }
+            Some(_) => (Surface::default(), turned(&[foot, top].concat(), n)),
+            None => (turned(&[foot, top].concat(), n), Surface::default()),
+        };
         let (low, wide, top) = (self.h1_m, self.h4_m, self.h4_m + self.h2_m);
         let crown = [(0.0, low), (self.r4_m, low), (self.r3_m, wide), (0.0, top)];
-        TreeMesh { wood: turned(&stem, n), foliage: turned(&crown, n), ..TreeMesh::default() }
+        TreeMesh { wood, upper_wood, foliage: turned(&crown, n), ..TreeMesh::default() }
     }
 }
 
-/// The surface of a profile of (radius, height) from the axis up and back to it, turned about the
+/// The surface of a profile of (radius, height), closed if that goes from the axis up and back to it, turned about the
 /// axis; u goes around once, v up in metres.
 fn turned(profile: &[(f32, f32)], sides: u32) -> Surface {
     let mut out = Surface::default();
@@ -164,7 +173,7 @@ mod tests {
         let s = Scheme::new(&PINE).unwrap();
         assert_eq!((s.h1_m, s.h2_m, s.h3_m, s.h4_m), (8.0, 9.0, 3.0, 11.0));
         assert_eq!((s.r2_m, s.r3_m, s.r4_m, s.r5_m), (2.5, 2.5, 1.0, 0.15));
-        let mesh = s.mesh(16);
+        let mesh = s.mesh(16, None);
         let (low, high) = mesh.bounds();
         assert_eq!((low.z, high.z, high.x), (0.0, 20.0, 2.5));
         // By hand: π/3 (9·6.25 + 3·(6.25 + 2.5 + 1)) and π·0.0225·11.
@@ -176,7 +185,7 @@ mod tests {
     fn both_bodies_are_closed_and_have_the_volume_of_their_prisms() {
         let s = Scheme::new(&PINE).unwrap();
         for sides in [3u32, 6, 16, 64] {
-            let mesh = s.mesh(sides);
+            let mesh = s.mesh(sides, None);
             let n = f64::from(sides);
             // An N-gon's area over its circle's.
             let share = n / std::f64::consts::TAU * (std::f64::consts::TAU / n).sin();
@@ -188,6 +197,13 @@ mod tests {
                 assert!((volume / (round * share) - 1.0).abs() < 1e-5, "{sides}: {volume}");
             }
             assert_eq!(mesh.triangles(), 8 * sides as usize);
+            // Two barks are closed together; a line beyond an end leaves one.
+            let parted = s.mesh(sides, Some(3.0));
+            let of = [&parted.wood, &parted.upper_wood];
+            assert_eq!(open_edges(&of), 0);
+            assert_eq!((of[0].bounds().1.z, of[1].bounds().0.z), (3.0, 3.0));
+            assert_eq!(s.mesh(sides, Some(0.0)).upper_wood, mesh.wood);
+            assert_eq!(s.mesh(sides, Some(11.0)), mesh);
         }
     }
 

@@ -156,7 +156,7 @@ fn cone(radius: f32, height: f32, tolerance: f32) -> Surface {
         scratch,
         &mut rings,
     );
-    tube::lay_bark(&mut rings, 1.0, 0);
+    tube::lay_bark(&mut rings, 1.0, (knots[0].radius_m, 0.0), 0);
     let mut bark = tube::Bark::new(young::Young::default(), None, Seed::new(1));
     bark.tube(&tube::Shape {
         rings: &rings,
@@ -216,7 +216,7 @@ fn seams_repeat_whole_tiles_and_a_taper_does_not_stretch_the_bark() {
         &mut path::Scratch::default(),
         &mut rings,
     );
-    tube::lay_bark(&mut rings, 1.0, 0);
+    tube::lay_bark(&mut rings, 1.0, (knots[0].radius_m, 0.0), 0);
     rings.pop();
     for w in rings.windows(2) {
         let around = |r: &path::Ring| r.repeats / (r.radius_m * std::f32::consts::TAU);
@@ -317,6 +317,41 @@ fn every_stem_of_a_shrub_stands_in_the_ground_at_every_level() {
                 let feet = check::feet_m(&tree.woods());
                 assert!(feet.iter().all(|z| *z < -0.2), "{name} {seed} {budget}: {feet:?}");
             }
+        }
+    }
+}
+
+/// The same number of tiles around a stem, so that bark does not change its scale from level to level.
+#[test]
+fn bark_is_as_fine_at_every_level() {
+    for name in ["larix_decidua", "quercus_robur", "tilia_cordata", "abies_sibirica"] {
+        let s = species::load(name).unwrap();
+        for seed in 1..=3 {
+            let target = Target::FromSpecies { height_m: None };
+            let skeleton = grow(&s, target, Detail::HERO, Seed::new(seed)).unwrap();
+            let fine = |budget| {
+                let options = MeshOptions { triangle_budget: Some(budget), ..MeshOptions::HERO };
+                let atlas = Atlas::whole(0.4);
+                let tree = build(&skeleton, &s, &atlas, &options, Seed::new(seed)).unwrap();
+                let most_m = 1.5 * skeleton.radius_m[0];
+                let (mut tiles, mut area) = (0.0, 0.0);
+                for wood in tree.woods() {
+                    for t in wood.index.chunks_exact(3) {
+                        let [a, b, c] = [0, 1, 2].map(|k| t[k] as usize);
+                        let [p, q, r] = [a, b, c].map(|i| wood.position[i]);
+                        let middle = (p + q + r) / 3.0;
+                        let is_stem = middle.truncate().length() < most_m;
+                        if is_stem && (0.8..2.5).contains(&middle.z) {
+                            let [u, v, w] = [a, b, c].map(|i| wood.uv[i]);
+                            tiles += (v - u).perp_dot(w - u).abs();
+                            area += (q - p).cross(r - p).length();
+                        }
+                    }
+                }
+                (tiles / area).sqrt()
+            };
+            let of = [20_000, 8_000, 3_000, 500].map(fine);
+            assert!(of.iter().all(|f| (f / of[0] - 1.0).abs() < 0.1), "{name} {seed}: {of:?}");
         }
     }
 }

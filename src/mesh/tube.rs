@@ -87,9 +87,10 @@ const FLARED: f32 = 1.8;
 /// Lays bark along a tube: whole tiles around, so that it closes on itself, and as many along as
 /// there are around a metre, so that a taper does not stretch it. Where the number around changes,
 /// a band shears the bark by half a tile at its seam; not so over the flare of a foot, which has the
-/// tiles of the tube above, wider. It winds to the left or the right, by `key`. Where bark is folded (see
+/// tiles of the tube above, wider. How many there are at first follows a radius at so far along it, which are
+/// the same however coarse it is. It winds to the left or the right, by `key`. Where bark is folded (see
 /// `young`) all of it is as fine and none winds; thin tubes begin anywhere in the tile, by `key`.
-pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
+pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, (radius_m, from_m): (f32, f32), key: u32) {
     // Of the polygon: N sin(π / N) / π of the circle's.
     let around = |ring: &Ring| {
         let x = std::f32::consts::PI / ring.sides.max(MIN_SIDES) as f32;
@@ -102,7 +103,7 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
     below.girth = around(&first);
     let flare = rings.iter().take_while(|r| r.slope < -FLARES);
     let flare = flare.take_while(|r| around(r) * FLARED > below.girth).count();
-    below.repeats = whole(rings.get(flare).map_or(below.girth, around));
+    below.repeats = whole(TAU * radius_m / repeat_m);
     if below.girth < FOLDED_GIRTH[1] {
         // Multiples of the plastic number's inverses lie evenly on a square.
         let share = |inverse: f64| (f64::from(key) * inverse).fract() as f32;
@@ -111,10 +112,13 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, key: u32) {
     let spiral = if key.is_multiple_of(2) { SPIRAL } else { -SPIRAL };
     for (i, ring) in rings.iter_mut().enumerate() {
         (ring.u, ring.girth) = (below.u, around(ring));
-        let is_off = below.repeats > OFF * ring.girth || ring.girth > OFF * below.repeats;
+        // Not of the polygon: that differs from level to level.
+        let round = TAU * ring.radius_m / repeat_m;
+        let is_off = below.repeats > OFF * round || round > OFF * below.repeats;
         // The apex is a point.
-        let stays = i <= flare || ring.radius_m == 0.0 || !is_off;
-        ring.repeats = if stays { below.repeats } else { whole(ring.girth) };
+        let is_foot = i <= flare || ring.arc_m <= from_m;
+        let stays = is_foot || ring.radius_m == 0.0 || !is_off;
+        ring.repeats = if stays { below.repeats } else { whole(round) };
         let girth = 0.5 * (below.girth + ring.girth);
         let repeats = 0.5 * (below.repeats + ring.repeats);
         let is_folded = girth < FOLDED_GIRTH[1];

@@ -27,6 +27,8 @@ const LIKELY: f32 = 1.8;
 const MOST_STEM: f32 = 0.7;
 /// Triangles of a tree from which on its foot has lobes: a first coarser level is looked at from as near.
 const NEAR: usize = 6_000;
+/// How far from the base of an axis its bark begins to be laid, in radii there: past a flare or a collar.
+const FOOT: f32 = 4.5;
 /// What woods come to over their guesses, bare and leafy: where the search starts.
 const USUAL: [f32; 2] = [0.93, 1.1];
 
@@ -317,7 +319,10 @@ impl Planner<'_> {
             if of_tube.0 > sagitta.0 {
                 sagitta = of_tube;
             }
-            lay_bark(made, BARK_REPEAT_M, self.chains.chain[c as usize].axis);
+            // The same whatever was left out of the axis.
+            let foot_m = FOOT * knots[0].radius_m;
+            let beyond = (self.chains.radius_after(c, foot_m), foot_m + shift_m);
+            lay_bark(made, BARK_REPEAT_M, beyond, self.chains.chain[c as usize].axis);
             bark.tube(&Shape {
                 rings: made,
                 holes,

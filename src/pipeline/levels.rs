@@ -222,18 +222,18 @@ fn scheme(
         widest_m: height_m - crown_length_m * (1.0 - widest[0].clamp(0.02, 0.98)),
         lower_share: lowest / widest[1].max(1e-3),
     };
-    let mut mesh = p18::Scheme::new(&measures)?.mesh(SIDES);
+    // Half way up where the barks mix.
+    let [low, high] = species.bark.upper_from;
+    let upper_from_m = species.bark.upper.as_ref().map(|_| 0.5 * (low + high) * height_m);
+    let mut mesh = p18::Scheme::new(&measures)?.mesh(SIDES, upper_from_m);
     // As deep in the ground as the tree, for slopes.
     let foot_m = tree.bounds().0.z.min(0.0);
-    let Surface { position, uv, .. } = &mut mesh.wood;
-    for (p, uv) in position.iter_mut().zip(uv).filter(|(p, _)| p.z == 0.0) {
-        (p.z, uv.y) = (foot_m, foot_m);
+    for Surface { position, uv, .. } in [&mut mesh.wood, &mut mesh.upper_wood] {
+        for (p, uv) in position.iter_mut().zip(uv).filter(|(p, _)| p.z == 0.0) {
+            (p.z, uv.y) = (foot_m, foot_m);
+        }
     }
     mesh.foliage.uv.fill(atlas.fill());
-    // Most of a stem shows the upper bark, where there is one.
-    if species.bark.upper.is_some() {
-        std::mem::swap(&mut mesh.wood, &mut mesh.upper_wood);
-    }
     if tree.foliage.is_empty() {
         mesh.foliage = Surface::default();
     }
