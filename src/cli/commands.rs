@@ -352,8 +352,7 @@ fn wind_as(typed: args::WindAs) -> WindAs {
     }
 }
 
-/// As typed; what is not typed is as the profile's readers expect it.
-/// What nobody asked for by name is made where one of the formats holds it.
+/// As typed; what is not typed is as the profile's readers expect it, where one of the formats holds it.
 fn levels_job(typed: &args::LevelArgs, formats: &[Format]) -> LevelsJob {
     let is_engine = typed.profile == args::Profile::Engine;
     let is_rich = is_engine && formats.iter().any(|f| f.holds_extras());

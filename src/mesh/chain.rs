@@ -73,11 +73,10 @@ impl Chains {
         chains.first_branch.push(0);
         // First node of a chain, the node it springs from, and its place among the branches.
         let mut todo = vec![(0, None, 0)];
-        let is_stool = skeleton.is_stool();
-        let has_many = skeleton.parent.iter().filter(|&&p| p == 0).count() > FEW_STEMS;
+        let stems = skeleton.stems();
         while let Some((start, base, slot)) = todo.pop() {
             let (from, k) = (chains.node.len(), chains.chain.len() as u32);
-            let stands = is_stool && (start == 0 || base == Some(0));
+            let stands = stems > 1 && (start == 0 || base == Some(0));
             let radius_m = radius(skeleton, if stands && start == 0 { onward[0] } else { start });
             if let Some(base) = base {
                 let at = skeleton.springs_at(start, base);
@@ -112,7 +111,7 @@ impl Chains {
                 axis,
                 radius_m,
                 stands,
-                is_one_of_many: stands && has_many,
+                is_one_of_many: stands && stems > FEW_STEMS,
                 is_leader,
             });
             chains.first_branch.push(chains.branch.len() as u32);

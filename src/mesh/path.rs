@@ -44,6 +44,8 @@ fn as_wide(n: u32) -> f32 {
     half / half.sin()
 }
 
+/// Height of a stem's flare, in radii of its foot.
+pub const FLARE: f32 = 4.5;
 /// How far a stem goes on below ground, so that no slope shows its end.
 pub const BELOW_GROUND_M: f32 = 0.3;
 /// Rings where two barks mix: of stems that are off by more than this share of their foot, without and
@@ -491,7 +493,7 @@ fn length_m(kept: &[Knot]) -> f32 {
 fn flare(kept: &mut Vec<Knot>, lobes: &mut Vec<f32>, least_step: f32, detail: bool) {
     let radius = kept[0].radius_m;
     let length = length_m(kept);
-    let height = (4.5 * radius).min(0.25 * length);
+    let height = (FLARE * radius).min(0.25 * length);
     let wide = 0.42f32;
     let shares: &[f32] = if detail { &[1.0, 0.6, 0.32, 0.14] } else { &[1.0, 0.3] };
     for &s in shares {

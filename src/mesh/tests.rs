@@ -260,7 +260,7 @@ fn grown_trees_are_sound_closed_and_within_budget() {
 
 /// What springs from the root stands on the ground by itself.
 fn stems(s: &Skeleton) -> usize {
-    s.parent.iter().filter(|p| **p == 0).count().max(1)
+    s.stems().max(1)
 }
 
 /// Every edge of the wood in two triangles, wound one way; a part for each stem, of positive volume.

@@ -2,7 +2,7 @@
 
 use super::chain::{Chains, Pieces};
 use super::junction::{self, Branch, Hole};
-use super::path::{Foot, Knot, Least, Ring, Scratch, Sides, Start, Stem, rings};
+use super::path::{FLARE, Foot, Knot, Least, Ring, Scratch, Sides, Start, Stem, rings};
 use super::tube::{Bark, Outlet, Shape, lay_bark};
 use super::wind::Wind;
 use super::young::{BARKS, Upper, Young};
@@ -27,8 +27,6 @@ const LIKELY: f32 = 1.8;
 const MOST_STEM: f32 = 0.7;
 /// Triangles of a tree from which on its foot has lobes: a first coarser level is looked at from as near.
 const NEAR: usize = 6_000;
-/// How far from the base of an axis its bark begins to be laid, in radii there: past a flare or a collar.
-const FOOT: f32 = 4.5;
 /// What woods come to over their guesses, bare and leafy: where the search starts.
 const USUAL: [f32; 2] = [0.93, 1.1];
 
@@ -319,8 +317,8 @@ impl Planner<'_> {
             if of_tube.0 > sagitta.0 {
                 sagitta = of_tube;
             }
-            // The same whatever was left out of the axis.
-            let foot_m = FOOT * knots[0].radius_m;
+            // Past a flare or a collar; the same whatever was left out of the axis.
+            let foot_m = FLARE * knots[0].radius_m;
             let beyond = (self.chains.radius_after(c, foot_m), foot_m + shift_m);
             lay_bark(made, BARK_REPEAT_M, beyond, self.chains.chain[c as usize].axis);
             bark.tube(&Shape {

@@ -116,6 +116,12 @@ impl ForestJob {
         }
     }
 
+    /// Triangles of the scene that models share out by their size; a camera does by distance when it
+    /// chooses.
+    fn shared_by_size(&self) -> Option<usize> {
+        self.scene_triangles.filter(|_| self.eye.is_none())
+    }
+
     /// Of an impostor's picture.
     fn sheet_px(&self) -> u32 {
         match (&self.eye, self.levels.impostor) {
@@ -295,11 +301,9 @@ fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {
     }
 }
 
-/// Most triangles of each model. A camera shares a scene's out when it chooses.
+/// Most triangles of each model.
 fn budgets(job: &ForestJob, survey: &Survey, models: &[Model]) -> Vec<usize> {
-    let Some(total) = job.scene_triangles.filter(|_| job.eye.is_none()) else {
-        return vec![job.triangles; models.len()];
-    };
+    let Some(total) = job.shared_by_size() else { return vec![job.triangles; models.len()] };
     let size = |m: &Model| {
         let crown = &survey.trees[m.exemplar].crown;
         (crown.height_m.max(crown.diameter_m), m.members.len())
@@ -314,7 +318,7 @@ fn budgets(job: &ForestJob, survey: &Survey, models: &[Model]) -> Vec<usize> {
 
 /// What to say where all trees together take more triangles than they may.
 fn over_budget(job: &ForestJob, models: &[Model], meshes: &[Vec<TreeMesh>]) -> Option<String> {
-    let total = job.scene_triangles.filter(|_| job.eye.is_none())?;
+    let total = job.shared_by_size()?;
     let finest = meshes.iter().filter_map(|of_model| of_model.first());
     let taken = models.iter().zip(finest).map(|(m, mesh)| m.members.len() * mesh.triangles());
     let (taken, trees) =

@@ -128,9 +128,14 @@ impl Skeleton {
         axes
     }
 
-    /// Whether several stems spring from the root, which carries them all and is as thick as none.
+    /// How many stems spring from the root. Of a stool several do, whose root carries them all and is as
+    /// thick as none.
+    pub fn stems(&self) -> usize {
+        self.parent.iter().filter(|&&p| p == 0).count()
+    }
+
     pub fn is_stool(&self) -> bool {
-        self.parent.iter().filter(|&&p| p == 0).take(2).count() == 2
+        self.stems() > 1
     }
 
     /// Where an axis leaves `parent` that goes on with `node`: a stem of a stool beside the others.
