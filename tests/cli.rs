@@ -321,7 +321,10 @@ fn what_no_file_would_hold_is_refused_before_it_is_made() {
     assert!(dir.path().join("two/forest_impostor.glb").exists());
     assert!(!dir.path().join("two/forest_impostor.obj").exists());
     let engine = ["tree", "betula_pendula", "--texture", "256", "--profile", "engine", "-o", &tree];
-    assert!(larix(&engine).status.success());
+    let out = larix(&engine);
+    assert!(out.status.success());
+    let told = text(&out.stderr);
+    assert!(told.contains(".obj files hold no wind and bodies of --profile engine"), "{told}");
 }
 
 #[test]

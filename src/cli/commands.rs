@@ -311,7 +311,25 @@ fn check_scene(scene: &SceneArgs, run: &mut Recorder) -> Result<()> {
     check_levels(&scene.levels, &formats)?;
     check_pictures(scene.texture, scene.height_maps)?;
     run.warnings.extend(check_held(&extras(&scene.levels, &scene.state), &formats)?);
+    run.warnings.extend(not_held(&scene.levels, &formats));
     Ok(())
+}
+
+/// A warning of what a profile stands for and a file does not hold.
+fn not_held(levels: &args::LevelArgs, formats: &[Format]) -> Option<String> {
+    if levels.profile != args::Profile::Engine {
+        return None;
+    }
+    let meant = [("wind", levels.wind.is_none()), ("bodies", levels.collision.is_none())];
+    let meant: Vec<&str> = meant.into_iter().filter_map(|(m, is)| is.then_some(m)).collect();
+    let files = extensions(formats.iter().filter(|f| !f.holds_extras()));
+    let is_held = meant.is_empty() || files.is_empty();
+    (!is_held).then(|| format!("{files} files hold no {} of --profile engine", meant.join(" and ")))
+}
+
+/// As they are told of: `.obj and .x3d`.
+fn extensions<'a>(formats: impl Iterator<Item = &'a Format>) -> String {
+    formats.map(|f| format!(".{}", f.extension())).collect::<Vec<_>>().join(" and ")
 }
 
 /// Whether a file will hold what is asked for. A warning where another does not.
@@ -320,8 +338,7 @@ fn check_held(asked: &[&str], formats: &[Format]) -> Result<Option<String>> {
     if asked.is_empty() || plain.is_empty() {
         return Ok(None);
     }
-    let files: Vec<String> = plain.iter().map(|f| format!(".{}", f.extension())).collect();
-    let (files, asked) = (files.join(" and "), asked.join(", "));
+    let (files, asked) = (extensions(plain.into_iter()), asked.join(", "));
     if rich.is_empty() {
         return Err(Error::new(format!("{files} files hold nothing of {asked}"))
             .remedy("leave that out, or write a .glb or a .usda"));
@@ -611,6 +628,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     check_pictures(a.texture, a.height_maps)?;
     let extras = extras(&a.levels, &a.state);
     check_held(&extras, formats)?;
+    run.warnings.extend(not_held(&a.levels, formats));
     let levels = levels_job(&a.levels, formats);
     let is_plain = levels == LevelsJob::default() && !a.height_maps && extras.is_empty();
     if format.is_none() && !is_plain {

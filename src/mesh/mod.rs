@@ -32,6 +32,7 @@ use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
+use crate::species::model::LEAST_KEPT;
 use crate::texture::Atlas;
 
 pub use foliage::{FoliageLevel, HEIGHTS, at_heights};
@@ -165,10 +166,12 @@ impl TreeMesh {
     /// Diameter of the circle whose area is that of the crown seen from above: a star of 16 rays
     /// from the crown's middle, each as long as nine tenths of the leaves (shoots, where bare) in
     /// its sixteenth are near. The outermost tenth is the tips of twigs, which an outline passes by.
+    /// Of a crown of few corners all count, and a narrow gap between two sixteenths is as wide as they.
     pub fn crown_diameter_m(&self) -> f32 {
         const SECTORS: usize = 16;
-        const WITHIN: f32 = 0.9;
+        const FEW: usize = 100;
         let crown = if self.foliage.is_empty() { &self.wood } else { &self.foliage };
+        let within = if crown.position.len() < FEW { 1.0 } else { 0.9 };
         let sum = crown.position.iter().fold(glam::DVec2::ZERO, |s, p| s + p.truncate().as_dvec2());
         let middle = (sum / crown.position.len().max(1) as f64).as_vec2();
         let mut distance_sq = vec![Vec::new(); SECTORS];
@@ -181,9 +184,19 @@ impl TreeMesh {
         let rays = distance_sq.iter_mut().map(|d| {
             d.sort_unstable_by(f32::total_cmp);
             let last = d.len().saturating_sub(1) as f32;
-            d.get((last * WITHIN) as usize).copied().unwrap_or(0.0)
+            d.get((last * within) as usize).copied()
         });
-        2.0 * (rays.sum::<f32>() / SECTORS as f32).sqrt()
+        let rays: Vec<Option<f32>> = rays.collect();
+        let beside = |k: usize| [1, 2].iter().find_map(|step| rays[(k + step) % SECTORS]);
+        let other = |k: usize| [1, 2].iter().find_map(|step| rays[(k + SECTORS - step) % SECTORS]);
+        let sum = (0..SECTORS).fold(0.0, |sum, k| {
+            sum + match (rays[k], beside(k), other(k)) {
+                (Some(ray), ..) => ray,
+                (None, Some(a), Some(b)) => 0.5 * (a + b),
+                _ => 0.0,
+            }
+        });
+        2.0 * (sum / SECTORS as f32).sqrt()
     }
 
     /// Scales the tree about its root collar until its highest leaf or shoot is at `height_m`. A
@@ -315,9 +328,10 @@ impl MeshOptions {
 }
 
 /// Share of a budget that the wood of a leafy tree may take, with leaves as geometry or folded cards,
-/// and with flat cards.
+/// with flat cards, and with bare twigs, which hide none of it.
 const WOOD_SHARE: f32 = 0.36;
 const WOOD_SHARE_FLAT: f32 = 0.24;
+const WOOD_SHARE_BARE: f32 = 0.55;
 /// A tree of fewer triangles has flat cards: twice as many keep its outline better than folded ones,
 /// and little of its wood shows from where it is seen.
 const FLAT_BELOW: usize = 12_000;
@@ -348,6 +362,7 @@ pub fn build(
     let level = options.foliage;
     let wood_budget = options.triangle_budget.map(|b| match level {
         FoliageLevel::None => b,
+        _ if species.foliage.kept < LEAST_KEPT => (b as f32 * WOOD_SHARE_BARE) as usize,
         _ if options.is_flat() => (b as f32 * WOOD_SHARE_FLAT) as usize,
         _ => (b as f32 * WOOD_SHARE) as usize,
     });

@@ -35,6 +35,7 @@ use crate::seed::Seed;
 use crate::skeleton::surroundings::{Neighbour, Surroundings};
 use crate::skeleton::{self, Detail, Skeleton, Target, decline};
 use crate::species::Species;
+use crate::species::model::LEAST_KEPT;
 use crate::species::state::State;
 use crate::terrain::{Facets, Terrain};
 use crate::texture::{self, BarkTextures, TreeTextures};
@@ -155,9 +156,11 @@ const FLOOR_TILE_M: f32 = 4.0;
 const TERRAIN_TRIANGLES: usize = 120_000;
 /// Share of the light that leaves let through: about half of what they do not absorb (Jacquemoud &
 /// Baret 1990, PROSPECT, over the visible).
-pub(super) const LEAF_TRANSLUCENCY: f32 = 0.3;
-/// Fewest triangles that a model is given.
+const LEAF_TRANSLUCENCY: f32 = 0.3;
+/// Fewest triangles that a model with a crown of its own is given.
 const LEAST_TRIANGLES: usize = 200;
+/// Most that one in its coarsest form has.
+const MOST_COARSEST: usize = 80;
 /// A shared model is widened or narrowed against its height by no more than this factor.
 const MOST_STRETCH: f32 = 1.5;
 
@@ -178,16 +181,15 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     let clipped = job.clip.map_or(Ok(0), |clip| view::clip(&mut survey, &clip))?;
     let mut models = models(job, &survey);
     let unmade = job.eye.as_ref().map_or(0, |eye| view::cull(&mut models, &survey, eye));
-    let mut budgets = budgets(job, &survey, &models);
-    let mut rough = vec![false; models.len()];
-    let skeletons = grow(job, &survey, &models, &budgets, run)?;
+    let mut plans = plans(job, &survey, &models);
+    let skeletons = grow(job, &survey, &models, &plans, run)?;
     let textures = paint_all(job, &models, run)?;
     if let Some(tolerance_m) = job.wood.tolerance_m {
         let of = (&models[..], &skeletons[..], &textures[..]);
-        (budgets, rough) = within(job, &survey, of, &budgets, tolerance_m, run)?;
+        plans = within(job, &survey, of, &plans, tolerance_m, run)?;
     }
     let of = (&models[..], &skeletons[..], &textures[..]);
-    let meshes = build_meshes(job, &survey, of, &budgets, &rough, run)?;
+    let meshes = build_meshes(job, &survey, of, &plans, run)?;
     let mut finest = Vec::with_capacity(meshes.len());
     let mut coarse = Vec::with_capacity(meshes.len());
     for mut of_model in meshes {
@@ -301,19 +303,65 @@ fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {
     }
 }
 
-/// Most triangles of each model.
-fn budgets(job: &ForestJob, survey: &Survey, models: &[Model]) -> Vec<usize> {
-    let Some(total) = job.shared_by_size() else { return vec![job.triangles; models.len()] };
+/// How a model is meshed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Plan {
+    /// At most.
+    triangles: usize,
+    /// Whether the roundness of its wood gives way to that.
+    is_rough: bool,
+    /// Two cones and a cylinder stand for it.
+    is_coarsest: bool,
+}
+
+impl Plan {
+    fn of(triangles: usize) -> Plan {
+        Plan { triangles, is_rough: false, is_coarsest: false }
+    }
+
+    const COARSEST: Plan = Plan { triangles: LEAST_TRIANGLES, is_rough: false, is_coarsest: true };
+}
+
+/// How each model is meshed by the triangles that are given.
+fn plans(job: &ForestJob, survey: &Survey, models: &[Model]) -> Vec<Plan> {
+    let Some(total) = job.shared_by_size() else {
+        return vec![Plan::of(job.triangles); models.len()];
+    };
     let size = |m: &Model| {
         let crown = &survey.trees[m.exemplar].crown;
         (crown.height_m.max(crown.diameter_m), m.members.len())
     };
     let sizes: Vec<(f32, usize)> = models.iter().map(size).collect();
-    let shared = view::shared_budget(&sizes, total);
-    shared
-        .into_iter()
-        .map(|t| t.clamp(LEAST_TRIANGLES, job.triangles.max(LEAST_TRIANGLES)))
-        .collect()
+    shared_out(&sizes, total, job.triangles.max(LEAST_TRIANGLES), job.forms().is_empty())
+}
+
+/// Triangles of a scene shared out among models by their size (and trees). Where each cannot have as
+/// many as a crown takes, as few of the smallest as it takes are in their coarsest form, if they
+/// may be.
+fn shared_out(
+    sizes: &[(f32, usize)],
+    total: usize,
+    most: usize,
+    may_be_coarsest: bool,
+) -> Vec<Plan> {
+    let mut small: Vec<usize> = (0..sizes.len()).collect();
+    small.sort_by(|&a, &b| sizes[a].0.total_cmp(&sizes[b].0));
+    let mut least: usize = sizes.iter().map(|s| s.1 * LEAST_TRIANGLES).sum();
+    let is_too_many = |&&k: &&usize| {
+        let is = may_be_coarsest && least > total;
+        least -= if is { sizes[k].1 * (LEAST_TRIANGLES - MOST_COARSEST) } else { 0 };
+        is
+    };
+    let coarsest = small.iter().take_while(is_too_many).count();
+    let (few, rest) = small.split_at(coarsest);
+    let held = few.iter().map(|&k| sizes[k].1 * MOST_COARSEST).sum();
+    let of: Vec<(f32, usize)> = rest.iter().map(|&k| sizes[k]).collect();
+    let given = view::shared_budget(&of, total.saturating_sub(held), [LEAST_TRIANGLES, most]);
+    let mut plans = vec![Plan::COARSEST; sizes.len()];
+    for (&k, triangles) in rest.iter().zip(given) {
+        plans[k] = Plan::of(triangles);
+    }
+    plans
 }
 
 /// What to say where all trees together take more triangles than they may.
@@ -323,11 +371,14 @@ fn over_budget(job: &ForestJob, models: &[Model], meshes: &[Vec<TreeMesh>]) -> O
     let taken = models.iter().zip(finest).map(|(m, mesh)| m.members.len() * mesh.triangles());
     let (taken, trees) =
         (taken.sum::<usize>(), models.iter().map(|m| m.members.len()).sum::<usize>());
+    let why = match job.forms().is_empty() {
+        true => "two cones and a cylinder are the coarsest form of any".into(),
+        false => format!("no finest form has fewer than about {LEAST_TRIANGLES}"),
+    };
     (taken > total).then(|| {
         format!(
-            "--scene-triangles {total}: {trees} trees take {taken}, for no model has fewer than about \
-             {LEAST_TRIANGLES}; give more, fewer trees (--clip, --camera), or show their coarser forms \
-             (--lods, --impostor)"
+            "--scene-triangles {total}: {trees} trees take {taken}, for {why}; give more, or fewer trees \
+             (--clip, --camera)"
         )
     })
 }
@@ -336,7 +387,7 @@ fn grow(
     job: &ForestJob,
     survey: &Survey,
     models: &[Model],
-    budgets: &[usize],
+    plans: &[Plan],
     run: &mut Recorder,
 ) -> Result<Vec<Skeleton>> {
     run.stage("skeleton", |_| {
@@ -348,10 +399,10 @@ fn grow(
         let widest_m = survey.trees.iter().map(|t| t.crown.diameter_m).fold(0.0, f32::max);
         let skeletons: Vec<Skeleton> = models
             .par_iter()
-            .zip(budgets)
-            .map(|(m, &triangles)| {
+            .zip(plans)
+            .map(|(m, plan)| {
                 let seed = job.survey.seed.derive("tree", survey.trees[m.exemplar].crown.key);
-                let detail = job.wood.detail(triangles, job.foliage);
+                let detail = job.wood.detail(plan.triangles, job.foliage);
                 let skeleton = grow_one(job, survey, &roots, widest_m, m, detail, seed)?;
                 Ok(decline::in_condition(&skeleton, job.state.condition, seed))
             })
@@ -503,10 +554,10 @@ fn within(
     job: &ForestJob,
     survey: &Survey,
     (models, skeletons, textures): (&[Model], &[Skeleton], &[Option<TreeTextures>]),
-    most: &[usize],
+    plans: &[Plan],
     tolerance_m: f32,
     run: &mut Recorder,
-) -> Result<(Vec<usize>, Vec<bool>)> {
+) -> Result<Vec<Plan>> {
     run.stage("tolerance", |warnings| {
         let told = |m: &Model| {
             let Some(eye) = &job.eye else { return tolerance_m };
@@ -519,9 +570,10 @@ fn within(
         let reached: Vec<tolerance::Reached> = models
             .par_iter()
             .zip(skeletons)
-            .zip(most)
-            .filter_map(|((m, s), most)| textures[m.species].as_ref().map(|t| (m, s, *most, t)))
-            .map(|(m, skeleton, most, textures)| {
+            .zip(plans)
+            .filter(|(_, plan)| !plan.is_coarsest)
+            .filter_map(|((m, s), plan)| textures[m.species].as_ref().map(|t| (m, s, plan, t)))
+            .map(|(m, skeleton, plan, textures)| {
                 let species = &job.survey.species[m.species];
                 let leaf_share = job.state.leaf_share(species);
                 let options =
@@ -529,11 +581,15 @@ fn within(
                 let key = survey.trees[m.exemplar].crown.key;
                 let seed = job.survey.seed.derive("mesh", key);
                 let subject = Subject { skeleton, species, textures, seed };
-                tolerance::fewest(&subject, &options, most, told(m))
+                tolerance::fewest(&subject, &options, plan.triangles, told(m))
             })
             .collect::<Result<_>>()?;
         let outcome = tolerance::outcome(&reached, warnings);
-        Ok((reached.iter().map(|r| (r.triangles, r.is_rough)).unzip(), outcome))
+        let mut plans = plans.to_vec();
+        for (plan, r) in plans.iter_mut().filter(|plan| !plan.is_coarsest).zip(&reached) {
+            *plan = Plan { is_rough: r.is_rough, ..Plan::of(r.triangles) };
+        }
+        Ok((plans, outcome))
     })
 }
 
@@ -541,23 +597,22 @@ fn build_meshes(
     job: &ForestJob,
     survey: &Survey,
     (models, skeletons, textures): (&[Model], &[Skeleton], &[Option<TreeTextures>]),
-    budgets: &[usize],
-    rough: &[bool],
+    plans: &[Plan],
     run: &mut Recorder,
 ) -> Result<Vec<Vec<TreeMesh>>> {
     run.stage("mesh", |warnings| {
         let meshed = job.forms().meshed;
         let meshes: Vec<Vec<TreeMesh>> = models
             .par_iter()
-            .zip(budgets.par_iter().zip(rough))
+            .zip(plans)
             .zip(skeletons)
-            .filter_map(|((m, b), s)| textures[m.species].as_ref().map(|t| (m, b, s, t)))
-            .map(|(m, (&triangles, &is_rough), s, t)| {
+            .filter_map(|((m, plan), s)| textures[m.species].as_ref().map(|t| (m, plan, s, t)))
+            .map(|(m, plan, s, t)| {
                 let mut options = MeshOptions {
                     wind: job.levels.wind,
-                    ..job.wood.options(triangles, job.foliage)
+                    ..job.wood.options(plan.triangles, job.foliage)
                 };
-                if is_rough {
+                if plan.is_rough {
                     options.sagitta_m = f32::INFINITY;
                 }
                 let crown = &survey.trees[m.exemplar].crown;
@@ -567,6 +622,9 @@ fn build_meshes(
                 let options = MeshOptions { leaf_share, ..options };
                 let height_m = Some(crown.height_m);
                 let subject = Subject { skeleton: s, species, textures: t, seed };
+                if plan.is_coarsest {
+                    return Ok(vec![levels::coarsest_alone(&subject, &options, height_m)?]);
+                }
                 levels::meshes(&subject, &options, meshed, height_m)
             })
             .collect::<Result<_>>()?;
@@ -583,7 +641,14 @@ fn build_meshes(
             let its = of_model().filter(|(m, _)| m.species == k).map(|(_, mesh)| mesh);
             levels::tell_fruitless(species, its, warnings);
         }
-        let outcome = levels::tell_unmeshed(finest, outcome, warnings);
+        let mut outcome = levels::tell_unmeshed(finest, outcome, warnings);
+        let coarsest = models.iter().zip(plans).filter(|(_, plan)| plan.is_coarsest);
+        let (few, trees) = coarsest.fold((0, 0), |(n, t), (m, _)| (n + 1, t + m.members.len()));
+        if few > 0 {
+            outcome = outcome.note(format!(
+                "{few} models of {trees} trees, the smallest, as two cones and a cylinder each"
+            ));
+        }
         warnings.extend(over_budget(job, models, &meshes));
         Ok((meshes, outcome))
     })
@@ -746,7 +811,7 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         relief: None,
         variants,
         roughness: 0.65,
-        translucency: LEAF_TRANSLUCENCY,
+        translucency: if species.foliage.kept < LEAST_KEPT { 0.0 } else { LEAF_TRANSLUCENCY },
         alpha,
         double_sided: true,
     });
@@ -953,4 +1018,37 @@ pub fn preview(scene: &ValidScene, [width, height]: [u32; 2]) -> Picture {
     let options =
         RenderOptions { width, height, triangle_budget: TRIANGLES, ..RenderOptions::default() };
     render::picture(&view, &camera, &options)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_s_triangles_suffice_for_the_smallest_in_their_coarsest_form() {
+        let sizes: Vec<(f32, usize)> = (0..40).map(|k| (3.0 + k as f32, 1 + k % 5)).collect();
+        let trees: usize = sizes.iter().map(|s| s.1).sum();
+        let taken = |plans: &[Plan]| -> usize {
+            let one = |p: &Plan| if p.is_coarsest { MOST_COARSEST } else { p.triangles };
+            plans.iter().zip(&sizes).map(|(p, s)| s.1 * one(p)).sum()
+        };
+        let coarsest = |plans: &[Plan]| plans.iter().filter(|p| p.is_coarsest).count();
+        let mut before = sizes.len();
+        for each in [80, 100, 150, 199, 200, 230, 2_000] {
+            let plans = shared_out(&sizes, each * trees, 5_000, true);
+            let is_spent = (each * trees - 5 * 120..=each * trees).contains(&taken(&plans));
+            assert!(is_spent, "{each}: {}", taken(&plans));
+            let few = coarsest(&plans);
+            assert!(plans[..few].iter().all(|p| p.is_coarsest), "the smallest");
+            assert!(few <= before && (few == 0) == (each >= 200), "{each}: {few} after {before}");
+            before = few;
+            // One less would be too many.
+            if few > 0 {
+                assert!(taken(&plans) + 120 * sizes[few - 1].1 > each * trees, "{each}");
+            }
+            assert_eq!(coarsest(&shared_out(&sizes, each * trees, 5_000, false)), 0);
+        }
+        assert_eq!(coarsest(&shared_out(&sizes, trees, 5_000, true)), sizes.len());
+        assert!(shared_out(&[], 1_000, 5_000, true).is_empty());
+    }
 }

@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::cover::{self, Subject};
-use super::forest::{LEAF_TRANSLUCENCY, Look, coarser, parts_of};
+use super::forest::{Look, coarser, parts_of};
 use crate::diagnostic::Result;
 use crate::lod::{self, Silhouettes, Views, impostor};
 use crate::mesh::{MeshOptions, Surface, TreeMesh, WindProfile, p18};
@@ -90,19 +90,44 @@ pub fn meshes(
     let factor = out.first().map_or(1.0, |finest| height_m.map_or(1.0, |h| finest.factor_to(h)));
     out.par_iter_mut().for_each(|mesh| mesh.scale(factor));
     if meshed > SHARES.len() {
-        let Subject { skeleton, species, textures, .. } = subject;
-        let crown_base_m = skeleton.crown_base_m() * factor;
-        let mut scheme = scheme(&out[0], crown_base_m, species, &textures.atlas)?;
-        if let Some(profile) = options.wind {
-            let height_m = out[0].bounds().1.z;
-            let TreeMesh { wood, upper_wood, foliage, .. } = &mut scheme;
-            for surface in [wood, upper_wood, foliage] {
-                profile.whole_tree(height_m, surface);
-            }
-        }
-        out.push(scheme);
+        out.push(coarsest(&out[0], factor, subject, options)?);
     }
     Ok(out)
+}
+
+/// A model as the scheme of P18 alone, of `height_m` where one is asked for.
+///
+/// # Errors
+/// Those of [`meshes`].
+pub fn coarsest_alone(
+    subject: &Subject<'_>,
+    options: &MeshOptions,
+    height_m: Option<f32>,
+) -> Result<TreeMesh> {
+    let mut measured = subject.mesh(options)?;
+    let factor = height_m.map_or(1.0, |h| measured.factor_to(h));
+    measured.scale(factor);
+    coarsest(&measured, factor, subject, options)
+}
+
+/// The scheme of a finest mesh, `factor` times as large as its skeleton, with the wind asked for.
+fn coarsest(
+    finest: &TreeMesh,
+    factor: f32,
+    subject: &Subject<'_>,
+    options: &MeshOptions,
+) -> Result<TreeMesh> {
+    let Subject { skeleton, species, textures, .. } = subject;
+    let crown_base_m = skeleton.crown_base_m() * factor;
+    let mut scheme = scheme(finest, crown_base_m, species, &textures.atlas)?;
+    if let Some(profile) = options.wind {
+        let height_m = finest.bounds().1.z;
+        let TreeMesh { wood, upper_wood, foliage, .. } = &mut scheme;
+        for surface in [wood, upper_wood, foliage] {
+            profile.whole_tree(height_m, surface);
+        }
+    }
+    Ok(scheme)
 }
 
 /// Share of the triangles given from which on they are taken for all used.
@@ -237,6 +262,7 @@ fn scheme(
     if tree.foliage.is_empty() {
         mesh.foliage = Surface::default();
     }
+    mesh.leaf_cover = 1.0;
     Ok(mesh)
 }
 
@@ -289,6 +315,8 @@ pub fn add(
         });
         let variants = variants.collect();
         let stem = scene.prototypes[p].name.clone();
+        let shown = scene.prototypes[p].parts.iter().map(|part| part.material as usize);
+        let translucency = shown.map(|m| scene.materials[m].translucency).fold(0.0, f32::max);
         scene.materials.push(Material {
             name: format!("{stem}_impostor"),
             base_color: [1.0; 3],
@@ -297,7 +325,7 @@ pub fn add(
             orm_texture: None,
             relief: None,
             roughness: 1.0,
-            translucency: LEAF_TRANSLUCENCY,
+            translucency,
             alpha: Alpha::Mask { cutoff: impostor::CUTOFF },
             // A cross has sheets for either side.
             double_sided: octahedral.is_some(),

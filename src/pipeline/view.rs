@@ -285,17 +285,36 @@ pub fn clip(survey: &mut Survey, clip: &Clip) -> Result<usize> {
     Ok(before - survey.trees.len())
 }
 
-/// Triangles for each model so that all trees in their places take `total`. A silhouette's error
-/// goes with size over the root of the triangles; the sum of errors over all trees is least where
-/// a model's triangles go with its size to the power 2/3, however many trees share it.
+/// Triangles for each model, between `least` and `most`, so that all trees in their places take
+/// `total` as far as these let them. A silhouette's error goes with size over the root of the
+/// triangles; the sum of errors over all trees is least where a model's triangles go with its size to
+/// the power 2/3, however many trees share it.
 ///
 /// `models`: size in metres and trees of each.
-pub fn shared_budget(models: &[(f32, usize)], total: usize) -> Vec<usize> {
+pub fn shared_budget(
+    models: &[(f32, usize)],
+    total: usize,
+    [least, most]: [usize; 2],
+) -> Vec<usize> {
+    /// Of halving what a model of one metre is given.
+    const STEPS: usize = 64;
     let weight = |size_m: f32| f64::from(size_m.max(0.1)).powf(2.0 / 3.0);
-    let sum: f64 = models.iter().map(|&(size_m, trees)| weight(size_m) * trees as f64).sum();
-    let one =
-        |&(size_m, _): &(f32, usize)| (total as f64 * weight(size_m) / sum.max(1e-9)) as usize;
-    models.iter().map(one).collect()
+    let given = |metre: f64| {
+        let one = move |&(size_m, _): &(f32, usize)| {
+            ((metre * weight(size_m)) as usize).clamp(least, most.max(least))
+        };
+        models.iter().map(one)
+    };
+    let taken = |metre: f64| -> f64 {
+        given(metre).zip(models).map(|(t, &(_, trees))| t as f64 * trees as f64).sum()
+    };
+    // The smallest there is has a fifth of a metre's.
+    let (mut fits, mut exceeds) = (0.0, 5.0 * most.max(least) as f64 + 5.0);
+    for _ in 0..STEPS {
+        let half = 0.5 * (fits + exceeds);
+        if taken(half) <= total as f64 { fits = half } else { exceeds = half }
+    }
+    given(fits).collect()
 }
 
 #[cfg(test)]
@@ -308,11 +327,23 @@ mod tests {
     #[test]
     fn a_budget_is_spent_whole_and_more_on_what_is_larger() {
         let models = [(8.0f32, 100usize), (27.0, 10), (1.0, 3)];
-        let given = shared_budget(&models, 1_000_000);
+        let given = shared_budget(&models, 1_000_000, [200, 1_000_000]);
         let spent: usize = given.iter().zip(&models).map(|(t, m)| t * m.1).sum();
         assert!(spent <= 1_000_000 && spent > 999_000, "{spent}");
         // 27^(2/3) = 9, 8^(2/3) = 4.
         assert!((given[1] as f64 / given[0] as f64 - 2.25).abs() < 1e-2);
+        // What one may not take the others do, and what one must have the others give.
+        let spent =
+            |given: &[usize]| given.iter().zip(&models).map(|(t, m)| t * m.1).sum::<usize>();
+        for [least, most] in [[200, 10_000], [8_000, 12_000], [9_000, 9_500]] {
+            let given = shared_budget(&models, 1_000_000, [least, most]);
+            assert!(given.iter().all(|t| (least..=most).contains(t)), "{given:?}");
+            let is_spent = (990_000..=1_000_000).contains(&spent(&given));
+            assert!(is_spent || given.iter().all(|t| *t == least || *t == most), "{given:?}");
+        }
+        assert_eq!(shared_budget(&models, 100, [200, 5_000]), [200; 3]);
+        assert_eq!(shared_budget(&models, usize::MAX, [200, 5_000]), [5_000; 3]);
+        assert!(shared_budget(&[], 100, [200, 5_000]).is_empty());
     }
 
     #[test]

@@ -326,9 +326,14 @@ impl Painter<'_> {
     fn wood(&mut self, shoot: &Shoot, base_half: f32, tip_half: f32) {
         let leafy = self.species.foliage.colour.map(f32::from);
         let tone = twig_colour(&self.species.bark);
-        let colour = [0, 1, 2].map(|c| 0.78 * tone[c] + 0.1 * leafy[c]);
-        // Bare twigs are all there is to see: thinner ones would come out dotted at the cutoff.
-        let least = if self.kept < LEAST_KEPT { 0.75 } else { 0.45 } * self.canvas.pixel();
+        // Bare twigs are all there is to see: they stand for finer ones and buds, too, and thinner ones
+        // would come out dotted at the cutoff.
+        let is_bare = self.kept < LEAST_KEPT;
+        let green = if is_bare { 0.0 } else { 0.1 };
+        let colour = [0, 1, 2].map(|c| 0.78 * tone[c] + green * leafy[c]);
+        let (stouter, least) = if is_bare { (1.6, 1.0) } else { (1.0, 0.45) };
+        let least = least * self.canvas.pixel();
+        let [base_half, tip_half] = [base_half, tip_half].map(|half| half * stouter);
         let steps = 10;
         for k in 0..steps {
             let (a, b) = (k as f32 / steps as f32, (k + 1) as f32 / steps as f32);
