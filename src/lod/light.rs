@@ -135,6 +135,7 @@ mod tests {
             orm_texture: None,
             relief: None,
             roughness: 1.0,
+            specular: 1.0,
             translucency: 0.0,
             alpha: Alpha::Opaque,
             double_sided: true,

@@ -41,6 +41,7 @@ fn red() -> Vec<Material> {
         orm_texture: None,
         relief: None,
         roughness: 1.0,
+        specular: 1.0,
         translucency: 0.0,
         alpha: Alpha::Opaque,
         double_sided: false,

@@ -157,6 +157,9 @@ const TERRAIN_TRIANGLES: usize = 120_000;
 /// Share of the light that leaves let through: about half of what they do not absorb (Jacquemoud &
 /// Baret 1990, PROSPECT, over the visible).
 const LEAF_TRANSLUCENCY: f32 = 0.3;
+/// Normals of leaves are the crown's, and many lie across the view: as much as other surfaces do they
+/// would mirror the sky, white.
+const LEAF_SPECULAR: f32 = 0.3;
 /// Fewest triangles that a model with a crown of its own is given.
 const LEAST_TRIANGLES: usize = 200;
 /// Most that one in its coarsest form has.
@@ -811,6 +814,7 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         relief: None,
         variants,
         roughness: 0.65,
+        specular: LEAF_SPECULAR,
         translucency: if species.foliage.kept < LEAST_KEPT { 0.0 } else { LEAF_TRANSLUCENCY },
         alpha,
         double_sided: true,
@@ -847,6 +851,7 @@ fn add_fruit(scene: &mut Scene, name: &str, picture: &Picture, is_plain: bool) -
         relief: None,
         variants: Vec::new(),
         roughness: 0.75,
+        specular: 1.0,
         translucency: 0.0,
         alpha: if is_masked { Alpha::Mask { cutoff: 0.5 } } else { Alpha::Opaque },
         double_sided: is_masked,
@@ -897,6 +902,7 @@ fn add_bark(scene: &mut Scene, name: &str, bark: BarkTextures) -> u32 {
         relief: bark.height.map(|image| Relief { image, depth_m: bark.depth_m }),
         variants: Vec::new(),
         roughness: if orm_texture.is_some() { 1.0 } else { 0.9 },
+        specular: 1.0,
         translucency: 0.0,
         alpha: Alpha::Opaque,
         double_sided: false,
@@ -978,6 +984,7 @@ fn place_terrain(scene: &mut Scene, surface: Surface, picture: Picture) {
         relief: None,
         variants: Vec::new(),
         roughness: 1.0,
+        specular: 1.0,
         translucency: 0.0,
         alpha: Alpha::Opaque,
         double_sided: false,

@@ -316,7 +316,9 @@ pub fn add(
         let variants = variants.collect();
         let stem = scene.prototypes[p].name.clone();
         let shown = scene.prototypes[p].parts.iter().map(|part| part.material as usize);
-        let translucency = shown.map(|m| scene.materials[m].translucency).fold(0.0, f32::max);
+        let shown = shown.map(|m| &scene.materials[m]);
+        let translucency = shown.clone().map(|m| m.translucency).fold(0.0, f32::max);
+        let specular = shown.map(|m| m.specular).fold(1.0, f32::min);
         scene.materials.push(Material {
             name: format!("{stem}_impostor"),
             base_color: [1.0; 3],
@@ -325,6 +327,7 @@ pub fn add(
             orm_texture: None,
             relief: None,
             roughness: 1.0,
+            specular,
             translucency,
             alpha: Alpha::Mask { cutoff: impostor::CUTOFF },
             // A cross has sheets for either side.

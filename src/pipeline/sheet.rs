@@ -245,6 +245,7 @@ fn draw(job: &SheetJob, scene: &mut Scene, trees: &[Shown]) -> Result<Picture> {
         relief: None,
         variants: Vec::new(),
         roughness: 1.0,
+        specular: 1.0,
         translucency: 0.0,
         alpha: Alpha::Opaque,
         double_sided: false,

@@ -13,6 +13,7 @@ fn material(name: &str, base_color: [f32; 3], texture: Option<u32>, alpha: Alpha
         relief: None,
         variants: Vec::new(),
         roughness: 1.0,
+        specular: 1.0,
         translucency: 0.0,
         alpha,
         double_sided: alpha != Alpha::Opaque,

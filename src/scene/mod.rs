@@ -72,6 +72,8 @@ pub struct Material {
     pub relief: Option<Relief>,
     /// Multiplies the texture.
     pub roughness: f32,
+    /// What it mirrors over what common dielectrics do (4 %, seen straight on), 0…1.
+    pub specular: f32,
     /// Share of the light that comes through, diffusely, 0…1.
     pub translucency: f32,
     pub alpha: Alpha,

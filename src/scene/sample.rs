@@ -76,6 +76,7 @@ fn add_species(scene: &mut Scene, species: &str, number: usize, trees: usize, si
     let foliage = Material {
         alpha: Alpha::Mask { cutoff: 0.5 },
         double_sided: true,
+        specular: 0.5,
         translucency: 0.25,
         base_color: [1.0, 0.9, 0.8],
         ..plain(&format!("{name}_leaf"), leaves)
@@ -154,6 +155,7 @@ fn plain(name: &str, texture: u32) -> Material {
         relief: None,
         variants: Vec::new(),
         roughness: 0.9,
+        specular: 1.0,
         translucency: 0.0,
         alpha: Alpha::Opaque,
         double_sided: false,

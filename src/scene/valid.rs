@@ -251,6 +251,9 @@ impl Scene {
             if !unit.contains(&material.roughness) {
                 wrong(format!("roughness {} is not within 0…1", material.roughness));
             }
+            if !unit.contains(&material.specular) {
+                wrong(format!("specular {} is not within 0…1", material.specular));
+            }
             if !unit.contains(&material.translucency) {
                 wrong(format!("translucency {} is not within 0…1", material.translucency));
             }

@@ -85,6 +85,7 @@ pub(super) fn build<'a>(
     uses("EXT_texture_webp", textures.iter().any(|t| t.extensions.is_some()), true);
     let is_translucent = selection.materials.iter().any(|m| m.translucency > 0.0);
     uses("KHR_materials_diffuse_transmission", is_translucent, false);
+    uses("KHR_materials_specular", selection.materials.iter().any(|m| m.specular < 1.0), false);
     uses(variants::EXTENSION, extensions.is_some(), false);
     uses("KHR_mesh_quantization", profile.is_quantized(), true);
     let mut ranges = selection.materials.iter().zip(&uv_ranges);
@@ -455,7 +456,9 @@ fn materials<'a>(selection: &Selection<'a>, ranges: &[UvRange], stem: &str) -> V
             other.pbr_metallic_roughness.base_color_factor = [r, g, b, 1.0];
             other.pbr_metallic_roughness.base_color_texture =
                 texture_ref(selection, v.base_color_texture, range);
-            if let Some(MaterialExtensions { transmission }) = &mut other.extensions {
+            if let Some(MaterialExtensions { transmission: Some(transmission), .. }) =
+                &mut other.extensions
+            {
                 transmission.diffuse_transmission_color_factor = v.base_color;
                 transmission.diffuse_transmission_color_texture =
                     texture_ref(selection, v.base_color_texture, range);
@@ -499,12 +502,16 @@ fn material<'a>(
         alpha_mode,
         alpha_cutoff,
         double_sided: material.double_sided,
-        extensions: (material.translucency > 0.0).then(|| MaterialExtensions {
-            transmission: DiffuseTransmission {
-                diffuse_transmission_factor: material.translucency,
-                diffuse_transmission_color_factor: material.base_color,
-                diffuse_transmission_color_texture: texture(material.base_color_texture),
-            },
+        extensions: (material.translucency > 0.0 || material.specular < 1.0).then(|| {
+            MaterialExtensions {
+                transmission: (material.translucency > 0.0).then(|| DiffuseTransmission {
+                    diffuse_transmission_factor: material.translucency,
+                    diffuse_transmission_color_factor: material.base_color,
+                    diffuse_transmission_color_texture: texture(material.base_color_texture),
+                }),
+                specular: (material.specular < 1.0)
+                    .then_some(Specular { specular_factor: material.specular }),
+            }
         }),
         extras: material.relief().map(|(name, relief)| {
             let uri = percent_encoded(&texture_path(stem, &name, PictureFormat::Png));

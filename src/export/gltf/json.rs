@@ -259,8 +259,19 @@ pub(super) struct Height {
 
 #[derive(Serialize)]
 pub(super) struct MaterialExtensions {
-    #[serde(rename = "KHR_materials_diffuse_transmission")]
-    pub transmission: DiffuseTransmission,
+    #[serde(
+        rename = "KHR_materials_diffuse_transmission",
+        skip_serializing_if = "Option::is_none"
+    )]
+    pub transmission: Option<DiffuseTransmission>,
+    #[serde(rename = "KHR_materials_specular", skip_serializing_if = "Option::is_none")]
+    pub specular: Option<Specular>,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Specular {
+    pub specular_factor: f32,
 }
 
 /// Light that comes through, in the colour of the surface.

@@ -78,6 +78,9 @@ pub(super) fn material<'a>(
         ),
         None => surface.attribute("float", "inputs:roughness", Value::Float(material.roughness)),
     };
+    if material.specular < 1.0 {
+        surface = surface.attribute("float", "inputs:ior", Value::Float(ior(material.specular)));
+    }
     if material.relief.is_some() {
         surface = surface.connected("float", "inputs:displacement", output("height", "r"));
     }
@@ -191,5 +194,20 @@ impl Texture<'_> {
             .attribute("token", "inputs:wrapS", Value::token(wrap))
             .attribute("token", "inputs:wrapT", Value::token(wrap));
         self.outputs.iter().fold(shader, |shader, (kind, name)| shader.declared(kind, name))
+    }
+}
+
+/// Refraction by which a surface mirrors so many times the 4 % of one of 1.5.
+fn ior(specular: f32) -> f32 {
+    let root = (0.04 * specular).sqrt();
+    (1.0 + root) / (1.0 - root)
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_usual_mirroring_is_that_of_the_usual_refraction() {
+        assert!((super::ior(1.0) - 1.5).abs() < 1e-6);
+        assert_eq!(super::ior(0.0), 1.0);
     }
 }
