@@ -2,7 +2,7 @@
 //! the midrib or crossed with a second card, sagging towards its tip. A single leaf is the same,
 //! small, from a cell that shows one leaf.
 
-use glam::{Quat, Vec3};
+use glam::{Quat, Vec2, Vec3};
 
 use super::piece::{Piece, Room};
 use super::spot::Pose;
@@ -87,6 +87,28 @@ pub fn emit(
             sheet(&turned, cell, outline, &flat, None, out);
         }
     }
+}
+
+/// What a stalk takes.
+pub const STALK: Room = Room { vertices: 3, triangles: 1 };
+/// Thinner and shorter ones are not made.
+const LEAST_STALK_M: [f32; 2] = [0.002, 0.02];
+
+/// The bare shoot from wood to the foot of a card, as one slender triangle of the colour at `uv`.
+pub fn stalk(pose: &Pose, from: Vec3, radius_m: f32, uv: Vec2, out: &mut Piece) {
+    let [thin_m, short_m] = LEAST_STALK_M;
+    let way = pose.base - from;
+    let (way, from) = match way.length() < short_m {
+        true => (pose.heading * short_m, pose.base - pose.heading * short_m),
+        false => (way, from),
+    };
+    let any = way.normalize_or(Vec3::Z).any_orthonormal_vector();
+    let across = way.cross(pose.facing).normalize_or(any);
+    let facing = across.cross(way).normalize_or(pose.facing);
+    let half = across * radius_m.max(thin_m);
+    let mut put = |p: Vec3| out.vertex(p, pose.bent(facing, p, BENT), uv);
+    let corners = [put(from - half), put(from + half), put(pose.base)];
+    out.triangle(corners);
 }
 
 /// One sheet: a left and a right edge (direction away from the midrib, normal) and, where

@@ -9,6 +9,7 @@
 //! boughs of the atlas in place of twigs. Normals lean to the crown's outside, for soft shading,
 //! and never away from the front of their triangles.
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::card::{self, Shape};
@@ -16,7 +17,7 @@ use super::leaf::Twig;
 use super::piece::{Piece, fill};
 use super::spot::{Hull, Pose, Spot, spots, stance, thinned};
 use super::wind::Wind;
-use super::{Surface, form, shell, stamp};
+use super::{MeshOptions, Surface, form, shell, stamp};
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
@@ -66,6 +67,9 @@ pub struct Order<'a> {
     pub level: FoliageLevel,
     /// Triangles it may take.
     pub budget: Option<usize>,
+    /// Of the skeleton's nodes, whether wood goes along them: cards have stalks from it. Empty where
+    /// they have none.
+    pub is_meshed: &'a [bool],
     /// Cards of more rows.
     pub detail: bool,
     /// Cards of two triangles, so that there are more of them, where folded ones would not be all.
@@ -132,7 +136,10 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);
     let folded = Shape::of(f.shape, false);
     // Where there are triangles for all of them, folded ones.
-    let is_flat = is_sparse || order.is_flat && folded.room().triangles * spots.len() > budget;
+    let is_bare = f.kept < LEAST_KEPT;
+    let has_stalks = !order.is_meshed.is_empty() && !is_sparse && !order.is_flat;
+    let is_crowded = folded.room().triangles * spots.len() > budget;
+    let is_flat = is_sparse || (order.is_flat || is_bare) && is_crowded;
     // Finer cards where there are triangles for all of them; else rather more cards.
     let fine = Shape::of(f.shape, true);
     let is_fine = order.detail && !is_flat && fine.room().triangles * spots.len() <= budget;
@@ -152,6 +159,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let room = match (model, &twig) {
         (Some(model), _) => stamp::room(model),
         (None, Some(twig)) => twig.room(),
+        (None, None) if has_stalks => shape.room() + card::STALK,
         (None, None) => shape.room(),
     };
     if let Some(model) = model
@@ -211,6 +219,12 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
                 let id = cells.clone().nth(pick).unwrap_or(0);
                 let fold = fold * draws.between(0.6, 1.3);
                 card::emit(&pose, shape, fold, &atlas.cells()[id], &outlines[id], out);
+                if has_stalks {
+                    let from = leaves_wood(skeleton, order.is_meshed, &kept[k]);
+                    // Several stand for what they spring from.
+                    let radius_m = skeleton.radius_m[kept[k].node() as usize];
+                    card::stalk(&pose, from, radius_m, atlas.wood(), out);
+                }
             };
             fill(kept.len(), room, emit, wind)
         }
@@ -218,6 +232,25 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let leaf_size = twig.as_ref().map(|t| t.widened.to_array());
     let cover = twig.map_or(1.0, |t| t.cover);
     Ok(Foliage { surface, twig_scale: enlarge, cover, leaf_size })
+}
+
+/// Whether the cards of bare twigs have stalks from the wood that is meshed, which no leaves hide.
+pub fn has_stalks(species: &Species, options: &MeshOptions) -> bool {
+    let is_card = options.foliage >= FoliageLevel::Cards
+        && species.own_picture.is_none()
+        && species.own_model.is_none();
+    is_card && species.foliage.kept < LEAST_KEPT
+}
+
+/// Where the shoots on which a twig stands leave wood that is meshed.
+fn leaves_wood(skeleton: &Skeleton, is_meshed: &[bool], spot: &Spot) -> Vec3 {
+    let mut at = skeleton.parent_of(spot.node()).unwrap_or(0);
+    while !is_meshed[at as usize]
+        && let Some(before) = skeleton.parent_of(at)
+    {
+        at = before;
+    }
+    skeleton.position[at as usize]
 }
 
 /// Cards take the picture for one so much larger, natural logarithm: from the next fuller picture

@@ -36,6 +36,7 @@ fn order(
         species,
         atlas,
         level,
+        is_meshed: &[],
         budget,
         detail: true,
         is_flat: false,
@@ -296,5 +297,42 @@ fn leaves_are_as_large_without_pictures() {
         };
         let (with, without) = (area(atlas), area(plain));
         assert!(without < 1.6 * with && with < 1.6 * without, "{name}: {with} and {without}");
+    }
+}
+
+/// No leaves hide where they hang.
+#[test]
+fn bare_twigs_have_stalks_from_wood_that_is_meshed() {
+    for name in ["quercus_robur", "larix_sibirica", "betula_pendula"] {
+        let mut species = species::load(name).unwrap();
+        let detail = Detail { max_nodes: 6_000, attractor_spacing_m: None };
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = grow(&species, target, detail, Seed::new(3)).unwrap();
+        species.foliage.kept = 0.0;
+        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let options = MeshOptions { triangle_budget: Some(12_000), ..MeshOptions::FOREST };
+        let tree = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
+        tree.check().unwrap();
+        assert!(tree.triangles() <= 12_000);
+        let meshed: Vec<Vec3> = (0..skeleton.len())
+            .filter(|&n| tree.is_meshed[n])
+            .map(|n| skeleton.position[n])
+            .collect();
+        assert!(meshed.len() < skeleton.len(), "{name}: all branches are meshed");
+        let twigs = &tree.foliage;
+        let stalks: Vec<[Vec3; 3]> = (twigs.index.chunks_exact(3))
+            .filter(|t| t.iter().all(|&i| twigs.uv[i as usize] == atlas.wood()))
+            .map(|t| [0, 1, 2].map(|k| twigs.position[t[k] as usize]))
+            .collect();
+        assert!(3 * stalks.len() <= twigs.triangles() && stalks.len() > 100, "{name}");
+        let far = stalks.iter().filter(|[a, b, tip]| {
+            let foot = a.midpoint(*b);
+            let is_short = foot.distance(*tip) < 0.021;
+            !is_short && meshed.iter().all(|m| m.distance(foot) > 1e-3)
+        });
+        assert_eq!(far.count(), 0, "{name}");
+        species.foliage.kept = 1.0;
+        let leafy = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
+        assert!(leafy.is_meshed.is_empty() && leafy.wood_triangles() < tree.wood_triangles());
     }
 }

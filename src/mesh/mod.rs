@@ -137,6 +137,8 @@ pub struct TreeMesh {
     pub leaf_cover: f32,
     /// Length and width of such leaves over the species'; `None` elsewhere.
     pub leaf_size: Option<[f32; 2]>,
+    /// Of the skeleton's nodes, whether wood goes along them; empty where leaves hide that.
+    pub is_meshed: Vec<bool>,
 }
 
 impl TreeMesh {
@@ -367,13 +369,15 @@ pub fn build(
         _ => (b as f32 * WOOD_SHARE) as usize,
     });
     let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
-    let made = wood::wood(skeleton, options, wood_budget, &species.bark, wind.as_ref(), seed);
+    let made = wood::wood(skeleton, options, wood_budget, species, wind.as_ref(), seed);
     let triangles = made.triangles();
     if triangles == 0 {
         return Err(Error::new(format!("a skeleton of {} nodes has no wood", skeleton.len()))
             .remedy("give the species a greater height"));
     }
-    let mut order = order(species, atlas, options, triangles, wind.as_ref(), seed);
+    let is_meshed = if foliage::has_stalks(species, options) { made.is_meshed } else { Vec::new() };
+    let beside = Beside { triangles, is_meshed: &is_meshed };
+    let mut order = order(species, atlas, options, beside, wind.as_ref(), seed);
     let fruit = fruit::fruit(skeleton, &order);
     order.budget = order.budget.map(|b| b.saturating_sub(fruit.triangles()));
     let foliage::Foliage { surface: foliage, twig_scale, cover: leaf_cover, leaf_size } =
@@ -394,11 +398,20 @@ pub fn build(
         twig_scale,
         leaf_cover,
         leaf_size,
+        is_meshed,
     })
 }
 
-/// The foliage alone of what [`build`] makes of the same arguments, beside wood and fruit of so many
-/// triangles.
+/// What foliage is made beside.
+#[derive(Clone, Copy)]
+pub struct Beside<'a> {
+    /// Of wood and fruit.
+    pub triangles: usize,
+    /// [`TreeMesh::is_meshed`].
+    pub is_meshed: &'a [bool],
+}
+
+/// The foliage alone of what [`build`] makes of the same arguments, beside its wood and fruit.
 ///
 /// # Errors
 /// A model of the user's own that alone exceeds the budget.
@@ -407,12 +420,12 @@ pub fn leaves(
     species: &Species,
     atlas: &Atlas,
     options: &MeshOptions,
-    triangles: usize,
+    beside: Beside<'_>,
     seed: Seed,
 ) -> Result<Surface> {
     let seed = seed.derive("mesh", 0);
     let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
-    let order = order(species, atlas, options, triangles, wind.as_ref(), seed);
+    let order = order(species, atlas, options, beside, wind.as_ref(), seed);
     Ok(foliage::foliage(skeleton, &order)?.surface)
 }
 
@@ -420,7 +433,7 @@ fn order<'a>(
     species: &'a Species,
     atlas: &'a Atlas,
     options: &MeshOptions,
-    triangles: usize,
+    beside: Beside<'a>,
     wind: Option<&'a Wind>,
     seed: Seed,
 ) -> foliage::Order<'a> {
@@ -428,7 +441,8 @@ fn order<'a>(
         species,
         atlas,
         level: options.foliage,
-        budget: options.triangle_budget.map(|b| b.saturating_sub(triangles)),
+        budget: options.triangle_budget.map(|b| b.saturating_sub(beside.triangles)),
+        is_meshed: beside.is_meshed,
         detail: options.detail,
         is_flat: options.is_flat(),
         share: options.leaf_share,

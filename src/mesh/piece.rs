@@ -15,6 +15,14 @@ pub struct Room {
     pub triangles: usize,
 }
 
+impl std::ops::Add for Room {
+    type Output = Room;
+
+    fn add(self, more: Room) -> Room {
+        Room { vertices: self.vertices + more.vertices, triangles: self.triangles + more.triangles }
+    }
+}
+
 /// Vertices that 32-bit indices reach, with room to spare.
 const MOST_VERTICES: usize = 1 << 30;
 /// Least cosine between a corner's normal and the front of its triangle.

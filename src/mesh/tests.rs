@@ -625,7 +625,7 @@ fn speed() {
     let skeleton = grow(&s, Target::FromSpecies { height_m: None }, detail, Seed::new(1)).unwrap();
     let options = MeshOptions { tolerance_m: 1e-4, ..bare(1e-4) };
     let start = std::time::Instant::now();
-    let wood = wood::wood(&skeleton, &options, None, &s.bark, None, Seed::new(1));
+    let wood = wood::wood(&skeleton, &options, None, &s, None, Seed::new(1));
     let rate = |n: usize, t: std::time::Duration| n as f64 / t.as_secs_f64() / 1e6;
     println!(
         "wood: {} triangles in {:?}: {:.1} M/s",
@@ -641,6 +641,7 @@ fn speed() {
         species: &s,
         atlas: &atlas,
         level,
+        is_meshed: &[],
         budget: None,
         detail: true,
         is_flat: false,

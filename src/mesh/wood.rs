@@ -9,7 +9,8 @@ use super::young::{BARKS, Upper, Young};
 use super::{FoliageLevel, Junctions, MeshOptions, Surface, reach_m};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
-use crate::species;
+use crate::species::Species;
+use crate::species::model::LEAST_KEPT;
 use crate::texture::BARK_REPEAT_M;
 
 /// How much coarser a wood may become for a budget, how often that is tried, and by what steps of
@@ -40,6 +41,8 @@ const TWIG_RADIUS: [f32; 2] = [1.4, 0.75];
 pub struct Wood {
     pub surface: [Surface; BARKS],
     pub count: Count,
+    /// Of the skeleton's nodes, whether a tube goes along them.
+    pub is_meshed: Vec<bool>,
 }
 
 /// Axes thick enough for the budget, those of them that have no tube, and how far facets are from
@@ -64,10 +67,11 @@ pub fn wood(
     skeleton: &Skeleton,
     options: &MeshOptions,
     budget: Option<usize>,
-    bark: &species::model::Bark,
+    species: &Species,
     wind: Option<&Wind>,
     seed: Seed,
 ) -> Wood {
+    let bark = &species.bark;
     let chains = Chains::new(skeleton);
     let height_m = skeleton.height_m();
     let foot_m = skeleton.radius_m.first().copied().unwrap_or(0.0).max(1e-6);
@@ -85,6 +89,7 @@ pub fn wood(
         least: Least::within(reach_m(&skeleton.position)),
         is_welded: options.junctions == Junctions::Welded,
         stem: Stem::TRUE,
+        is_bare: options.foliage == FoliageLevel::None || species.foliage.kept < LEAST_KEPT,
         options: *options,
     };
     let mut bark = Bark::new(young, wind, seed);
@@ -93,7 +98,13 @@ pub fn wood(
         Some(budget) => planner.fit(budget, &mut work, &mut bark),
         None => planner.attempt(0.0, &mut work, &mut bark),
     };
-    Wood { surface: bark.finish(), count }
+    let mut is_meshed = vec![false; skeleton.len()];
+    for c in (0..chains.chain.len() as u32).filter(|&c| !work.pieces.of(c).is_empty()) {
+        for &node in chains.line(c) {
+            is_meshed[node as usize] = true;
+        }
+    }
+    Wood { surface: bark.finish(), count, is_meshed }
 }
 
 struct Planner<'a> {
@@ -103,6 +114,8 @@ struct Planner<'a> {
     least: Least,
     is_welded: bool,
     stem: Stem,
+    /// Without leaves to hide branches, and to reach the top.
+    is_bare: bool,
     options: MeshOptions,
 }
 
@@ -130,7 +143,7 @@ impl Planner<'_> {
     /// from their straight pieces; each attempt tells how far off such guesses are.
     fn fit(&self, budget: usize, work: &mut Work, bark: &mut Bark) -> Count {
         let mut guesses = [0.0, COARSEST.ln()].map(|x| (x, self.guess(x, work))).to_vec();
-        let mut ratio = USUAL[usize::from(!self.is_bare())];
+        let mut ratio = USUAL[usize::from(!self.is_bare)];
         let aim = budget as f32 * AIM;
         if guesses[0].1 < LIKELY * aim {
             let count = self.attempt(0.0, work, bark);
@@ -191,25 +204,20 @@ impl Planner<'_> {
         }
     }
 
-    /// Without leaves to hide branches, and to reach the top.
-    fn is_bare(&self) -> bool {
-        self.options.foliage == FoliageLevel::None
-    }
-
     /// Greatest distance from the skeleton, and radius of the thinnest branch.
     fn limits(&self, coarse: f32) -> (f32, f32) {
         let finest_m = self.options.tolerance_m.clamp(1e-5, 1.0);
         let most_m = self.options.sagitta_m.max(finest_m);
         let tolerance_m = (finest_m * coarse.powf(0.6)).min(most_m);
         // Bare twigs are the crown: there sides go before axes.
-        (tolerance_m, if self.is_bare() { 0.0003 } else { 0.0015 } * (coarse - 1.0))
+        (tolerance_m, if self.is_bare { 0.0003 } else { 0.0015 } * (coarse - 1.0))
     }
 
     /// About how many triangles a wood of this coarseness has.
     fn guess(&self, log_coarse: f32, work: &mut Work) -> f32 {
         let (tolerance_m, cut_m) = self.limits(log_coarse.exp());
         let sides = Sides::new(tolerance_m, self.stem);
-        work.pieces.simplify(self.chains, &sides, (cut_m, self.is_bare()), self.least);
+        work.pieces.simplify(self.chains, &sides, (cut_m, self.is_bare), self.least);
         self.triangles(&work.pieces, &sides)
     }
 
@@ -242,7 +250,7 @@ impl Planner<'_> {
         let Work { pieces, out_of, start, scratch, path, todo, branches, rings: made, holes } =
             work;
         let sides = Sides::new(tolerance_m, self.stem);
-        pieces.simplify(self.chains, &sides, (cut_m, self.is_bare()), self.least);
+        pieces.simplify(self.chains, &sides, (cut_m, self.is_bare), self.least);
         bark.reserve((self.triangles(pieces, &sides) * 1.1) as usize);
         let count_of = self.chains.chain.len() as u32;
         let Some(root) = (0..count_of).find(|&c| !pieces.of(c).is_empty()) else {

@@ -66,11 +66,13 @@ impl Subject<'_> {
 
     /// The tree with its leaves made anew.
     fn with_leaves(&self, tree: &TreeMesh, options: &MeshOptions) -> Result<TreeMesh> {
-        let (atlas, rest) = (&self.textures.atlas, tree.triangles() - tree.foliage.triangles());
-        let foliage = mesh::leaves(self.skeleton, self.species, atlas, options, rest, self.seed)?;
+        let (atlas, is_meshed) = (&self.textures.atlas, tree.is_meshed.clone());
+        let triangles = tree.triangles() - tree.foliage.triangles();
+        let beside = mesh::Beside { triangles, is_meshed: &is_meshed };
+        let foliage = mesh::leaves(self.skeleton, self.species, atlas, options, beside, self.seed)?;
         let [wood, upper_wood, twig_wood] = tree.woods().map(Clone::clone);
         let fruit = tree.fruit.clone();
-        let mut tree = TreeMesh { wood, upper_wood, twig_wood, foliage, fruit, ..*tree };
+        let mut tree = TreeMesh { wood, upper_wood, twig_wood, foliage, fruit, is_meshed, ..*tree };
         tree.clear_ground();
         Ok(tree)
     }
