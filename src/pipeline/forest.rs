@@ -588,6 +588,14 @@ fn within(
             })
             .collect::<Result<_>>()?;
         let outcome = tolerance::outcome(&reached, warnings);
+        let coarsest = plans.iter().filter(|plan| plan.is_coarsest).count();
+        if coarsest > 0 {
+            warnings.push(format!(
+                "--tolerance: {coarsest} of {} models are two cones and a cylinder each, for \
+                 --scene-triangles, and farther off; give more of those",
+                plans.len()
+            ));
+        }
         let mut plans = plans.to_vec();
         for (plan, r) in plans.iter_mut().filter(|plan| !plan.is_coarsest).zip(&reached) {
             *plan = Plan { is_rough: r.is_rough, ..Plan::of(r.triangles) };
