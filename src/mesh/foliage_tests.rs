@@ -336,3 +336,29 @@ fn bare_twigs_have_stalks_from_wood_that_is_meshed() {
         assert!(leafy.is_meshed.is_empty() && leafy.wood_triangles() < tree.wood_triangles());
     }
 }
+
+/// As blades, against those of summer.
+#[test]
+fn few_leaves_hang_on_through_the_winter() {
+    for (name, kept) in [("quercus_robur", 0.08), ("tilia_cordata", 0.05)] {
+        let species = species::load(name).unwrap();
+        let detail = Detail { max_nodes: 16_000, attractor_spacing_m: None };
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = grow(&species, target, detail, Seed::new(3)).unwrap();
+        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let wood = atlas.wood();
+        let mut tree = (skeleton, species, atlas);
+        let mut blades = |kept: f32| {
+            tree.1.foliage.kept = kept;
+            let s = leaves(&tree, FoliageLevel::Geometry, Some(1_000_000));
+            let is_blade = |t: &&[u32]| t.iter().any(|&i| s.uv[i as usize] != wood);
+            let area = |t: &[u32]| {
+                let [a, b, c] = [0, 1, 2].map(|k| s.position[t[k] as usize]);
+                0.5 * (b - a).cross(c - a).length()
+            };
+            s.index.chunks_exact(3).filter(is_blade).map(area).sum::<f32>()
+        };
+        let share = blades(kept) / blades(1.0);
+        assert!((0.3 * kept..2.0 * kept).contains(&share), "{name}: {share} of the leaves");
+    }
+}

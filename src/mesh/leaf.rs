@@ -193,8 +193,10 @@ impl<'a> Twig<'a> {
             scale: 1.0,
             cover: 1.0,
         };
-        let least = usize::from(kept > 0.0);
-        twig.places = summer.map(|n| ((n * kept).round() as usize).max(least));
+        // Where few leaves are left, one on every side shoot would be many.
+        let least = [kept > 0.0, kept >= LEAST_KEPT].map(usize::from);
+        let [main, side] = summer.map(|n| (n * kept).round() as usize);
+        twig.places = [main.max(least[0]), side.max(least[1])];
         let one_sq_m = twig.hides_sq_m();
         let needed = if kept < LEAST_KEPT {
             spots as f32
@@ -216,9 +218,9 @@ impl<'a> Twig<'a> {
             let fewer = if twig.cluster > 3 { share.sqrt() } else { 1.0 };
             twig.cluster = ((each_place * fewer) as usize).max(1);
             let sparser = share * each_place / twig.cluster as f32;
-            let side = ((summer[1] * kept * sparser) as usize).max(least);
+            let side = ((summer[1] * kept * sparser) as usize).max(least[1]);
             let main = (leaves / each_place * sparser) as usize;
-            let main = main.saturating_sub(sides * side).clamp(least, most);
+            let main = main.saturating_sub(sides * side).clamp(least[0], most);
             twig.places = [main, side];
             if is_needle {
                 twig.folded = each.saturating_sub(twig.room().triangles).min(twig.leaves());
