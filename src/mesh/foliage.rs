@@ -137,7 +137,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let folded = Shape::of(f.shape, false);
     // Where there are triangles for all of them, folded ones.
     let is_bare = f.kept < LEAST_KEPT;
-    let has_stalks = !order.is_meshed.is_empty() && !is_sparse && !order.is_flat;
+    let has_stalks = !order.is_meshed.is_empty();
     let is_crowded = folded.room().triangles * spots.len() > budget;
     let is_flat = is_sparse || (order.is_flat || is_bare) && is_crowded;
     // Finer cards where there are triangles for all of them; else rather more cards.
@@ -236,10 +236,9 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
 
 /// Whether the cards of bare twigs have stalks from the wood that is meshed, which no leaves hide.
 pub fn has_stalks(species: &Species, options: &MeshOptions) -> bool {
-    let is_card = options.foliage >= FoliageLevel::Cards
-        && species.own_picture.is_none()
-        && species.own_model.is_none();
-    is_card && species.foliage.kept < LEAST_KEPT
+    let is_own = species.own_picture.is_some() || species.own_model.is_some();
+    let is_near = options.foliage == FoliageLevel::Cards && !options.is_flat();
+    is_near && !is_own && species.foliage.kept < LEAST_KEPT
 }
 
 /// Where the shoots on which a twig stands leave wood that is meshed.
