@@ -218,9 +218,11 @@ impl<'a> Twig<'a> {
             let fewer = if twig.cluster > 3 { share.sqrt() } else { 1.0 };
             twig.cluster = ((each_place * fewer) as usize).max(1);
             let sparser = share * each_place / twig.cluster as f32;
-            let side = ((summer[1] * kept * sparser) as usize).max(least[1]);
-            let main = (leaves / each_place * sparser) as usize;
-            let main = main.saturating_sub(sides * side).clamp(least[0], most);
+            let all = (leaves / each_place * sparser) as usize;
+            // The main shoot has no more than before.
+            let beside = all.saturating_sub(most).div_ceil(sides);
+            let side = ((summer[1] * kept * sparser) as usize).max(beside).max(least[1]);
+            let main = all.saturating_sub(sides * side).clamp(least[0], most);
             twig.places = [main, side];
             if is_needle {
                 twig.folded = each.saturating_sub(twig.room().triangles).min(twig.leaves());
@@ -632,6 +634,20 @@ mod tests {
                 let nearest = near.fold(f32::INFINITY, f32::min);
                 assert!(nearest < 1e-4, "{name}: a bare tip, the next leaf {nearest} m away");
             }
+        }
+    }
+
+    /// Plainer leaves cost fewer triangles: where there is room for all of them, none is left out.
+    #[test]
+    fn plain_twigs_have_every_leaf_there_is_room_for() {
+        for name in ["quercus_robur", "tilia_cordata", "populus_tremula", "salix_caprea"] {
+            let species = load(name).unwrap();
+            let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+            let made = |budget| Twig::new(&species.foliage, &atlas, 10, 1e-6, budget);
+            let full = made(usize::MAX);
+            let plain = made(10 * full.room().triangles - 1);
+            assert_eq!(plain.build, Build::Light);
+            assert_eq!(plain.leaves(), full.leaves(), "{name}");
         }
     }
 
