@@ -451,7 +451,7 @@ fn thick_tips_stay_where_they_are_at_any_budget() {
         let target = Target::FromSpecies { height_m: None };
         let detail = Detail { max_nodes: 3333, attractor_spacing_m: None };
         let grown = grow(&species, target, detail, seed).unwrap();
-        let dead = decline::in_condition(&grown, Condition::OldDead, seed);
+        let dead = decline::in_condition(&grown, species.kind, Condition::OldDead, seed);
         let mut has_child = vec![false; dead.len()];
         (1..dead.len()).for_each(|i| has_child[dead.parent[i] as usize] = true);
         // A stub may be as short as its foot has to move.

@@ -407,7 +407,8 @@ fn grow(
                 let seed = job.survey.seed.derive("tree", survey.trees[m.exemplar].crown.key);
                 let detail = job.wood.detail(plan.triangles, job.foliage);
                 let skeleton = grow_one(job, survey, &roots, widest_m, m, detail, seed)?;
-                Ok(decline::in_condition(&skeleton, job.state.condition, seed))
+                let kind = job.survey.species[m.species].kind;
+                Ok(decline::in_condition(&skeleton, kind, job.state.condition, seed))
             })
             .collect::<Result<_>>()?;
         let nodes = skeletons.iter().map(Skeleton::len).sum();

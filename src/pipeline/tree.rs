@@ -75,14 +75,16 @@ pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<Grown> {
         Some(path) => {
             let (skeleton, frame, report) = fitted(job, path, run)?;
             let stem_m = report.stem_diameter_m;
-            let skeleton = decline::in_condition(&skeleton, job.state.condition, job.seed);
+            let skeleton =
+                decline::in_condition(&skeleton, job.species.kind, job.state.condition, job.seed);
             let grown = stand(job, &skeleton, stem_m, frame, run)?;
             Ok(Grown { fit: Some(report), ..grown })
         }
         None => {
             let skeleton = grown(job, run)?;
             let stem_m = job.species.size.stem_diameter_at(skeleton.height_m());
-            let skeleton = decline::in_condition(&skeleton, job.state.condition, job.seed);
+            let skeleton =
+                decline::in_condition(&skeleton, job.species.kind, job.state.condition, job.seed);
             stand(job, &skeleton, stem_m, Frame::local(DVec3::ZERO), run)
         }
     }

@@ -1,36 +1,67 @@
 //! A tree that weakens and dies (the categories of [`Condition`]): which branches are dry, and what
 //! has broken off.
 //!
-//! Branches dry from below, where the light is least, with chance; a dry branch is dry to its
-//! tips, and loses some of its twigs. An old dead tree has lost its top, its thin twigs and the
-//! ends of its branches. Pure: the same skeleton, condition and seed give the same result.
+//! Branches dry from the foot of the crown, where the light is least, with chance, which has more to say
+//! of broadleaved trees: whole sides of them may die. A dry branch is dry to its tips, and loses some of
+//! its twigs. An old dead tree has lost its top, its thin twigs and the ends of its branches: those of
+//! conifers, in which resin is, last for longer. Pure: the same arguments give the same result.
 
 use super::Skeleton;
-use crate::seed::Seed;
+use crate::seed::{Draws, Seed};
+use crate::species::model::Kind;
 use crate::species::state::Condition;
 
 /// The skeleton in a condition.
-pub fn in_condition(s: &Skeleton, condition: Condition, seed: Seed) -> Skeleton {
+pub fn in_condition(s: &Skeleton, kind: Kind, condition: Condition, seed: Seed) -> Skeleton {
     let seed = seed.derive("decline", 0);
+    let wood = if kind == Kind::Conifer { &CONIFER } else { &BROADLEAF };
     match condition {
         Condition::Healthy | Condition::FreshDead => s.clone(),
-        Condition::Weakened => dried(s, 0.12, seed),
-        Condition::StronglyWeakened => dried(s, 0.42, seed),
-        Condition::Dying => dried(s, 0.75, seed),
-        Condition::OldDead => broken(s, seed),
+        Condition::Weakened => dried(s, 0.12, wood, seed),
+        Condition::StronglyWeakened => dried(s, 0.42, wood, seed),
+        Condition::Dying => dried(s, 0.75, wood, seed),
+        Condition::OldDead => broken(s, wood, seed),
     }
 }
+
+/// How a kind of tree dies.
+struct Decline {
+    /// How far up the crown, as a share of it, chance lets a branch dry as early as one at its foot.
+    chance: f32,
+    /// How much of the crown's height stands when the top has broken off.
+    stands: [f32; 2],
+    /// How much of its length is left of a branch; of how many side branches anything is, and how much.
+    branch: [f32; 2],
+    sides: f32,
+    side: [f32; 2],
+}
+
+const CONIFER: Decline = Decline {
+    chance: 0.45,
+    stands: [0.6, 0.97],
+    branch: [0.25, 1.0],
+    sides: 0.55,
+    side: [0.3, 0.95],
+};
+const BROADLEAF: Decline = Decline {
+    chance: 0.9,
+    stands: [0.45, 0.85],
+    branch: [0.1, 0.85],
+    sides: 0.35,
+    side: [0.2, 0.8],
+};
 
 /// Share of a dry branch's twigs that have fallen.
 const DRY_TWIGS_LOST: f32 = 0.45;
 
 /// So large a share of the branches dead, the lower ones first.
-fn dried(s: &Skeleton, share: f32, seed: Seed) -> Skeleton {
+fn dried(s: &Skeleton, share: f32, wood: &Decline, seed: Seed) -> Skeleton {
     let is_stem = s.is_stem();
     // The node in which each node's branch leaves the stem.
     let mut branch = vec![0u32; s.len()];
     let mut branches = Vec::new();
-    let height_m = s.height_m().max(1e-6);
+    let base_m = s.crown_base_m();
+    let crown_m = (s.height_m() - base_m).max(1e-6);
     for i in 1..s.len() {
         if is_stem[i] {
             continue;
@@ -39,7 +70,8 @@ fn dried(s: &Skeleton, share: f32, seed: Seed) -> Skeleton {
         if is_stem[p] {
             branch[i] = i as u32;
             let chance = seed.derive("branch", i as u64).draws().unit();
-            branches.push((s.position[p].z / height_m + 0.9 * chance, i as u32));
+            let up = (s.position[p].z - base_m) / crown_m;
+            branches.push((up + wood.chance * chance, i as u32));
         } else {
             branch[i] = branch[p];
         }
@@ -61,12 +93,12 @@ fn dried(s: &Skeleton, share: f32, seed: Seed) -> Skeleton {
 }
 
 /// Dead for years.
-fn broken(s: &Skeleton, seed: Seed) -> Skeleton {
+fn broken(s: &Skeleton, wood: &Decline, seed: Seed) -> Skeleton {
     let is_stem = s.is_stem();
     // Within the crown, where the stem is thin.
     let base_m = s.crown_base_m();
-    let top_m =
-        base_m + (s.height_m() - base_m) * seed.derive("top", 0).draws().between(0.45, 0.85);
+    let stands = within(wood.stands, &mut seed.derive("top", 0).draws());
+    let top_m = base_m + (s.height_m() - base_m) * stands;
     // Nodes along each axis: the last of them break off.
     let axes = s.axes();
     let mut keep = vec![true; s.len()];
@@ -74,8 +106,8 @@ fn broken(s: &Skeleton, seed: Seed) -> Skeleton {
         let mut draws = seed.derive("axis", k as u64).draws();
         let held = match axis.order {
             0 => 1.0,
-            1 => draws.between(0.1, 0.85),
-            2 if draws.unit() < 0.35 => draws.between(0.2, 0.8),
+            1 => within(wood.branch, &mut draws),
+            2 if draws.unit() < wood.sides => within(wood.side, &mut draws),
             _ => 0.0,
         };
         let left = (held * axis.nodes.len() as f32).ceil() as usize;
@@ -94,44 +126,49 @@ fn broken(s: &Skeleton, seed: Seed) -> Skeleton {
     out.subset(&keep)
 }
 
+fn within([low, high]: [f32; 2], draws: &mut Draws) -> f32 {
+    draws.between(low, high)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::skeleton::{Detail, Target, grow};
     use crate::species::load;
 
-    fn grown(name: &str) -> Skeleton {
+    fn grown(name: &str) -> (Skeleton, Kind) {
         let target = Target::FromSpecies { height_m: None };
-        grow(&load(name).unwrap(), target, Detail::FOREST, Seed::new(3)).unwrap()
+        let species = load(name).unwrap();
+        (grow(&species, target, Detail::FOREST, Seed::new(3)).unwrap(), species.kind)
     }
 
     #[test]
     fn every_condition_keeps_the_invariants_and_changes_no_place() {
         for name in ["larix_sibirica", "betula_pendula", "corylus_avellana", "table3/05"] {
-            let healthy = grown(name);
+            let (healthy, kind) = grown(name);
             for condition in Condition::ALL {
                 for seed in 1..4 {
-                    let s = in_condition(&healthy, condition, Seed::new(seed));
+                    let s = in_condition(&healthy, kind, condition, Seed::new(seed));
                     s.check().unwrap_or_else(|e| panic!("{name}, {condition:?}: {e}"));
                     assert!(s.len() >= 2, "{name}: something stands");
                     assert!(s.position.iter().all(|p| healthy.position.contains(p)));
-                    assert_eq!(s, in_condition(&healthy, condition, Seed::new(seed)));
+                    assert_eq!(s, in_condition(&healthy, kind, condition, Seed::new(seed)));
                 }
             }
-            assert_eq!(in_condition(&healthy, Condition::Healthy, Seed::new(1)), healthy);
+            assert_eq!(in_condition(&healthy, kind, Condition::Healthy, Seed::new(1)), healthy);
         }
     }
 
     #[test]
     fn branches_dry_as_the_scale_says_and_the_lower_first() {
-        let healthy = grown("picea_abies");
+        let (healthy, kind) = grown("picea_abies");
         let mut before = 0.0;
         for (condition, least, most) in [
             (Condition::Weakened, 0.0, 0.25),
             (Condition::StronglyWeakened, 0.25, 0.667),
             (Condition::Dying, 0.667, 0.95),
         ] {
-            let s = in_condition(&healthy, condition, Seed::new(1));
+            let s = in_condition(&healthy, kind, condition, Seed::new(1));
             let is_stem = s.is_stem();
             let roots: Vec<usize> =
                 (1..s.len()).filter(|&i| !is_stem[i] && is_stem[s.parent[i] as usize]).collect();
@@ -152,8 +189,8 @@ mod tests {
     #[test]
     fn an_old_dead_tree_is_broken_and_bears_nothing() {
         for name in ["pinus_sylvestris", "betula_pendula"] {
-            let healthy = grown(name);
-            let s = in_condition(&healthy, Condition::OldDead, Seed::new(2));
+            let (healthy, kind) = grown(name);
+            let s = in_condition(&healthy, kind, Condition::OldDead, Seed::new(2));
             let (base_m, height_m) = (healthy.crown_base_m(), healthy.height_m());
             let most_m = base_m + 0.85 * (height_m - base_m);
             assert!(s.height_m() > base_m && s.height_m() <= most_m, "{name}: {}", s.height_m());
