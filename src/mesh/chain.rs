@@ -194,7 +194,7 @@ impl Pieces {
         for (c, chain) in chains.chain.iter().enumerate() {
             let start = self.knot.len() as u32;
             // Radii never grow outward: what springs from a dropped chain is thinner still.
-            let has_all = chain.stands && sides.stem == Stem::TRUE;
+            let has_all = chain.stands && sides.stem != Stem::PLAIN;
             let is_kept = c == 0 || has_all || keeps_top && chain.is_leader;
             if !is_kept && chain.radius_m < cut_m {
                 self.arc_m.resize(chain.line.end, 0.0);

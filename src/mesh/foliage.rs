@@ -237,8 +237,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
 /// Whether the cards of bare twigs have stalks from the wood that is meshed, which no leaves hide.
 pub fn has_stalks(species: &Species, options: &MeshOptions) -> bool {
     let is_own = species.own_picture.is_some() || species.own_model.is_some();
-    let is_near = options.foliage == FoliageLevel::Cards && !options.is_flat();
-    is_near && !is_own && species.foliage.kept < LEAST_KEPT
+    options.has_near_cards() && !is_own && species.foliage.kept < LEAST_KEPT
 }
 
 /// Where the shoots on which a twig stands leave wood that is meshed.

@@ -362,3 +362,39 @@ fn few_leaves_hang_on_through_the_winter() {
         assert!((0.3 * kept..2.0 * kept).contains(&share), "{name}: {share} of the leaves");
     }
 }
+
+/// Half of them at least, of what is looked at from near.
+#[test]
+fn leafy_twigs_hang_near_wood() {
+    const APART_M: f32 = 0.04;
+    for (name, most_m) in [("quercus_robur", 0.45), ("betula_pendula", 0.15), ("picea_abies", 0.1)]
+    {
+        let species = species::load(name).unwrap();
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = grow(&species, target, Detail::HERO, Seed::new(1)).unwrap();
+        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let tree = build(&skeleton, &species, &atlas, &MeshOptions::HERO, Seed::new(1)).unwrap();
+        let mut wood = Vec::new();
+        for s in tree.woods() {
+            for t in s.index.chunks_exact(3) {
+                let corner = [0, 1, 2].map(|k| s.position[t[k] as usize]);
+                for k in 0..3 {
+                    let (a, b) = (corner[k], corner[(k + 1) % 3]);
+                    let steps = (a.distance(b) / APART_M).ceil().max(1.0);
+                    wood.extend((0..steps as u32).map(|i| a.lerp(b, i as f32 / steps)));
+                }
+            }
+        }
+        // A folded card has six corners.
+        let cards = tree.foliage.position.as_chunks::<6>().0.iter().step_by(20);
+        let mut gaps: Vec<f32> = cards
+            .map(|card| {
+                let each = card.iter().flat_map(|p| wood.iter().map(|w| w.distance_squared(*p)));
+                each.fold(f32::MAX, f32::min).sqrt()
+            })
+            .collect();
+        gaps.sort_by(f32::total_cmp);
+        let half_m = gaps[gaps.len() / 2];
+        assert!(half_m < most_m, "{name}: half the twigs are {half_m} m and more from wood");
+    }
+}

@@ -303,6 +303,11 @@ impl MeshOptions {
         self.foliage == FoliageLevel::Sparse || self.foliage == FoliageLevel::Cards && is_small
     }
 
+    /// Whether leaves are cards from so near that one sees what they hang from.
+    fn has_near_cards(&self) -> bool {
+        self.foliage == FoliageLevel::Cards && !self.is_flat()
+    }
+
     /// One of many trees in a forest.
     pub const FOREST: MeshOptions = MeshOptions {
         tolerance_m: 0.004,
@@ -331,7 +336,7 @@ impl MeshOptions {
 
 /// Share of a budget that the wood of a leafy tree may take, with leaves as geometry or folded cards,
 /// with flat cards, and with bare twigs, which hide none of it.
-const WOOD_SHARE: f32 = 0.36;
+const WOOD_SHARE: f32 = 0.45;
 const WOOD_SHARE_FLAT: f32 = 0.24;
 const WOOD_SHARE_BARE: f32 = 0.55;
 /// A tree of fewer triangles has flat cards: twice as many keep its outline better than folded ones,

@@ -33,6 +33,8 @@ pub struct Stem {
 }
 
 impl Stem {
+    /// Looked at from near.
+    pub const NEAR: Stem = Stem { off: 0.05, ..Stem::TRUE };
     pub const TRUE: Stem = Stem { sides: 6, off: 0.08, aside: 0.35 };
     /// Where a true one would leave no triangles for a crown.
     pub const PLAIN: Stem = Stem { sides: 4, off: 0.25, aside: 1.0 };

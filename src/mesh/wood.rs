@@ -88,7 +88,7 @@ pub fn wood(
         mixed_m: young.upper.map(|u| u.height_m),
         least: Least::within(reach_m(&skeleton.position)),
         is_welded: options.junctions == Junctions::Welded,
-        stem: Stem::TRUE,
+        stem: if options.is_flat() { Stem::TRUE } else { Stem::NEAR },
         is_bare: options.foliage == FoliageLevel::None || species.foliage.kept < LEAST_KEPT,
         options: *options,
     };
@@ -209,8 +209,9 @@ impl Planner<'_> {
         let finest_m = self.options.tolerance_m.clamp(1e-5, 1.0);
         let most_m = self.options.sagitta_m.max(finest_m);
         let tolerance_m = (finest_m * coarse.powf(0.6)).min(most_m);
-        // Bare twigs are the crown: there sides go before axes.
-        (tolerance_m, if self.is_bare { 0.0003 } else { 0.0015 } * (coarse - 1.0))
+        // Bare twigs are the crown, and cards seen from near hang from them: there sides go before axes.
+        let is_seen = self.is_bare || self.options.has_near_cards();
+        (tolerance_m, if is_seen { 0.0003 } else { 0.0015 } * (coarse - 1.0))
     }
 
     /// About how many triangles a wood of this coarseness has.

@@ -42,7 +42,7 @@ const LEAST_POWER: f32 = 0.4;
 const LADDER: [f32; 4] = [0.8, 0.93, 1.07, 1.25];
 /// Sides looked from, and samples along the longer side of what is seen.
 const SIDES: usize = 5;
-const SAMPLES: usize = 192;
+const SAMPLES: usize = 256;
 
 /// A tree to be meshed.
 pub struct Subject<'a> {
