@@ -703,4 +703,12 @@ fn a_forest_without_textures_has_colours_and_no_pictures_of_trees() {
     assert_eq!(textures("0", "plain"), 1, "the terrain's alone");
     assert!(textures("64", "pictured") > 10);
     refused(&["demo", "--texture", "63"], &["from 64 to 4096, or 0"]);
+    refused(&["demo", "--texture", "513"], &["an even number of pixels"]);
+    refused(
+        &["demo", "--seed", "-1"],
+        &["--seed", "a whole number from 0 to 18446744073709551615"],
+    );
+    let coloured = ["--wind", "unity", "--wind-as", "color", "-o", "birch.usda"];
+    let coloured = [&["tree", "betula_pendula"], &coloured[..]].concat();
+    refused(&coloured, &["--wind-as is for glTF, not for .usda files", "write a .glb"]);
 }

@@ -179,9 +179,13 @@ fn unique(text: &str) -> Result<Unique, String> {
 
 fn texture_px(text: &str) -> Result<u32, String> {
     match text.parse::<u32>() {
-        Ok(px) if px == 0 || (64..=4096).contains(&px) => Ok(px),
-        _ => Err("give a number of pixels from 64 to 4096, or 0 for none".into()),
+        Ok(px) if px == 0 || (64..=4096).contains(&px) && px.is_multiple_of(2) => Ok(px),
+        _ => Err("give an even number of pixels from 64 to 4096, or 0 for none".into()),
     }
+}
+
+fn seed(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| format!("give a whole number from 0 to {}", u64::MAX))
 }
 
 /// Reads a number of metres within `range`.
@@ -284,7 +288,7 @@ pub struct TreeArgs {
     #[arg(long, value_name = "M", default_value = "2", allow_negative_numbers = true, value_parser = above_zero::<f32>("metres"))]
     pub min_height: f32,
     /// Same seed, same bytes.
-    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true, value_parser = seed)]
     pub seed: u64,
 }
 
@@ -445,7 +449,7 @@ pub struct Demo {
     /// Trees of the stand.
     #[arg(long, default_value_t = 240, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=20_000))]
     pub trees: u32,
-    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true, value_parser = seed)]
     pub seed: u64,
     #[command(flatten)]
     pub scene: SceneArgs,
@@ -527,7 +531,7 @@ pub struct Tree {
     /// A scan of one tree, from the ground or the air, to fit the tree to (.las, .laz, .xyz).
     #[arg(long, value_name = "SCAN", conflicts_with_all = ["height", "age", "stage"])]
     pub cloud: Option<PathBuf>,
-    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true, value_parser = seed)]
     pub seed: u64,
     /// Most triangles; 20000 where absent, 1000000 with --foliage geometry.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=40_000_000))]
@@ -596,7 +600,7 @@ pub struct Derive {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(0..=64))]
     pub iterations: Option<u32>,
     /// For rules with chance.
-    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true, value_parser = seed)]
     pub seed: u64,
     /// Print the derived string.
     #[arg(long)]
@@ -613,7 +617,7 @@ pub struct Check {
     /// Picture that --watch draws; beside the file and named like it where absent.
     #[arg(short, long, value_name = "PNG", requires = "watch")]
     pub output: Option<PathBuf>,
-    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true, value_parser = seed)]
     pub seed: u64,
 }
 
@@ -655,7 +659,7 @@ pub struct Show {
     #[arg(long, value_name = "PX", default_value_t = 1600, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(300..=6000))]
     pub size: u32,
     /// Of the first tree; the others have the next ones.
-    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true, value_parser = seed)]
     pub seed: u64,
 }
 

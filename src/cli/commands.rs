@@ -290,6 +290,12 @@ fn check_levels(typed: &args::LevelArgs, formats: &[Format]) -> Result<()> {
         return Err(Error::new("--wind-as says where wind is written, and none is")
             .remedy("add --wind unity, cryengine or speedtree-like"));
     }
+    let is_gltf = |f: &Format| matches!(f, Format::Glb | Format::Gltf);
+    if typed.wind_as == args::WindAs::Color && !formats.iter().any(is_gltf) {
+        let files = extensions(formats.iter());
+        return Err(Error::new(format!("--wind-as is for glTF, not for {files} files"))
+            .remedy("leave it out, or write a .glb"));
+    }
     if typed.lightmap_uv { lightmap::needed() } else { Ok(()) }
 }
 
