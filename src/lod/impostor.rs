@@ -175,7 +175,9 @@ fn cross(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impos
 
 fn octahedral(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Result<Impostor> {
     let centre = 0.5 * (lo + hi);
-    let radius_m = (0.5 * (hi - lo).length()).max(1e-3);
+    // A ball, not a box: of a crown of foliage half as much of each view is empty.
+    let radius_m =
+        of.sitter.reach_m(of.model, centre).clamp(1e-3, (0.5 * (hi - lo).length()).max(1e-3));
     let side = (size_px / FRAMES).max(8).next_power_of_two() as usize;
     let texel_m = 2.0 * radius_m / side as f32;
     let cells: Vec<(u32, u32)> =

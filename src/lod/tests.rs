@@ -236,6 +236,25 @@ fn an_octahedral_impostor_turns_to_the_eye() {
     assert!(alone.rms_m > 2.0 * turned_rms_m, "{} {turned_rms_m}", alone.rms_m);
 }
 
+/// A round crown fills its views: they are about the ball that holds it, not about its box.
+#[test]
+fn octahedral_views_are_about_a_ball() {
+    let mut crown = Surface::default();
+    let corners = [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z];
+    crown.position.extend(corners.map(|c| 5.0 * c + 6.0 * Vec3::Z));
+    crown.normal.extend(corners);
+    crown.uv.extend([Vec2::ZERO; 6]);
+    for [a, b] in [[0, 1], [1, 3], [3, 4], [4, 0]] {
+        crown.index.extend([a, b, 2, b, a, 5]);
+    }
+    let bounds = crown.bounds();
+    let (parts, materials) = (part(crown), red());
+    let sitter = Sitter::new(&[&parts], &materials, &[]);
+    let got = impostor::bake(&sitter, 0, bounds, Kind::Octahedral, 512, &[]).unwrap();
+    let of = got.octahedral.unwrap();
+    assert_eq!((of.centre, of.radius_m), (6.0 * Vec3::Z, 5.0));
+}
+
 #[test]
 fn octahedral_views_cover_the_upper_half_of_the_sky() {
     // Any direction of the upper half has a view within 18.5°.

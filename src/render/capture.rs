@@ -127,6 +127,13 @@ impl<'a> Sitter<'a> {
         Sitter { stage }
     }
 
+    /// How far a model reaches from a place, metres.
+    pub fn reach_m(&self, model: u32, from: Vec3) -> f32 {
+        let items = self.stage.items.iter().filter(|item| item.place == model + 1);
+        let vertices = items.flat_map(|item| &self.stage.meshes[item.mesh as usize].vertex);
+        vertices.map(|v| v.position.distance_squared(from)).fold(0.0, f32::max).sqrt()
+    }
+
     /// Colour, normal and depth of every sample, row 0 on top.
     ///
     /// # Errors
