@@ -13,7 +13,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::card::{self, Shape};
-use super::leaf::Twig;
+use super::leaf::{StandIn, Twig};
 use super::piece::{Piece, fill};
 use super::spot::{Hull, Pose, Spot, spots, stance, thinned};
 use super::wind::Wind;
@@ -90,13 +90,13 @@ pub struct Foliage {
     pub surface: Surface,
     pub twig_scale: f32,
     pub cover: f32,
-    /// Length and width of such leaves over the species'.
-    pub leaf_size: Option<[f32; 2]>,
+    /// Such leaves.
+    pub stand_in: Option<StandIn>,
 }
 
 impl Default for Foliage {
     fn default() -> Foliage {
-        Foliage { surface: Surface::default(), twig_scale: 0.0, cover: 1.0, leaf_size: None }
+        Foliage { surface: Surface::default(), twig_scale: 0.0, cover: 1.0, stand_in: None }
     }
 }
 
@@ -229,9 +229,9 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
             fill(kept.len(), room, emit, wind)
         }
     };
-    let leaf_size = twig.as_ref().map(|t| t.widened.to_array());
+    let stand_in = twig.as_ref().map(Twig::stands_in);
     let cover = twig.map_or(1.0, |t| t.cover);
-    Ok(Foliage { surface, twig_scale: enlarge, cover, leaf_size })
+    Ok(Foliage { surface, twig_scale: enlarge, cover, stand_in })
 }
 
 /// Whether the cards of bare twigs have stalks from the wood that is meshed, which no leaves hide.

@@ -132,6 +132,17 @@ pub struct Twig<'a> {
     pub scale: f32,
     /// What they hide over what the species' leaves do, 0…1.
     pub cover: f32,
+    /// Triangles of all leaves that hide as much at the species' own size.
+    whole: usize,
+}
+
+/// How leaves that are meshed one by one stand for all of them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StandIn {
+    /// Length and width over the species'.
+    pub size: [f32; 2],
+    /// Triangles that all leaves would take, of the species' own size.
+    pub whole: usize,
 }
 
 impl<'a> Twig<'a> {
@@ -192,6 +203,7 @@ impl<'a> Twig<'a> {
             count: spots,
             scale: 1.0,
             cover: 1.0,
+            whole: 0,
         };
         // Where few leaves are left, one on every side shoot would be many.
         let least = [kept > 0.0, kept >= LEAST_KEPT].map(usize::from);
@@ -205,8 +217,13 @@ impl<'a> Twig<'a> {
         };
         let enough = (needed.ceil() as usize).clamp(1, spots.max(1));
         let each = budget / enough;
-        if each < twig.room().triangles {
-            twig.build = Build::Light;
+        let full = twig.room().triangles;
+        twig.build = Build::Light;
+        // A flat needle hides less than a folded one.
+        twig.whole = enough * if is_needle { full } else { twig.room().triangles };
+        if each >= full {
+            twig.build = Build::Full;
+        } else {
             twig.outlines = outlines(atlas, organ.blade(Build::Light));
             let (whole, wood) = (twig.room().triangles, twig.wood_room().triangles);
             let fewest = LEAST_SHARE[usize::from(!is_needle)];
@@ -265,6 +282,10 @@ impl<'a> Twig<'a> {
             *half = middle;
         }
         at(f32::exp(high))
+    }
+
+    pub fn stands_in(&self) -> StandIn {
+        StandIn { size: self.widened.to_array(), whole: self.whole }
     }
 
     /// Makes leaves so much larger, as their twigs are.
@@ -648,6 +669,20 @@ mod tests {
             let plain = made(10 * full.room().triangles - 1);
             assert_eq!(plain.build, Build::Light);
             assert_eq!(plain.leaves(), full.leaves(), "{name}");
+        }
+    }
+
+    /// As many triangles as a twig says all of them take suffice for leaves of the species' own size.
+    #[test]
+    fn leaves_are_as_large_as_the_species_where_they_say_so() {
+        for name in ["quercus_robur", "larix_sibirica", "picea_abies", "sorbus_aucuparia"] {
+            let species = load(name).unwrap();
+            let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+            let made = |budget| Twig::new(&species.foliage, &atlas, 2_000, 150.0, budget);
+            let whole = made(usize::MAX).stands_in().whole;
+            let size = |budget| made(budget).stands_in().size;
+            assert!(size(whole).iter().all(|s| *s < 1.05), "{name}: {:?}", size(whole));
+            assert!(size(whole / 3).iter().any(|s| *s > 1.1), "{name}: {:?}", size(whole / 3));
         }
     }
 

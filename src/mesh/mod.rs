@@ -36,6 +36,7 @@ use crate::species::model::LEAST_KEPT;
 use crate::texture::Atlas;
 
 pub use foliage::{FoliageLevel, HEIGHTS, at_heights};
+pub use leaf::StandIn;
 pub use path::{BELOW_GROUND_M, MAX_SIDES};
 pub use wind::{Wind, WindProfile};
 
@@ -135,8 +136,8 @@ pub struct TreeMesh {
     pub twig_scale: f32,
     /// What leaves hide over what the species' do, 0…1, where each is meshed for itself; 1 elsewhere.
     pub leaf_cover: f32,
-    /// Length and width of such leaves over the species'; `None` elsewhere.
-    pub leaf_size: Option<[f32; 2]>,
+    /// Such leaves; `None` elsewhere.
+    pub stand_in: Option<StandIn>,
     /// Of the skeleton's nodes, whether wood goes along them; empty where leaves hide that.
     pub is_meshed: Vec<bool>,
 }
@@ -385,7 +386,7 @@ pub fn build(
     let mut order = order(species, atlas, options, beside, wind.as_ref(), seed);
     let fruit = fruit::fruit(skeleton, &order);
     order.budget = order.budget.map(|b| b.saturating_sub(fruit.triangles()));
-    let foliage::Foliage { surface: foliage, twig_scale, cover: leaf_cover, leaf_size } =
+    let foliage::Foliage { surface: foliage, twig_scale, cover: leaf_cover, stand_in } =
         foliage::foliage(skeleton, &order)?;
     let [wood, upper_wood, twig_wood] = made.surface;
     let wood::Count { axes, without: unmeshed_axes, sagitta: (sagitta_m, sagitta_sides) } =
@@ -402,7 +403,7 @@ pub fn build(
         sagitta_sides,
         twig_scale,
         leaf_cover,
-        leaf_size,
+        stand_in,
         is_meshed,
     })
 }

@@ -173,15 +173,26 @@ pub fn tell_unmeshed<'a>(
 /// Adds to a report how much larger than the species' the leaves of these (finest) meshes are, where
 /// each is meshed for itself: the largest. Of crowns that are thin all the same [`tell_thin`] warns.
 pub fn tell_leaves<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, outcome: Outcome) -> Outcome {
-    let sizes = meshes.filter(|mesh| mesh.leaf_cover >= THIN).filter_map(|mesh| mesh.leaf_size);
-    let largest = sizes.max_by(|a, b| (a[0] * a[1]).total_cmp(&(b[0] * b[1])));
+    let each = meshes.filter(|mesh| mesh.leaf_cover >= THIN).filter_map(|mesh| {
+        let beside = mesh.triangles() - mesh.foliage.triangles();
+        mesh.stand_in.map(|of| (of.size, beside + of.whole))
+    });
+    let area = |[long, wide]: [f32; 2]| long * wide;
+    let largest = each.max_by(|a, b| area(a.0).total_cmp(&area(b.0)));
     match largest {
-        Some([long, wide]) if long.max(wide) > 1.05 => outcome.note(format!(
+        Some(([long, wide], whole)) if long.max(wide) > 1.05 => outcome.note(format!(
             "leaves or needles {long:.1} times as long and {wide:.1} times as wide as the species', to hide \
-             as much as all of them; more --triangles make them smaller"
+             as much as all of them, which would take about {} --triangles",
+            rounded_up(whole as f32),
         )),
         _ => outcome,
     }
+}
+
+/// To two digits.
+fn rounded_up(number: f32) -> f32 {
+    let unit = 10f32.powf(number.max(1.0).log10().floor() - 1.0);
+    (number / unit).ceil() * unit
 }
 
 /// Share of what the species' leaves hide below which a crown is worth a warning.
@@ -194,13 +205,12 @@ pub fn tell_thin<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, warnings: &mut 
         return;
     };
     let needed = mesh.triangles() as f32 / mesh.leaf_cover.max(1e-6);
-    let unit = 10f32.powf(needed.max(1.0).log10().floor() - 1.0);
     warnings.push(format!(
         "--foliage geometry: leaves of {} triangles hide {:.0} % of what the species' do; give about {} \
          --triangles, or take --foliage cards",
         mesh.foliage.triangles(),
         100.0 * mesh.leaf_cover,
-        (needed / unit).ceil() * unit,
+        rounded_up(needed),
     ));
 }
 
