@@ -22,7 +22,7 @@ use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
-use crate::species::model::{Foliage as Leaves, LEAST_KEPT};
+use crate::species::model::Foliage as Leaves;
 use crate::texture::Atlas;
 
 /// What stands for the leaves, from nothing to every one of them.
@@ -127,7 +127,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     }
     let budget = order.budget.unwrap_or(MOST_TRIANGLES).min(MOST_TRIANGLES);
     // Bare twigs hide nothing.
-    if level == FoliageLevel::Shell && f.kept >= LEAST_KEPT {
+    if level == FoliageLevel::Shell && !f.is_bare() {
         let margin_m = 0.5 * f.twig_length_m.min(hull.half.max_element());
         let most = budget.min(MOST_SHELL);
         let surface = shell::shell(&spots, &hull, margin_m, atlas.fill(), most);
@@ -136,10 +136,9 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);
     let folded = Shape::of(f.shape, false);
     // Where there are triangles for all of them, folded ones.
-    let is_bare = f.kept < LEAST_KEPT;
     let has_stalks = !order.is_meshed.is_empty();
     let is_crowded = folded.room().triangles * spots.len() > budget;
-    let is_flat = is_sparse || (order.is_flat || is_bare) && is_crowded;
+    let is_flat = is_sparse || (order.is_flat || f.is_bare()) && is_crowded;
     // Finer cards where there are triangles for all of them; else rather more cards.
     let fine = Shape::of(f.shape, true);
     let is_fine = order.detail && !is_flat && fine.room().triangles * spots.len() <= budget;
@@ -237,7 +236,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
 /// Whether the cards of bare twigs have stalks from the wood that is meshed, which no leaves hide.
 pub fn has_stalks(species: &Species, options: &MeshOptions) -> bool {
     let is_own = species.own_picture.is_some() || species.own_model.is_some();
-    options.has_near_cards() && !is_own && species.foliage.kept < LEAST_KEPT
+    options.has_near_cards() && !is_own && species.foliage.is_bare()
 }
 
 /// Where the shoots on which a twig stands leave wood that is meshed.
@@ -261,7 +260,7 @@ fn wanted(hull: &Hull, f: &Leaves, atlas: &Atlas, kept: usize, all: usize, share
     let cells = atlas.cells();
     let coverage = cells.iter().map(|c| c.coverage).sum::<f32>() / cells.len() as f32;
     let thinned = all as f32 / kept.max(1) as f32;
-    if f.kept < LEAST_KEPT {
+    if f.is_bare() {
         return thinned.sqrt();
     }
     let twig = f.twig_length_m.max(1e-3);

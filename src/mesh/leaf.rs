@@ -22,7 +22,7 @@ use super::piece::{Piece, Room, fill};
 use super::shade::hidden_sq_m;
 use super::spot::{GOLDEN_RAD, Pose, stance};
 use crate::seed::{Draws, Seed};
-use crate::species::model::{Foliage, LEAST_KEPT, LeafShape};
+use crate::species::model::{Foliage, LeafShape};
 use crate::texture::atlas::{Atlas, Cell, Row};
 
 /// Least share of a twig's needles, or leaves, that a budget leaves on it before whole twigs go.
@@ -206,11 +206,11 @@ impl<'a> Twig<'a> {
             whole: 0,
         };
         // Where few leaves are left, one on every side shoot would be many.
-        let least = [kept > 0.0, kept >= LEAST_KEPT].map(usize::from);
+        let least = [kept > 0.0, !foliage.is_bare()].map(usize::from);
         let [main, side] = summer.map(|n| (n * kept).round() as usize);
         twig.places = [main.max(least[0]), side.max(least[1])];
         let one_sq_m = twig.hides_sq_m();
-        let needed = if kept < LEAST_KEPT {
+        let needed = if foliage.is_bare() {
             spots as f32
         } else {
             (SEEN * kept * leaves_sq_m / one_sq_m.max(1e-9)).max(spots.min(USUAL_CARDS) as f32)

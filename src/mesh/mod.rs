@@ -32,7 +32,6 @@ use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
-use crate::species::model::LEAST_KEPT;
 use crate::texture::Atlas;
 
 pub use foliage::{FoliageLevel, HEIGHTS, at_heights};
@@ -370,7 +369,7 @@ pub fn build(
     let level = options.foliage;
     let wood_budget = options.triangle_budget.map(|b| match level {
         FoliageLevel::None => b,
-        _ if species.foliage.kept < LEAST_KEPT => (b as f32 * WOOD_SHARE_BARE) as usize,
+        _ if species.foliage.is_bare() => (b as f32 * WOOD_SHARE_BARE) as usize,
         _ if options.is_flat() => (b as f32 * WOOD_SHARE_FLAT) as usize,
         _ => (b as f32 * WOOD_SHARE) as usize,
     });

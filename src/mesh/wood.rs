@@ -10,7 +10,6 @@ use super::{FoliageLevel, Junctions, MeshOptions, Surface, reach_m};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
-use crate::species::model::LEAST_KEPT;
 use crate::texture::BARK_REPEAT_M;
 
 /// How much coarser a wood may become for a budget, how often that is tried, and by what steps of
@@ -89,7 +88,7 @@ pub fn wood(
         least: Least::within(reach_m(&skeleton.position)),
         is_welded: options.junctions == Junctions::Welded,
         stem: if options.is_flat() { Stem::TRUE } else { Stem::NEAR },
-        is_bare: options.foliage == FoliageLevel::None || species.foliage.kept < LEAST_KEPT,
+        is_bare: options.foliage == FoliageLevel::None || species.foliage.is_bare(),
         options: *options,
     };
     let mut bark = Bark::new(young, wind, seed);

@@ -35,7 +35,6 @@ use crate::seed::Seed;
 use crate::skeleton::surroundings::{Neighbour, Surroundings};
 use crate::skeleton::{self, Detail, Skeleton, Target, decline};
 use crate::species::Species;
-use crate::species::model::LEAST_KEPT;
 use crate::species::state::State;
 use crate::terrain::{Facets, Terrain};
 use crate::texture::{self, BarkTextures, TreeTextures};
@@ -651,7 +650,7 @@ fn build_meshes(
             || models.iter().filter(|m| textures[m.species].is_some()).zip(finest.clone());
         for (k, species) in job.survey.species.iter().enumerate() {
             let its = of_model().filter(|(m, _)| m.species == k).map(|(_, mesh)| mesh);
-            levels::tell_fruitless(species, its, warnings);
+            levels::tell_fruitless(species, job.foliage, its, warnings);
         }
         let mut outcome = levels::tell_unmeshed(finest, outcome, warnings);
         let coarsest = models.iter().zip(plans).filter(|(_, plan)| plan.is_coarsest);
@@ -824,7 +823,7 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         variants,
         roughness: 0.65,
         specular: LEAF_SPECULAR,
-        translucency: if species.foliage.kept < LEAST_KEPT { 0.0 } else { LEAF_TRANSLUCENCY },
+        translucency: if species.foliage.is_bare() { 0.0 } else { LEAF_TRANSLUCENCY },
         alpha,
         double_sided: true,
     });

@@ -8,7 +8,7 @@ use super::cover::{self, Subject};
 use super::forest::{Look, coarser, parts_of};
 use crate::diagnostic::Result;
 use crate::lod::{self, Silhouettes, Views, impostor};
-use crate::mesh::{MeshOptions, Surface, TreeMesh, WindProfile, p18};
+use crate::mesh::{FoliageLevel, MeshOptions, Surface, TreeMesh, WindProfile, p18};
 use crate::raster::Picture;
 use crate::render::capture::Sitter;
 use crate::render::linear_from_srgb;
@@ -217,13 +217,23 @@ pub fn tell_thin<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, warnings: &mut 
 /// Warns where a species has cones of the user's own and no tree of it bears any, for want of triangles.
 pub fn tell_fruitless<'a>(
     species: &Species,
+    foliage: FoliageLevel,
     meshes: impl Iterator<Item = &'a TreeMesh>,
     warnings: &mut Vec<String>,
 ) {
-    let Some(model) = &species.own_fruit else { return };
+    let Some(model) = &species.own_fruit.as_ref().filter(|_| species.fruit.per_m > 0.0) else {
+        return;
+    };
+    if matches!(foliage, FoliageLevel::Sparse | FoliageLevel::Shell) {
+        let (name, fruit) = (&species.name, model.name.display());
+        warnings.push(format!(
+            "{name}: no {fruit} is borne beside --foliage sparse or shell; give cards or geometry"
+        ));
+        return;
+    }
     let mut in_leaf = meshes.filter(|m| m.twig_scale > 0.0).peekable();
     let is_fruitless = in_leaf.peek().is_some() && in_leaf.all(|m| m.fruit.is_empty());
-    if is_fruitless && species.fruit.per_m > 0.0 {
+    if is_fruitless {
         warnings.push(format!(
             "{}: no {} is borne: one has {} triangles, and all of them may take a quarter of the leaves'; \
              give more --triangles, or the model fewer",

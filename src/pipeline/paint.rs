@@ -7,7 +7,6 @@ use crate::raster::Image;
 use crate::scene::ValidScene;
 use crate::seed::Seed;
 use crate::species::Species;
-use crate::species::model::LEAST_KEPT;
 use crate::species::state::{Condition, Season, State};
 use crate::texture::{self, TreeTextures, stored};
 
@@ -67,7 +66,7 @@ pub(super) fn leaf_variants(
     for (name, state) in seasons.into_iter().chain(conditions) {
         let mut look = state.look(species, seed);
         // Only colours differ. Twigs in leaf don't fit the cards of bare ones.
-        if look.foliage.kept.min(own.kept) >= LEAST_KEPT {
+        if !look.foliage.is_bare() && !own.is_bare() {
             look.foliage.kept = own.kept;
         }
         if look.foliage != own && look.foliage.kept == own.kept {

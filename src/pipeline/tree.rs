@@ -217,7 +217,7 @@ fn stand(
         let outcome = levels::tell_unmeshed(meshes.first().into_iter(), outcome, warnings);
         let outcome = levels::tell_leaves(meshes.first().into_iter(), outcome);
         levels::tell_thin(meshes.first().into_iter(), warnings);
-        levels::tell_fruitless(species, meshes.first().into_iter(), warnings);
+        levels::tell_fruitless(species, job.foliage, meshes.first().into_iter(), warnings);
         Ok((meshes, outcome))
     })?;
     let name = identifier(&species.name);

@@ -221,8 +221,8 @@ pub enum LeafShape {
     Pinnate,
 }
 
-/// With a smaller share of their leaves twigs are bare: they hide no crown.
-pub const LEAST_KEPT: f32 = 0.5;
+/// With a smaller share of their leaves twigs are bare.
+const LEAST_KEPT: f32 = 0.5;
 
 /// Leaves or needles and how they sit on shoots.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -276,6 +276,11 @@ pub fn youth(height_m: f32) -> f32 {
 }
 
 impl Foliage {
+    /// Whether twigs are seen without most of their leaves: they hide no crown.
+    pub fn is_bare(&self) -> bool {
+        self.kept < LEAST_KEPT
+    }
+
     /// Twigs at most so long: where they are shorter than usual they are closer, by the root of that,
     /// and their leaves a little smaller.
     #[must_use]

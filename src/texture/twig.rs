@@ -15,7 +15,7 @@ use super::canvas::{Canvas, Leaf, Stroke};
 use super::outline::Outline;
 use crate::raster::{Picture, keep_cover, pad_transparent};
 use crate::seed::{Draws, Seed};
-use crate::species::model::{Bark, Foliage, LEAST_KEPT, LeafShape};
+use crate::species::model::{Bark, Foliage, LeafShape};
 use crate::species::{Species, own};
 
 /// A bough cell shows this many times the length of a twig cell.
@@ -111,7 +111,7 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
         }
     }
     // Of bare twigs the mean is that of their bark.
-    if f.kept >= LEAST_KEPT {
+    if !f.is_bare() {
         match_colour(&mut picture, f.colour);
     }
     let [wood, fill] = plain(&mut picture, species, quarter);
@@ -328,7 +328,7 @@ impl Painter<'_> {
         let tone = twig_colour(&self.species.bark);
         // Bare twigs are all there is to see: they stand for finer ones and buds, too, and thinner ones
         // would come out dotted at the cutoff.
-        let is_bare = self.kept < LEAST_KEPT;
+        let is_bare = self.species.foliage.is_bare();
         let green = if is_bare { 0.0 } else { 0.1 };
         let colour = [0, 1, 2].map(|c| 0.78 * tone[c] + green * leafy[c]);
         let (stouter, least) = if is_bare { (1.6, 1.0) } else { (1.0, 0.45) };
