@@ -8,8 +8,9 @@
 //! sheet that comes with it shows the view from the side.
 //!
 //! Samples are taken 3 × 3 a texel; colour is averaged in linear light over what is seen, alpha
-//! is the share seen, spread so that patch by patch as much passes the cutoff as was covered, between
-//! texels and in smaller versions too. Colour is darker by what of the sky's light does not reach
+//! is the share seen: of a cross spread so that patch by patch as much passes the cutoff as was covered,
+//! between texels and in smaller versions too; of octahedral views, which are blended first, times what lets
+//! as much of each pass. Colour is darker by what of the sky's light does not reach
 //! a place in the tree though it would a sheet with these normals. Normals are in the sheet's own
 //! tangent space: of an octahedral picture the mesh's, nearer to the eye where leaves face all ways;
 //! of a cross those of a round crown, leaning outwards and up, so that light wanes across it as across
@@ -56,8 +57,10 @@ pub struct Impostor {
 pub const CUTOFF: f32 = 0.5;
 /// Samples along a side of a texel.
 const PER_TEXEL: usize = 3;
-/// Greatest factor on alpha, and how often its range is halved to find the right one.
+/// Greatest factor on alpha, the least on alphas that are blended (what one view covers wholly is to count
+/// nearly so), and how often the range is halved to find the right one.
 const MOST_GAIN: f32 = 64.0;
+const LEAST_GAIN: f32 = 0.8;
 const HALVINGS: u32 = 10;
 /// Texels along a block that keeps its cover.
 const BLOCK: usize = 5;
@@ -150,7 +153,7 @@ fn cross(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impos
     let width = views.iter().map(|v| v.size[0] + GUTTER).sum::<usize>().next_power_of_two();
     let height = views.iter().map(|v| v.size[1]).fold(0, usize::max) + GUTTER;
     let height = height.next_power_of_two();
-    let mut board = Board::new(width, height, of.tints);
+    let mut board = Board::new(width, height, of.tints, false);
     let mut surface = Surface::default();
     let mut left = GUTTER / 2;
     for (view, sheet) in views.iter().zip(&sheets) {
@@ -196,7 +199,7 @@ fn octahedral(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Result<Im
         })
         .collect::<Result<_>>()?;
     let whole = side * FRAMES as usize;
-    let mut board = Board::new(whole, whole, of.tints);
+    let mut board = Board::new(whole, whole, of.tints, true);
     for (&(col, row), view) in cells.iter().zip(&views) {
         board.paste(view, [col as usize * side, row as usize * side]);
     }
@@ -399,6 +402,8 @@ struct Board {
     normal: Picture,
     views: Vec<Place>,
     tinted: Vec<(Vec3, Picture)>,
+    /// A shader blends views before it cuts.
+    is_blended: bool,
 }
 
 /// Where a view lies: texels from the left and from the top, and its size.
@@ -410,7 +415,7 @@ struct Place {
 }
 
 impl Board {
-    fn new(width: usize, height: usize, tints: &[Vec3]) -> Board {
+    fn new(width: usize, height: usize, tints: &[Vec3], is_blended: bool) -> Board {
         let [w, h] = [width as u32, height as u32];
         let colour = Picture::filled(w, h, [0; 4]);
         Board {
@@ -418,6 +423,7 @@ impl Board {
             colour,
             normal: Picture::filled(w, h, [128, 128, 255, 0]),
             views: Vec::new(),
+            is_blended,
         }
     }
 
@@ -428,7 +434,7 @@ impl Board {
         let top = self.colour.height as usize - corner[1] - h;
         let covered = alphas.iter().sum::<f32>();
         self.views.push(Place { corner: [corner[0], top], size: [w, h], covered });
-        let alphas = spread(&alphas, w, BLOCK);
+        let alphas = if self.is_blended { alphas } else { spread(&alphas, w, BLOCK) };
         for (i, t) in frame.texel.iter().enumerate().filter(|(_, t)| t.alpha > 0.0) {
             let x = (corner[0] + i % w) as u32;
             let y = (top + i / w) as u32;
@@ -448,9 +454,13 @@ impl Board {
 
     fn finish(mut self, surface: Surface, octahedral: Option<Octahedral>) -> Result<Impostor> {
         pad_transparent(&mut self.colour);
-        keep_cover(&mut self.colour, CUTOFF, 1.0);
+        // What is blended before it is cut is what is covered: of views whose alphas are spread the mean
+        // would pass where all agree alone.
+        if !self.is_blended {
+            keep_cover(&mut self.colour, CUTOFF, 1.0);
+        }
         for view in &self.views {
-            fit(&mut self.colour, view);
+            fit(&mut self.colour, view, self.is_blended);
         }
         // All are cut alike.
         for (_, picture) in &mut self.tinted {
@@ -468,17 +478,23 @@ impl Board {
 }
 
 /// Changes a view's alpha so that as much passes the cutoff as is covered: draws what is seen nearer
-/// to the cutoff, or lifts all.
-fn fit(picture: &mut Picture, view: &Place) {
-    let (mut low, mut high) = (0.0f32, 2.0f32);
+/// to the cutoff, or lifts all. `by_gain`: alphas that are blended; where many are near the cutoff a little
+/// more passes.
+fn fit(picture: &mut Picture, view: &Place, by_gain: bool) {
+    let least = if by_gain { 1.0 + LEAST_GAIN.ln() / MOST_GAIN.ln() } else { 0.0 };
+    let (mut low, mut high) = (least, 2.0f32);
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
-        if passing(picture, view, middle) < view.covered { low = middle } else { high = middle }
+        if passing(picture, view, (middle, by_gain)) < view.covered {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     let [left, top] = view.corner;
     for row in picture.data.chunks_mut(picture.width as usize).skip(top).take(view.size[1]) {
         for p in &mut row[left..left + view.size[0]] {
-            let alpha = shifted(p[3], high) * 255.0;
+            let alpha = shifted(p[3], high, by_gain) * 255.0;
             // Rounding takes nothing over the cutoff.
             let is_seen = alpha >= CUTOFF * 255.0;
             p[3] = if is_seen { alpha.ceil() } else { alpha.floor() } as u8;
@@ -486,11 +502,11 @@ fn fit(picture: &mut Picture, view: &Place) {
     }
 }
 
-/// Alpha, 0…1, as it is for `by` = 1; below that what is seen is nearer to the cutoff, above it all are
-/// raised.
-fn shifted(alpha: u8, by: f32) -> f32 {
+/// Alpha, 0…1, as it is for `by` = 1; below that what is seen is nearer to the cutoff, or all are lowered
+/// where it is `by_gain`, above it all are raised.
+fn shifted(alpha: u8, by: f32, by_gain: bool) -> f32 {
     let alpha = f32::from(alpha) / 255.0;
-    if by > 1.0 {
+    if by > 1.0 || by_gain {
         (alpha * MOST_GAIN.powf(by - 1.0)).min(1.0)
     } else {
         alpha.min(CUTOFF + (alpha - CUTOFF) * by)
@@ -499,8 +515,8 @@ fn shifted(alpha: u8, by: f32) -> f32 {
 
 /// Texels' area that passes the cutoff, looked at in 2 × 2 places between texels' middles, as viewers
 /// see them: single texels of a thin crown would vanish there.
-fn passing(picture: &Picture, view: &Place, by: f32) -> f32 {
-    let table: Vec<f32> = (0..=255).map(|alpha| shifted(alpha, by)).collect();
+fn passing(picture: &Picture, view: &Place, (by, by_gain): (f32, bool)) -> f32 {
+    let table: Vec<f32> = (0..=255).map(|alpha| shifted(alpha, by, by_gain)).collect();
     let ([w, h], width) = (view.size, picture.width as usize);
     let rows: Vec<&[[u8; 4]]> = picture.data.chunks(width).skip(view.corner[1]).take(h).collect();
     let alpha = |y: usize, x: usize| table[usize::from(rows[y][view.corner[0] + x][3])];

@@ -160,12 +160,11 @@ fn an_impostor_covers_what_the_model_covers_in_its_colour() {
     }
 }
 
-#[test]
-fn an_impostor_of_a_thin_crown_covers_as_much() {
-    // Leaves much smaller than a texel, strewn about.
+/// Leaves strewn about a crown, much smaller than a texel of its pictures.
+fn strewn(count: u32) -> Surface {
     let mut leaves = Surface::default();
     let mut draws = crate::seed::Seed::new(1).draws();
-    for _ in 0..900 {
+    for _ in 0..count {
         let at =
             Vec3::new(draws.between(-2.0, 2.0), draws.between(-2.0, 2.0), draws.between(0.0, 8.0));
         let first = leaves.position.len() as u32;
@@ -176,7 +175,35 @@ fn an_impostor_of_a_thin_crown_covers_as_much() {
         }
         leaves.index.extend([0, 1, 2, 0, 2, 3].map(|k| first + k));
     }
-    let (parts, materials) = (part(leaves), red());
+    leaves
+}
+
+/// Views are blended before they are cut: what one covers wholly is to count wholly.
+#[test]
+fn alphas_of_octahedral_views_say_what_is_covered() {
+    let (parts, materials) = (part(strewn(20_000)), red());
+    let sitter = Sitter::new(&[&parts], &materials, &[]);
+    let bounds = (Vec3::new(-2.0, -2.0, 0.0), Vec3::new(2.0, 2.0, 8.0));
+    let got = impostor::bake(&sitter, 0, bounds, Kind::Octahedral, 512, &[]).unwrap();
+    let octahedral = got.octahedral.unwrap();
+    let side = octahedral.frames as usize;
+    let px = got.colour.width as usize / side;
+    let texel_m = 2.0 * octahedral.radius_m / px as f32;
+    // The view from the south: in the corner where e = (-1, 1).
+    let (col, row) = (0, side - 1);
+    let rows = got.colour.data.chunks(px * side).skip((side - 1 - row) * px).take(px);
+    let alphas = rows.flat_map(|line| &line[col * px..(col + 1) * px]);
+    let sum: f32 = alphas.map(|p| f32::from(p[3]) / 255.0).sum();
+    let window =
+        Window { centre: Vec3::Z * 4.0, forward: Vec3::Y, sample_m: 0.02, size: [240, 440] };
+    let seen = sitter.silhouette(0, &window).unwrap().iter().filter(|c| **c).count();
+    let share = sum * texel_m * texel_m / (seen as f32 * 0.02 * 0.02);
+    assert!((0.78..1.12).contains(&share), "alphas come to {share} of what is covered");
+}
+
+#[test]
+fn an_impostor_of_a_thin_crown_covers_as_much() {
+    let (parts, materials) = (part(strewn(900)), red());
     let sitter = Sitter::new(&[&parts], &materials, &[]);
     let bounds = (Vec3::new(-2.0, -2.0, 0.0), Vec3::new(2.0, 2.0, 8.0));
     for (kind, size_px) in [(Kind::Cross, 128), (Kind::Octahedral, 512)] {

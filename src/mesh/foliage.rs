@@ -130,7 +130,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     if level == FoliageLevel::Shell && !f.is_bare() {
         let margin_m = 0.5 * f.twig_length_m.min(hull.half.max_element());
         let most = budget.min(MOST_SHELL);
-        let surface = shell::shell(&spots, &hull, margin_m, atlas.fill(), most);
+        let surface = shell::shell(&spots, &hull, margin_m, atlas.shade(), most);
         return Ok(Foliage { surface, ..Foliage::default() });
     }
     let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);

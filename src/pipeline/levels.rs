@@ -278,7 +278,7 @@ fn scheme(
             (p.z, uv.y) = (foot_m, foot_m);
         }
     }
-    mesh.foliage.uv.fill(atlas.fill());
+    mesh.foliage.uv.fill(atlas.shade());
     if tree.foliage.is_empty() {
         mesh.foliage = Surface::default();
     }

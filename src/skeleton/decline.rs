@@ -1,9 +1,9 @@
 //! A tree that weakens and dies (the categories of [`Condition`]): which branches are dry, and what
 //! has broken off.
 //!
-//! Branches dry from the foot of the crown, where the light is least, with chance, which has more to say
-//! of broadleaved trees: whole sides of them may die. A dry branch is dry to its tips, and loses some of
-//! its twigs. An old dead tree has lost its top, its thin twigs and the ends of its branches: those of
+//! Conifers dry branch by branch from the foot of the crown, where the light is least, broadleaved trees
+//! from the top and from the ends of their limbs; both with chance. What is dry is so to its tips, and
+//! loses some of its twigs. An old dead tree has lost its top, its thin twigs and the ends of its branches: those of
 //! conifers, in which resin is, last for longer. Pure: the same arguments give the same result.
 
 use super::Skeleton;
@@ -26,8 +26,11 @@ pub fn in_condition(s: &Skeleton, kind: Kind, condition: Condition, seed: Seed) 
 
 /// How a kind of tree dies.
 struct Decline {
-    /// How far up the crown, as a share of it, chance lets a branch dry as early as one at its foot.
-    chance: f32,
+    /// How much later than one at the crown's foot a branch at its top dries, over the span of chance; below
+    /// 0 the top is first.
+    later: f32,
+    /// Whether the ends of limbs and each of their branches dry for themselves.
+    by_ends: bool,
     /// How much of the crown's height stands when the top has broken off.
     stands: [f32; 2],
     /// How much of its length is left of a branch; of how many side branches anything is, and how much.
@@ -37,14 +40,16 @@ struct Decline {
 }
 
 const CONIFER: Decline = Decline {
-    chance: 0.45,
+    later: 2.2,
+    by_ends: false,
     stands: [0.6, 0.97],
     branch: [0.25, 1.0],
     sides: 0.55,
     side: [0.3, 0.95],
 };
 const BROADLEAF: Decline = Decline {
-    chance: 0.9,
+    later: -0.7,
+    by_ends: true,
     stands: [0.45, 0.85],
     branch: [0.1, 0.85],
     sides: 0.35,
@@ -54,36 +59,47 @@ const BROADLEAF: Decline = Decline {
 /// Share of a dry branch's twigs that have fallen.
 const DRY_TWIGS_LOST: f32 = 0.45;
 
-/// So large a share of the branches dead, the lower ones first.
+/// So large a share of the branches dead.
 fn dried(s: &Skeleton, share: f32, wood: &Decline, seed: Seed) -> Skeleton {
     let is_stem = s.is_stem();
-    // The node in which each node's branch leaves the stem.
-    let mut branch = vec![0u32; s.len()];
-    let mut branches = Vec::new();
     let base_m = s.crown_base_m();
     let crown_m = (s.height_m() - base_m).max(1e-6);
-    for i in 1..s.len() {
-        if is_stem[i] {
-            continue;
-        }
-        let p = s.parent[i] as usize;
-        if is_stem[p] {
-            branch[i] = i as u32;
-            let chance = seed.derive("branch", i as u64).draws().unit();
-            let up = (s.position[p].z - base_m) / crown_m;
-            branches.push((up + wood.chance * chance, i as u32));
-        } else {
-            branch[i] = branch[p];
-        }
+    let mut branches = Vec::new();
+    for axis in s.axes() {
+        let of_limb = wood.by_ends && axis.order == 1;
+        let begins = match axis.order {
+            1 if of_limb => axis.nodes.get(axis.nodes.len() / 2),
+            1 => axis.nodes.first(),
+            2 if wood.by_ends => axis.nodes.first(),
+            _ => None,
+        };
+        let Some(&i) = begins.filter(|i| !is_stem[**i as usize]) else { continue };
+        let chance = seed.derive("branch", u64::from(i)).draws().unit();
+        let up = (s.position[i as usize].z - base_m) / crown_m;
+        branches.push((wood.later * up + chance, i));
     }
     branches.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let count = (share * branches.len() as f32).round() as usize;
-    let mut is_dry = vec![false; s.len()];
-    for (_, root) in branches.iter().take(count) {
-        is_dry[*root as usize] = true;
+    // What springs from a dry branch is dry, too: the fewest branches that leave so many dry.
+    let wanted = (share * branches.len() as f32).round() as usize;
+    let dead_of = |count: usize| {
+        let mut dead = vec![false; s.len()];
+        branches[..count].iter().for_each(|(_, i)| dead[*i as usize] = true);
+        for i in 1..s.len() {
+            dead[i] = !is_stem[i] && (dead[i] || dead[s.parent[i] as usize]);
+        }
+        dead
+    };
+    let dry = |count: usize| {
+        let dead = dead_of(count);
+        branches.iter().filter(|(_, i)| dead[*i as usize]).count()
+    };
+    let (mut low, mut high) = (0, branches.len());
+    while low < high {
+        let middle = usize::midpoint(low, high);
+        if dry(middle) < wanted { low = middle + 1 } else { high = middle }
     }
     let mut out = s.clone();
-    out.dead = (0..s.len()).map(|i| is_dry[branch[i] as usize]).collect();
+    out.dead = dead_of(low);
     let lost = |i: usize| {
         let twig = out.dead[i] && s.order[i] >= 2;
         twig && seed.derive("twig", s.axis[i].into()).draws().unit() < DRY_TWIGS_LOST
@@ -133,7 +149,7 @@ fn within([low, high]: [f32; 2], draws: &mut Draws) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::skeleton::{Detail, Target, grow};
+    use crate::skeleton::{Axis, Detail, Target, grow};
     use crate::species::load;
 
     fn grown(name: &str) -> (Skeleton, Kind) {
@@ -183,6 +199,31 @@ mod tests {
             let bears = s.bears_leaves(0.01);
             assert!((0..s.len()).all(|i| !(s.dead[i] && bears[i])), "dry branches are bare");
             assert!(bears.iter().any(|b| *b), "some live");
+        }
+    }
+
+    #[test]
+    fn broadleaved_trees_dry_from_the_top_and_from_the_ends_of_their_limbs() {
+        let (healthy, kind) = grown("quercus_robur");
+        let mut before = 0.0;
+        for condition in [Condition::Weakened, Condition::StronglyWeakened, Condition::Dying] {
+            let s = in_condition(&healthy, kind, condition, Seed::new(1));
+            s.check().unwrap();
+            let dry = s.dead.iter().filter(|d| **d).count() as f32 / s.len() as f32;
+            assert!(dry > before && dry < 0.9, "{condition:?}: {dry}");
+            before = dry;
+            let axes = s.axes();
+            let is_limb = |axis: &&Axis| axis.order == 1 && axis.nodes.len() > 2;
+            let limbs: Vec<_> = axes.iter().filter(is_limb).collect();
+            assert!(limbs.iter().all(|limb| !s.dead[limb.nodes[0] as usize]), "they live");
+            let ends = limbs.iter().map(|limb| limb.nodes[limb.nodes.len() - 1] as usize);
+            let mean = |of: &mut dyn Iterator<Item = usize>| {
+                let (sum, count) = of.fold((0.0, 0), |(s2, n), i| (s2 + s.position[i].z, n + 1));
+                sum / count.max(1) as f32
+            };
+            let all = mean(&mut ends.clone());
+            let dead = mean(&mut ends.filter(|i| s.dead[*i]));
+            assert!(dead > all, "{condition:?}: {dead} {all}");
         }
     }
 

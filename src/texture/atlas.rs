@@ -159,14 +159,17 @@ pub struct Atlas {
     leaves: Vec<Cell>,
     wood: Vec2,
     fill: Vec2,
+    shade: Vec2,
 }
 
 impl Atlas {
-    /// `leaves`: cells of single leaves or needles, that grow up like twigs; `wood` and `fill`: places
-    /// in the middle of plain bark, and of the leaves' mean colour. `None` without cells of both.
-    pub fn new(cells: Vec<Cell>, leaves: Vec<Cell>, wood: Vec2, fill: Vec2) -> Option<Self> {
+    /// `leaves`: cells of single leaves or needles, that grow up like twigs; `plain`: places in
+    /// the middle of plain bark, of the leaves' mean colour and of that in the crown's shade. `None`
+    /// without cells of both.
+    pub fn new(cells: Vec<Cell>, leaves: Vec<Cell>, plain: [Vec2; 3]) -> Option<Self> {
         let has_both = !cells.is_empty() && !leaves.is_empty();
-        has_both.then_some(Atlas { cells, leaves, wood, fill })
+        let [wood, fill, shade] = plain;
+        has_both.then_some(Atlas { cells, leaves, wood, fill, shade })
     }
 
     /// One cell that fills the picture, which shows `size_m` metres.
@@ -185,7 +188,8 @@ impl Atlas {
     /// One cell, for twig and leaf.
     pub fn of_one(cell: Cell) -> Self {
         let middle = Vec2::splat(0.5);
-        Atlas { cells: vec![cell.clone()], leaves: vec![cell], wood: middle, fill: middle }
+        let [wood, fill, shade] = [middle; 3];
+        Atlas { cells: vec![cell.clone()], leaves: vec![cell], wood, fill, shade }
     }
 
     /// With a cell of its own for single leaves.
@@ -195,7 +199,7 @@ impl Atlas {
 
     /// With the mean colour of the leaves at `fill`.
     pub fn filled_at(self, fill: Vec2) -> Self {
-        Atlas { fill, ..self }
+        Atlas { fill, shade: fill, ..self }
     }
 
     pub fn leaves(&self) -> &[Cell] {
@@ -210,6 +214,12 @@ impl Atlas {
     /// Texture coordinates of the leaves' mean colour, opaque around.
     pub fn fill(&self) -> Vec2 {
         self.fill
+    }
+
+    /// The same of leaves as a whole crown shows them, that throw shadows on each other: for hulls,
+    /// which throw none on themselves. As [`Atlas::fill`] where the picture is the user's.
+    pub fn shade(&self) -> Vec2 {
+        self.shade
     }
 
     pub fn cells(&self) -> &[Cell] {
