@@ -190,6 +190,17 @@ fn check_tells_sound_files_from_broken_ones() {
 }
 
 #[test]
+fn a_file_that_is_no_rule_file_is_told_of_briefly() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), "model.obj", &"v 0 0 0\n".repeat(300));
+    let said = refusal(dir.path(), &["tree", "model.obj", "-o", "e.glb"]);
+    assert_eq!(said.matches("expected `=`").count(), 5, "{said}");
+    for part in ["more places that are not TOML", "give a rule file"] {
+        assert!(said.contains(part), "no `{part}` in {said}");
+    }
+}
+
+#[test]
 fn a_new_file_is_sound_and_grows() {
     let dir = tempfile::tempdir().unwrap();
     let run = |args: &[&str]| {

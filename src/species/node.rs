@@ -167,23 +167,33 @@ impl Node {
     }
 }
 
-/// Reads TOML text as source number `source`. Every syntax error is reported.
+/// Syntax errors shown: a file that is none of TOML has one in every line.
+const MAX_SYNTAX_ERRORS: usize = 5;
+
+/// Reads TOML text as source number `source`. The first syntax errors are reported.
 pub fn read(sources: &Sources, source: usize) -> Result<Node, Vec<Error>> {
     let Some(own) = sources.0.get(source) else {
         return Err(vec![Error::new("no text to read")]);
     };
     let (table, errors) = DeTable::parse_recoverable(&own.text);
     if !errors.is_empty() {
-        return Err(errors
-            .iter()
-            .map(|e| {
-                let span = e.span().unwrap_or(0..0);
-                let place = Place { source, span };
-                let message = format!("not TOML: {}", e.message().trim().replace('\n', ", "));
-                let remedy = remedy_of_syntax(&own.text, &place.span, &message);
-                sources.error(&place, message, "here").remedy(remedy)
-            })
-            .collect());
+        let each = errors.iter().take(MAX_SYNTAX_ERRORS).map(|e| {
+            let span = e.span().unwrap_or(0..0);
+            let place = Place { source, span };
+            let message = format!("not TOML: {}", e.message().trim().replace('\n', ", "));
+            let remedy = remedy_of_syntax(&own.text, &place.span, &message);
+            sources.error(&place, message, "here").remedy(remedy)
+        });
+        let mut all: Vec<Error> = each.collect();
+        let more = errors.len() - all.len();
+        if more > 0 {
+            let more = Error::new(format!("… and {more} more places that are not TOML"));
+            all.push(
+                more.in_file(&own.name)
+                    .remedy("give a rule file, or a name of `larix species list`"),
+            );
+        }
+        return Err(all);
     }
     let span = table.span();
     let mut entries: Vec<Entry> =
