@@ -9,8 +9,8 @@
 //!
 //! Samples are taken 3 × 3 a texel; colour is averaged in linear light over what is seen, alpha
 //! is the share seen: of a cross spread so that patch by patch as much passes the cutoff as was covered,
-//! between texels and in smaller versions too; of octahedral views, which are blended first, times what lets
-//! as much of each pass. Colour is darker by what of the sky's light does not reach
+//! between texels and in smaller versions too; of octahedral views, which are blended first, raised where
+//! less of one would pass than it covers. Colour is darker by what of the sky's light does not reach
 //! a place in the tree though it would a sheet with these normals. Normals are in the sheet's own
 //! tangent space: of an octahedral picture the mesh's, nearer to the eye where leaves face all ways;
 //! of a cross those of a round crown, leaning outwards and up, so that light wanes across it as across
@@ -57,10 +57,8 @@ pub struct Impostor {
 pub const CUTOFF: f32 = 0.5;
 /// Samples along a side of a texel.
 const PER_TEXEL: usize = 3;
-/// Greatest factor on alpha, the least on alphas that are blended (what one view covers wholly is to count
-/// nearly so), and how often the range is halved to find the right one.
+/// Greatest factor on alpha, and how often its range is halved to find the right one.
 const MOST_GAIN: f32 = 64.0;
-const LEAST_GAIN: f32 = 0.8;
 const HALVINGS: u32 = 10;
 /// Texels along a block that keeps its cover.
 const BLOCK: usize = 5;
@@ -178,7 +176,7 @@ fn cross(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impos
 
 fn octahedral(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Result<Impostor> {
     let centre = 0.5 * (lo + hi);
-    // A ball, not a box: of a crown of foliage half as much of each view is empty.
+    // A ball, not the box: views of a wide crown would be empty for the most part.
     let radius_m =
         of.sitter.reach_m(of.model, centre).clamp(1e-3, (0.5 * (hi - lo).length()).max(1e-3));
     let side = (size_px / FRAMES).max(8).next_power_of_two() as usize;
@@ -454,13 +452,16 @@ impl Board {
 
     fn finish(mut self, surface: Surface, octahedral: Option<Octahedral>) -> Result<Impostor> {
         pad_transparent(&mut self.colour);
-        // What is blended before it is cut is what is covered: of views whose alphas are spread the mean
-        // would pass where all agree alone.
-        if !self.is_blended {
+        // Alphas that are blended are never less than what is covered: their mean passes where one view covers
+        // a place and another hardly does.
+        let least = if self.is_blended {
+            1.0
+        } else {
             keep_cover(&mut self.colour, CUTOFF, 1.0);
-        }
+            0.0
+        };
         for view in &self.views {
-            fit(&mut self.colour, view, self.is_blended);
+            fit(&mut self.colour, view, least);
         }
         // All are cut alike.
         for (_, picture) in &mut self.tinted {
@@ -478,23 +479,17 @@ impl Board {
 }
 
 /// Changes a view's alpha so that as much passes the cutoff as is covered: draws what is seen nearer
-/// to the cutoff, or lifts all. `by_gain`: alphas that are blended; where many are near the cutoff a little
-/// more passes.
-fn fit(picture: &mut Picture, view: &Place, by_gain: bool) {
-    let least = if by_gain { 1.0 + LEAST_GAIN.ln() / MOST_GAIN.ln() } else { 0.0 };
+/// to the cutoff, or lifts all. `least`: as [`shifted`] has it.
+fn fit(picture: &mut Picture, view: &Place, least: f32) {
     let (mut low, mut high) = (least, 2.0f32);
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
-        if passing(picture, view, (middle, by_gain)) < view.covered {
-            low = middle
-        } else {
-            high = middle
-        }
+        if passing(picture, view, middle) < view.covered { low = middle } else { high = middle }
     }
     let [left, top] = view.corner;
     for row in picture.data.chunks_mut(picture.width as usize).skip(top).take(view.size[1]) {
         for p in &mut row[left..left + view.size[0]] {
-            let alpha = shifted(p[3], high, by_gain) * 255.0;
+            let alpha = shifted(p[3], high) * 255.0;
             // Rounding takes nothing over the cutoff.
             let is_seen = alpha >= CUTOFF * 255.0;
             p[3] = if is_seen { alpha.ceil() } else { alpha.floor() } as u8;
@@ -502,11 +497,11 @@ fn fit(picture: &mut Picture, view: &Place, by_gain: bool) {
     }
 }
 
-/// Alpha, 0…1, as it is for `by` = 1; below that what is seen is nearer to the cutoff, or all are lowered
-/// where it is `by_gain`, above it all are raised.
-fn shifted(alpha: u8, by: f32, by_gain: bool) -> f32 {
+/// Alpha, 0…1, as it is for `by` = 1; below that what is seen is nearer to the cutoff, above it all are
+/// raised.
+fn shifted(alpha: u8, by: f32) -> f32 {
     let alpha = f32::from(alpha) / 255.0;
-    if by > 1.0 || by_gain {
+    if by > 1.0 {
         (alpha * MOST_GAIN.powf(by - 1.0)).min(1.0)
     } else {
         alpha.min(CUTOFF + (alpha - CUTOFF) * by)
@@ -515,8 +510,8 @@ fn shifted(alpha: u8, by: f32, by_gain: bool) -> f32 {
 
 /// Texels' area that passes the cutoff, looked at in 2 × 2 places between texels' middles, as viewers
 /// see them: single texels of a thin crown would vanish there.
-fn passing(picture: &Picture, view: &Place, (by, by_gain): (f32, bool)) -> f32 {
-    let table: Vec<f32> = (0..=255).map(|alpha| shifted(alpha, by, by_gain)).collect();
+fn passing(picture: &Picture, view: &Place, by: f32) -> f32 {
+    let table: Vec<f32> = (0..=255).map(|alpha| shifted(alpha, by)).collect();
     let ([w, h], width) = (view.size, picture.width as usize);
     let rows: Vec<&[[u8; 4]]> = picture.data.chunks(width).skip(view.corner[1]).take(h).collect();
     let alpha = |y: usize, x: usize| table[usize::from(rows[y][view.corner[0] + x][3])];

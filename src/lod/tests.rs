@@ -181,7 +181,7 @@ fn strewn(count: u32) -> Surface {
 /// Views are blended before they are cut: what one covers wholly is to count wholly.
 #[test]
 fn alphas_of_octahedral_views_say_what_is_covered() {
-    let (parts, materials) = (part(strewn(20_000)), red());
+    let (parts, materials) = (part(strewn(6_000)), red());
     let sitter = Sitter::new(&[&parts], &materials, &[]);
     let bounds = (Vec3::new(-2.0, -2.0, 0.0), Vec3::new(2.0, 2.0, 8.0));
     let got = impostor::bake(&sitter, 0, bounds, Kind::Octahedral, 512, &[]).unwrap();
@@ -198,7 +198,7 @@ fn alphas_of_octahedral_views_say_what_is_covered() {
         Window { centre: Vec3::Z * 4.0, forward: Vec3::Y, sample_m: 0.02, size: [240, 440] };
     let seen = sitter.silhouette(0, &window).unwrap().iter().filter(|c| **c).count();
     let share = sum * texel_m * texel_m / (seen as f32 * 0.02 * 0.02);
-    assert!((0.78..1.12).contains(&share), "alphas come to {share} of what is covered");
+    assert!((0.88..1.12).contains(&share), "alphas come to {share} of what is covered");
 }
 
 #[test]

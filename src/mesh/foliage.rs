@@ -90,7 +90,7 @@ pub struct Foliage {
     pub surface: Surface,
     pub twig_scale: f32,
     pub cover: f32,
-    /// Such leaves.
+    /// How such leaves stand for all of them.
     pub stand_in: Option<StandIn>,
 }
 

@@ -135,7 +135,7 @@ pub struct TreeMesh {
     pub twig_scale: f32,
     /// What leaves hide over what the species' do, 0…1, where each is meshed for itself; 1 elsewhere.
     pub leaf_cover: f32,
-    /// Such leaves; `None` elsewhere.
+    /// How such leaves stand for all of them; `None` elsewhere.
     pub stand_in: Option<StandIn>,
     /// Of the skeleton's nodes, whether wood goes along them; empty where leaves hide that.
     pub is_meshed: Vec<bool>,
