@@ -104,6 +104,15 @@ pub enum JoinedBy {
     Intersect,
 }
 
+/// How twigs are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum TwigsAs {
+    /// In one mesh, within --triangles.
+    Merge,
+    /// Each form once, and the places where it stands.
+    Instance,
+}
+
 /// Time against error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Effort {
@@ -550,6 +559,11 @@ pub struct Tree {
     /// Without leaves: --foliage none.
     #[arg(long, conflicts_with = "foliage")]
     pub bare: bool,
+    /// How twigs of --foliage geometry, or of the species' own model, are stored: `instance` is for
+    /// close-ups: every leaf and needle at its size, a few forms of twigs in a small file, and
+    /// --triangles counts what is stored.
+    #[arg(long, value_enum, value_name = "HOW", default_value = "merge")]
+    pub twigs: TwigsAs,
     #[command(flatten)]
     pub wood: WoodArgs,
     #[command(flatten)]

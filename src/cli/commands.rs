@@ -13,7 +13,7 @@ use crate::diagnostic::{Error, Result};
 use crate::export::{self, Format, MOST_GLB_BYTES, OutputFile, Profile, Staged, WindAs};
 use crate::ground::Method;
 use crate::lod;
-use crate::mesh::{FoliageLevel, Junctions, WindProfile, lightmap};
+use crate::mesh::{FoliageLevel, Junctions, TwigsAs, WindProfile, lightmap};
 use crate::pipeline::goal::Goal;
 use crate::pipeline::left_out::{self, Saved};
 use crate::pipeline::tree::Grown;
@@ -633,7 +633,9 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     check_levels(&a.levels, formats)?;
     check_pictures(a.texture, a.height_maps)?;
     let extras = extras(&a.levels, &a.state);
-    check_held(&extras, formats)?;
+    let is_instanced = a.twigs == args::TwigsAs::Instance;
+    let twigs = is_instanced.then_some("--twigs instance");
+    check_held(&extras.iter().copied().chain(twigs).collect::<Vec<_>>(), formats)?;
     run.warnings.extend(not_held(&a.levels, formats));
     let levels = levels_job(&a.levels, formats);
     let is_plain = levels == LevelsJob::default() && !a.height_maps && extras.is_empty();
@@ -646,6 +648,9 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     }
     let species = species::load(&a.species)?;
     let foliage = if a.bare { FoliageLevel::None } else { level(a.foliage) };
+    if is_instanced {
+        check_twigs(&species, foliage, &levels, a)?;
+    }
     let job = TreeJob {
         height_m: a.height.or(a.age.map(|years| species.size.height_at(years))),
         species,
@@ -657,6 +662,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         wood: wood(&a.wood),
         texture_px: a.texture,
         foliage,
+        twigs: if is_instanced { TwigsAs::Instanced } else { TwigsAs::Merged },
         levels,
         state: state(&a.state),
         has_variants: a.state.variants,
@@ -711,6 +717,43 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         lines.splice(0..0, fit_lines(&fit));
     }
     Ok(Told { lines, json: summary })
+}
+
+/// Whether there are twigs to store once each, and nothing asked for that differs from one to another.
+fn check_twigs(
+    species: &Species,
+    foliage: FoliageLevel,
+    levels: &LevelsJob,
+    a: &args::Tree,
+) -> Result<()> {
+    let has_twigs = species.own_model.is_some() || foliage == FoliageLevel::Geometry;
+    if species.own_picture.is_some() {
+        let error =
+            "--twigs instance: the species' twigs are pictures, which are no larger than a place";
+        return Err(Error::new(error).remedy("leave it out, or give the species a `model`"));
+    }
+    if !has_twigs || foliage == FoliageLevel::None {
+        let error = "--twigs instance: there are no twigs of leaves or needles to store";
+        return Err(Error::new(error).remedy("add --foliage geometry"));
+    }
+    let asked = [
+        ("--lods", levels.meshed > 0),
+        ("--impostor", levels.impostor.is_some()),
+        ("--wind", levels.wind.is_some()),
+        ("--lightmap-uv", levels.has_lightmap_uv),
+        ("--tolerance", a.wood.tolerance.is_some()),
+    ];
+    let asked: Vec<&str> = asked.iter().filter(|(_, is)| *is).map(|(option, _)| *option).collect();
+    if asked.is_empty() {
+        return Ok(());
+    }
+    let asked = asked.join(", ");
+    let error =
+        format!("--twigs instance is the form for close-ups alone: it goes without {asked}");
+    Err(Error::new(error).remedy(
+        "leave that out (--profile engine asks for levels, impostor and wind), and write other forms in a \
+         run of their own: same seed, same tree",
+    ))
 }
 
 /// What was noted of a stage.

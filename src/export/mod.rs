@@ -22,7 +22,7 @@ pub use disk::{Staged, check_writable, survive_file_limits, write_all};
 pub use gltf::{MOST_GLB_BYTES, Profile, WindAs};
 pub use pictures::{Keeper, PictureFormat, Pictures};
 
-use crate::diagnostic::{Result, Warned};
+use crate::diagnostic::{Error, Result, Warned};
 use crate::scene::{Forms, Material, Selection, ValidScene};
 
 /// What wrote the file, as the files say it.
@@ -133,7 +133,7 @@ impl Format {
     }
 
     /// Whether it holds what not every renderer shows: wind, bodies for physics, looks, places on
-    /// light maps, octahedral impostors.
+    /// light maps, octahedral impostors, twigs stored once.
     pub fn holds_extras(self) -> bool {
         !matches!(self, Format::X3d | Format::Obj)
     }
@@ -197,13 +197,19 @@ impl<'a> Job<'a> {
 /// `pictures` must be of [`Job::picture_formats`].
 ///
 /// # Errors
-/// What is too large for a GLB and can't be split, a scene too large for a package; more vertices than readers of OBJ count.
+/// What is too large for a GLB and can't be split, a scene too large for a package; more vertices than
+/// readers of OBJ count; twigs that are stored once, in X3D and OBJ.
 pub fn files<'a>(
     scene: &'a ValidScene,
     pictures: &'a Pictures,
     job: &Job<'a>,
 ) -> Result<Warned<Vec<OutputFile<'a>>>> {
     let Job { stem, formats, profile, wind, most_glb_bytes } = *job;
+    let has_scattered = scene.prototypes().iter().any(|p| !p.scattered.is_empty());
+    if let Some(plain) = formats.iter().find(|f| has_scattered && !f.holds_extras()) {
+        let told = format!(".{} files hold no twigs that are stored once", plain.extension());
+        return Err(Error::new(told).remedy("merge the twigs, or write a .glb or a .usdc"));
+    }
     let mut files = Vec::new();
     let mut warnings = Vec::new();
     for format in [Format::Glb, Format::Gltf].into_iter().filter(|f| formats.contains(f)) {

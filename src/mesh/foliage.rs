@@ -16,8 +16,9 @@ use super::card::{self, Shape};
 use super::leaf::{StandIn, Twig};
 use super::piece::{Piece, fill};
 use super::spot::{Hull, Pose, Spot, spots, stance, thinned};
+use super::twigs::Twigs;
 use super::wind::Wind;
-use super::{MeshOptions, Surface, form, shell, stamp};
+use super::{MeshOptions, Surface, TwigsAs, form, shell, stamp};
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
@@ -50,6 +51,9 @@ const MOST_SHELL: usize = 400;
 const MOST_ENLARGED_CARDS: f32 = 3.0;
 const MOST_ENLARGED_FLAT: f32 = 6.0;
 
+/// Forms of twigs that are stored once each, at most.
+const MOST_FORMS: usize = 48;
+
 /// Heights in the crown, evenly from its foot to its top, at which the size of twigs is set.
 pub const HEIGHTS: usize = 6;
 
@@ -74,6 +78,7 @@ pub struct Order<'a> {
     pub detail: bool,
     /// Cards of two triangles, so that there are more of them, where folded ones would not be all.
     pub is_flat: bool,
+    pub twigs: TwigsAs,
     /// Of the places for leaves, those that bear them.
     pub share: f32,
     /// How much larger twigs are at each height than their number asks.
@@ -88,6 +93,7 @@ pub struct Order<'a> {
 #[derive(Debug, PartialEq)]
 pub struct Foliage {
     pub surface: Surface,
+    pub twigs: Vec<Twigs>,
     pub twig_scale: f32,
     pub cover: f32,
     /// How such leaves stand for all of them.
@@ -96,7 +102,13 @@ pub struct Foliage {
 
 impl Default for Foliage {
     fn default() -> Foliage {
-        Foliage { surface: Surface::default(), twig_scale: 0.0, cover: 1.0, stand_in: None }
+        Foliage {
+            surface: Surface::default(),
+            twigs: Vec::new(),
+            twig_scale: 0.0,
+            cover: 1.0,
+            stand_in: None,
+        }
     }
 }
 
@@ -151,6 +163,10 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let model = species.own_model.as_deref();
     let is_leaf_by_leaf =
         level == FoliageLevel::Geometry && species.own_picture.is_none() && model.is_none();
+    // Then the budget is for the forms alone.
+    let is_instanced = order.twigs == TwigsAs::Instanced && (is_leaf_by_leaf || model.is_some());
+    let stored = budget;
+    let budget = if is_instanced { usize::MAX } else { budget };
     let mut twig = is_leaf_by_leaf.then(|| {
         let leaves_sq_m = share * f.cover.clamp(0.0, 1.0) * hull.area_sq_m();
         Twig::new(f, atlas, spots.len(), leaves_sq_m, budget)
@@ -162,12 +178,17 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         (None, None) => shape.room(),
     };
     if let Some(model) = model
-        && room.triangles > budget
+        && room.triangles > stored
     {
         let name = model.name.display();
         let n = room.triangles;
-        return Err(Error::new(format!("the model {name} has {n} triangles, the crown {budget}"))
+        return Err(Error::new(format!("the model {name} has {n} triangles, the crown {stored}"))
             .remedy("give the tree more --triangles, or the model fewer"));
+    }
+    if is_instanced && room.triangles > stored {
+        let n = room.triangles;
+        let told = format!("a twig with all its leaves has {n} triangles, the crown {stored}");
+        return Err(Error::new(told).remedy("give the tree more --triangles"));
     }
     let most = twig.as_ref().map_or(budget / room.triangles.max(1), |t| t.count);
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
@@ -199,6 +220,16 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         let larger = larger_at(&kept[k]).max(enlarge.recip());
         (Pose::of(&kept[k], f, &hull, [enlarge, larger], &mut draws), draws)
     };
+    if is_instanced {
+        let poses: Vec<Pose> = (0..kept.len()).into_par_iter().map(|k| stand(k).0).collect();
+        let forms = (stored / room.triangles.max(1)).min(MOST_FORMS);
+        let twigs = match (model, &twig) {
+            (Some(model), _) => vec![stamp::gather(model, f.twig_length_m.max(1e-3), &poses)],
+            (None, Some(twig)) => form::gather(twig, &poses, forms, seed),
+            (None, None) => Vec::new(),
+        };
+        return Ok(Foliage { twigs, twig_scale: enlarge, ..Foliage::default() });
+    }
     let surface = match (model, &twig) {
         (Some(model), _) => {
             let emit = |k, out: &mut Piece| stamp::emit(model, &stand(k).0, stamp::BENT, out);
@@ -230,7 +261,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     };
     let stand_in = twig.as_ref().map(Twig::stands_in);
     let cover = twig.map_or(1.0, |t| t.cover);
-    Ok(Foliage { surface, twig_scale: enlarge, cover, stand_in })
+    Ok(Foliage { surface, twigs: Vec::new(), twig_scale: enlarge, cover, stand_in })
 }
 
 /// Whether the cards of bare twigs have stalks from the wood that is meshed, which no leaves hide.

@@ -39,6 +39,7 @@ fn order(
         is_meshed: &[],
         budget,
         detail: true,
+        twigs: TwigsAs::Merged,
         is_flat: false,
         share: 1.0,
         larger: [1.0; HEIGHTS],

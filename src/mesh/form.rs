@@ -3,7 +3,8 @@
 //! What tells one twig from another is which way it hangs and how large it is: it is built in the
 //! forms of a small table, over the direction of gravity in its own frame, the fall of its tip and
 //! its size, and each place takes the form nearest to its own, turned and scaled to fit exactly.
-//! Forms that no place takes are not built. Departures from a build at every place: leaves sink up
+//! Forms that no place takes are not built. Where each form is stored but once, the few are taken that
+//! are nearest to all places (greedy k-medians). Departures from a build at every place: leaves sink up
 //! to 20 degrees off the plumb line, and are up to an eighth larger or smaller than they would be.
 
 use glam::{Mat3A, Quat, Vec2, Vec3, Vec3A};
@@ -13,6 +14,7 @@ use super::Surface;
 use super::leaf::Twig;
 use super::piece::{Piece, fill};
 use super::spot::{GOLDEN_RAD, Pose, SAG, Spot};
+use super::twigs::{Place, Twigs};
 use super::wind::Wind;
 use crate::seed::Seed;
 
@@ -22,6 +24,8 @@ const DOWNS: usize = 64;
 const SAGS: usize = 3;
 /// A size over the next smaller one.
 const LARGER: f32 = 1.25;
+/// A turn off the plumb line that counts as one step.
+const UNLIKE_RAD: f32 = 0.35;
 
 /// One twig of unit length at the origin, along x, its upper side to y.
 struct Form {
@@ -58,10 +62,24 @@ impl Kind {
         Kind { down: nearest.0, sag, size }
     }
 
+    fn size_m(self) -> f32 {
+        LARGER.powi(self.size)
+    }
+
+    /// How ill a form of another kind serves for one of this: squares of how far leaves hang off the plumb
+    /// line, of steps of fall and of steps of size.
+    fn unlike(self, other: Kind, downs: &[Vec3A; DOWNS]) -> f32 {
+        let cosine = downs[self.down].dot(downs[other.down]).clamp(-1.0, 1.0);
+        let turns = cosine.acos() / UNLIKE_RAD;
+        let [sag, size] =
+            [self.sag.abs_diff(other.sag) as f32, self.size.abs_diff(other.size) as f32];
+        turns * turns + sag * sag + size * size
+    }
+
     fn build(self, twig: &Twig, down: Vec3A, seed: Seed) -> Form {
         // The twig's own frame as it stands where gravity is -z.
         let stand = Quat::from_rotation_arc(Vec3::from(down), Vec3::NEG_Z);
-        let size_m = LARGER.powi(self.size);
+        let size_m = self.size_m();
         let share = (self.sag as f32 - 0.5) / SAGS as f32;
         let facing = stand * Vec3::Y;
         let pose = Pose {
@@ -90,6 +108,18 @@ impl Kind {
     }
 }
 
+impl Form {
+    fn surface(self, size_m: f32) -> Surface {
+        Surface {
+            position: self.position.into_iter().map(|p| Vec3::from(p * size_m)).collect(),
+            normal: self.normal.into_iter().map(|n| Vec3::from(n).normalize_or(Vec3::Z)).collect(),
+            uv: self.uv,
+            index: self.index,
+            ..Surface::default()
+        }
+    }
+}
+
 /// Heading, upper side, and what is at right angles to both.
 fn frame(pose: &Pose) -> Mat3A {
     Mat3A::from_cols(
@@ -109,14 +139,77 @@ fn downs() -> [Vec3A; DOWNS] {
     })
 }
 
-/// A twig at every pose.
-pub fn set(twig: &Twig, poses: &[Pose], seed: Seed, wind: Option<(&Wind, &[Spot])>) -> Surface {
-    let downs = downs();
-    let kind = |pose: &Pose| Kind::of(pose, &downs);
+/// That of every pose, and all that occur.
+fn kinds(poses: &[Pose], downs: &[Vec3A; DOWNS]) -> (Vec<Kind>, Vec<Kind>) {
+    let kind = |pose: &Pose| Kind::of(pose, downs);
     let kinds: Vec<Kind> = poses.par_iter().with_min_len(256).map(kind).collect();
     let mut used = kinds.clone();
     used.par_sort_unstable();
     used.dedup();
+    (kinds, used)
+}
+
+/// A twig at every pose, of `most` forms at most, each of them stored once.
+pub fn gather(twig: &Twig, poses: &[Pose], most: usize, seed: Seed) -> Vec<Twigs> {
+    let downs = downs();
+    let (kinds, used) = kinds(poses, &downs);
+    let number = |kind: &Kind| used.binary_search(kind).unwrap_or(0);
+    let mut count = vec![0.0f32; used.len()];
+    kinds.iter().for_each(|kind| count[number(kind)] += 1.0);
+    let chosen = medians(&used, &count, most, &downs);
+    let build = |kind: &Kind| Twigs {
+        form: kind.build(twig, downs[kind.down], seed).surface(kind.size_m()),
+        places: Vec::new(),
+    };
+    let kinds_of: Vec<Kind> = chosen.kinds.iter().map(|k| used[*k]).collect();
+    let mut out: Vec<Twigs> = kinds_of.par_iter().map(build).collect();
+    for (kind, pose) in kinds.iter().zip(poses) {
+        let form = chosen.of[number(kind)];
+        out[form].places.push(Place {
+            position: pose.base,
+            turn: Quat::from_mat3a(&frame(pose)).normalize(),
+            scale: pose.size_m / kinds_of[form].size_m(),
+        });
+    }
+    out
+}
+
+/// Some of the kinds that occur, and which of those serves each of them.
+struct Medians {
+    kinds: Vec<usize>,
+    of: Vec<usize>,
+}
+
+/// Chosen one by one, each that which brings all the others nearest to one of them.
+fn medians(used: &[Kind], count: &[f32], most: usize, downs: &[Vec3A; DOWNS]) -> Medians {
+    /// Farther than any kinds are apart.
+    const FAR: f32 = 1e6;
+    let mut out = Medians { kinds: Vec::new(), of: vec![0; used.len()] };
+    let mut apart = vec![FAR; used.len()];
+    while out.kinds.len() < most.max(1) {
+        let gain = |&candidate: &usize| -> f32 {
+            let nearer = |k: usize| (apart[k] - used[candidate].unlike(used[k], downs)).max(0.0);
+            (0..used.len()).map(|k| count[k] * nearer(k)).sum()
+        };
+        let gains: Vec<f32> = (0..used.len()).into_par_iter().map(|k| gain(&k)).collect();
+        // The first of the best.
+        let best = (0..used.len()).rev().max_by(|a, b| gains[*a].total_cmp(&gains[*b]));
+        let Some(best) = best.filter(|k| gains[*k] > 0.0) else { break };
+        for (k, nearest) in apart.iter_mut().enumerate() {
+            let off = used[best].unlike(used[k], downs);
+            if off < *nearest {
+                (*nearest, out.of[k]) = (off, out.kinds.len());
+            }
+        }
+        out.kinds.push(best);
+    }
+    out
+}
+
+/// A twig at every pose.
+pub fn set(twig: &Twig, poses: &[Pose], seed: Seed, wind: Option<(&Wind, &[Spot])>) -> Surface {
+    let downs = downs();
+    let (kinds, used) = kinds(poses, &downs);
     let build = |kind: &Kind| kind.build(twig, downs[kind.down], seed);
     let forms: Vec<Form> = used.par_iter().map(build).collect();
     let bent = twig.bent();

@@ -21,6 +21,7 @@ mod shell;
 mod spot;
 mod stamp;
 mod tube;
+mod twigs;
 mod wind;
 mod wood;
 mod young;
@@ -37,6 +38,7 @@ use crate::texture::Atlas;
 pub use foliage::{FoliageLevel, HEIGHTS, at_heights};
 pub use leaf::StandIn;
 pub use path::{BELOW_GROUND_M, MAX_SIDES};
+pub use twigs::{Place, Twigs, outer};
 pub use wind::{Wind, WindProfile};
 
 /// Vertices that a thread takes at once.
@@ -118,8 +120,10 @@ pub struct TreeMesh {
     pub upper_wood: Surface,
     /// The part with the bark of twigs, likewise.
     pub twig_wood: Surface,
-    /// Empty for a bare tree.
+    /// Empty for a bare tree, and where [`TreeMesh::twigs`] are its leaves.
     pub foliage: Surface,
+    /// Leaves as twigs in many places; empty unless asked for.
+    pub twigs: Vec<Twigs>,
     /// Cones, berries or catkins of the user's own; empty where the species has none.
     pub fruit: Surface,
     /// Axes thick enough for the budget.
@@ -142,8 +146,16 @@ pub struct TreeMesh {
 }
 
 impl TreeMesh {
+    /// What is stored: twigs once a form.
     pub fn triangles(&self) -> usize {
-        self.wood_triangles() + self.foliage.triangles() + self.fruit.triangles()
+        let twigs: usize = self.twigs.iter().map(|t| t.form.triangles()).sum();
+        self.wood_triangles() + self.foliage.triangles() + twigs + self.fruit.triangles()
+    }
+
+    /// What is seen: twigs wherever they stand.
+    pub fn shown_triangles(&self) -> usize {
+        let twigs = |of: fn(&Twigs) -> usize| self.twigs.iter().map(of).sum::<usize>();
+        self.triangles() - twigs(|t| t.form.triangles()) + twigs(Twigs::shown_triangles)
     }
 
     /// The wood, bark by bark.
@@ -161,8 +173,14 @@ impl TreeMesh {
             .iter()
             .filter(|s| !s.is_empty())
             .map(|s| s.bounds())
+            .chain((!self.twigs.is_empty()).then(|| bounds_of(&self.outer_twigs())))
             .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
             .unwrap_or_default()
+    }
+
+    fn outer_twigs(&self) -> Vec<Vec3> {
+        let forms: Vec<_> = self.twigs.iter().map(|t| (&t.form, &t.places[..])).collect();
+        outer(&forms)
     }
 
     /// Diameter of the circle whose area is that of the crown seen from above: a star of 16 rays
@@ -172,12 +190,20 @@ impl TreeMesh {
     pub fn crown_diameter_m(&self) -> f32 {
         const SECTORS: usize = 16;
         const FEW: usize = 100;
-        let crown = if self.foliage.is_empty() { &self.wood } else { &self.foliage };
-        let within = if crown.position.len() < FEW { 1.0 } else { 0.9 };
-        let sum = crown.position.iter().fold(glam::DVec2::ZERO, |s, p| s + p.truncate().as_dvec2());
-        let middle = (sum / crown.position.len().max(1) as f64).as_vec2();
+        let twigs: Vec<Vec3>;
+        let crown = if !self.twigs.is_empty() {
+            twigs = self.twigs.iter().flat_map(Twigs::tips).collect();
+            &twigs
+        } else if self.foliage.is_empty() {
+            &self.wood.position
+        } else {
+            &self.foliage.position
+        };
+        let within = if crown.len() < FEW { 1.0 } else { 0.9 };
+        let sum = crown.iter().fold(glam::DVec2::ZERO, |s, p| s + p.truncate().as_dvec2());
+        let middle = (sum / crown.len().max(1) as f64).as_vec2();
         let mut distance_sq = vec![Vec::new(); SECTORS];
-        for p in &crown.position {
+        for p in crown {
             let d = p.truncate() - middle;
             let turn = (d.to_angle() / std::f32::consts::TAU).rem_euclid(1.0);
             let sector = ((turn * SECTORS as f32) as usize).min(SECTORS - 1);
@@ -220,10 +246,13 @@ impl TreeMesh {
         for surface in [wood, upper_wood, twig_wood, foliage, fruit] {
             surface.position.par_iter_mut().with_min_len(CHUNK).for_each(|p| *p *= factor);
         }
+        self.twigs.iter_mut().for_each(|twigs| twigs.scale(factor));
     }
 
-    /// Drops the triangles of leaves that hang into the ground, which is z = 0.
+    /// Drops the triangles of leaves that hang into the ground, which is z = 0; twigs whole.
     pub fn clear_ground(&mut self) {
+        self.twigs.iter_mut().for_each(Twigs::clear_ground);
+        self.twigs.retain(|twigs| !twigs.places.is_empty());
         let foliage = &mut self.foliage;
         let is_above = |i: u32| foliage.position.get(i as usize).is_some_and(|p| p.z >= 0.0);
         if foliage.position.par_iter().with_min_len(CHUNK).all(|p| p.z >= 0.0) {
@@ -257,6 +286,7 @@ impl TreeMesh {
         self.woods().into_iter().try_for_each(Surface::check)?;
         self.foliage.check()?;
         self.fruit.check()?;
+        self.twigs.iter().try_for_each(Twigs::check)?;
         match check::open_edges(&self.woods()) {
             0 => Ok(()),
             n => Err(Error::new(format!("the wood has {n} open edges"))),
@@ -284,6 +314,18 @@ pub struct MeshOptions {
     /// Buttresses at the ground, cards of more rows.
     pub detail: bool,
     pub junctions: Junctions,
+    pub twigs: TwigsAs,
+}
+
+/// How leaves, or a user's own twigs, are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum TwigsAs {
+    /// All of them in one surface, within the budget.
+    #[default]
+    Merged,
+    /// A few forms of whole twigs, each at many places: all leaves of the species' own size. The budget
+    /// is that of what is stored. Only leaf by leaf, or of a user's own model.
+    Instanced,
 }
 
 /// How a branch joins its parent.
@@ -319,6 +361,7 @@ impl MeshOptions {
         larger: [1.0; HEIGHTS],
         detail: false,
         junctions: Junctions::Welded,
+        twigs: TwigsAs::Merged,
     };
     /// A tree seen from near.
     pub const HERO: MeshOptions = MeshOptions {
@@ -331,6 +374,7 @@ impl MeshOptions {
         larger: [1.0; HEIGHTS],
         detail: true,
         junctions: Junctions::Welded,
+        twigs: TwigsAs::Merged,
     };
 }
 
@@ -385,7 +429,7 @@ pub fn build(
     let mut order = order(species, atlas, options, beside, wind.as_ref(), seed);
     let fruit = fruit::fruit(skeleton, &order);
     order.budget = order.budget.map(|b| b.saturating_sub(fruit.triangles()));
-    let foliage::Foliage { surface: foliage, twig_scale, cover: leaf_cover, stand_in } =
+    let foliage::Foliage { surface: foliage, twigs, twig_scale, cover: leaf_cover, stand_in } =
         foliage::foliage(skeleton, &order)?;
     let [wood, upper_wood, twig_wood] = made.surface;
     let wood::Count { axes, without: unmeshed_axes, sagitta: (sagitta_m, sagitta_sides) } =
@@ -395,6 +439,7 @@ pub fn build(
         upper_wood,
         twig_wood,
         foliage,
+        twigs,
         fruit,
         axes,
         unmeshed_axes,
@@ -450,6 +495,7 @@ fn order<'a>(
         is_meshed: beside.is_meshed,
         detail: options.detail,
         is_flat: options.is_flat(),
+        twigs: options.twigs,
         share: options.leaf_share,
         larger: options.larger,
         wind,

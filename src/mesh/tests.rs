@@ -644,6 +644,7 @@ fn speed() {
         is_meshed: &[],
         budget: None,
         detail: true,
+        twigs: TwigsAs::Merged,
         is_flat: false,
         share: 1.0,
         larger: [1.0; HEIGHTS],

@@ -72,7 +72,16 @@ impl Subject<'_> {
         let foliage = mesh::leaves(self.skeleton, self.species, atlas, options, beside, self.seed)?;
         let [wood, upper_wood, twig_wood] = tree.woods().map(Clone::clone);
         let fruit = tree.fruit.clone();
-        let mut tree = TreeMesh { wood, upper_wood, twig_wood, foliage, fruit, is_meshed, ..*tree };
+        let mut tree = TreeMesh {
+            wood,
+            upper_wood,
+            twig_wood,
+            foliage,
+            twigs: Vec::new(),
+            fruit,
+            is_meshed,
+            ..*tree
+        };
         tree.clear_ground();
         Ok(tree)
     }

@@ -21,15 +21,15 @@ use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::lod::Kind;
 use crate::lod::collision::collision;
-use crate::mesh::{FoliageLevel, Junctions, MeshOptions, Surface, TreeMesh};
+use crate::mesh::{FoliageLevel, Junctions, MeshOptions, Surface, TreeMesh, Twigs};
 use crate::raster::{Image, Picture};
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scene::sharing::{Build, Model, share};
 use crate::scene::turn;
 use crate::scene::{
-    Alpha, Colorspace, Instance, LeftOut, Material, Part, Prototype, Relief, Scene, Texture,
-    TreeFacts, ValidScene, Variant, identifier,
+    Alpha, Colorspace, Instance, LeftOut, Material, Part, Prototype, Relief, Scattered, Scene,
+    Texture, TreeFacts, ValidScene, Variant, identifier,
 };
 use crate::seed::Seed;
 use crate::skeleton::surroundings::{Neighbour, Surroundings};
@@ -919,11 +919,23 @@ fn add_bark(scene: &mut Scene, name: &str, bark: BarkTextures) -> u32 {
 }
 
 /// The parts of a tree; those without triangles are left out when the scene is pruned.
-pub(super) fn prototype(name: String, species: &Species, mesh: TreeMesh, look: Look) -> Prototype {
+pub(super) fn prototype(
+    name: String,
+    species: &Species,
+    mut mesh: TreeMesh,
+    look: Look,
+) -> Prototype {
+    let twigs = (1..).zip(std::mem::take(&mut mesh.twigs));
+    let scattered = twigs.map(|(k, Twigs { form, places })| {
+        let part = Part { name: format!("twig_{k:02}"), surface: form, material: look.leaf };
+        Scattered { part, places }
+    });
+    let scattered = scattered.collect();
     Prototype {
         name,
         species: species.name.clone(),
         parts: parts_of(mesh, look),
+        scattered,
         levels: Vec::new(),
         colliders: Vec::new(),
         octahedral: None,

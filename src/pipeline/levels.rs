@@ -189,6 +189,20 @@ pub fn tell_leaves<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, outcome: Outc
     }
 }
 
+/// Adds to a report how many twigs stand where few are stored, and what all of them would take.
+pub fn tell_twigs<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, mut outcome: Outcome) -> Outcome {
+    for mesh in meshes.filter(|mesh| !mesh.twigs.is_empty()) {
+        let places: usize = mesh.twigs.iter().map(|twigs| twigs.places.len()).sum();
+        outcome = outcome.note(format!(
+            "{} forms of twigs stand at {places} places: {} triangles are seen where {} are stored",
+            mesh.twigs.len(),
+            mesh.shown_triangles(),
+            mesh.triangles(),
+        ));
+    }
+    outcome
+}
+
 /// To two digits.
 fn rounded_up(number: f32) -> f32 {
     let unit = 10f32.powf(number.max(1.0).log10().floor() - 1.0);

@@ -4,7 +4,7 @@
 //! Every row is one picture of trees that stand in line, seen through a long lens so that scale
 //! holds from left to right; lines every few metres give heights.
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 use super::figure::{self, figure};
@@ -271,7 +271,7 @@ fn draw(job: &SheetJob, scene: &mut Scene, trees: &[Shown]) -> Result<Picture> {
             let stand = |model: usize, x: f32, y: f32| Placement {
                 model: model as u32,
                 position: Vec3::new(x, y, 0.0),
-                yaw_rad: 0.0,
+                turn: Mat3::IDENTITY,
                 scale: Vec3::ONE,
             };
             [stand(tree, x, 0.0), stand(trees.len(), x + room.figure_x, -0.2)]

@@ -14,7 +14,7 @@ use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::lod::collision::collision;
-use crate::mesh::{FoliageLevel, MeshOptions};
+use crate::mesh::{FoliageLevel, MeshOptions, TwigsAs};
 use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
@@ -43,6 +43,8 @@ pub struct TreeJob {
     pub triangles: usize,
     pub texture_px: u32,
     pub foliage: FoliageLevel,
+    /// [`TwigsAs::Instanced`] goes with no coarser form, wind, light map or tolerance.
+    pub twigs: TwigsAs,
     pub wood: WoodJob,
     pub levels: LevelsJob,
     pub cache: Cache,
@@ -192,7 +194,10 @@ fn stand(
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let seed = job.seed.derive("mesh", 0);
-    let options = |n: usize| MeshOptions { leaf_share, ..job.wood.options(n, job.foliage) };
+    let options = |n: usize| {
+        let twigs = job.twigs;
+        MeshOptions { leaf_share, twigs, ..job.wood.options(n, job.foliage) }
+    };
     let (mut triangles, mut is_rough) = (job.triangles, false);
     if let Some(tolerance_m) = job.wood.tolerance_m {
         (triangles, is_rough) = run.stage("tolerance", |warnings| {
@@ -212,7 +217,8 @@ fn stand(
         let subject = Subject { skeleton, species, textures: &textures, seed };
         let meshes = levels::meshes(&subject, &options, job.levels.meshed, height_m)?;
         let triangles = meshes.iter().map(|m| m.triangles()).sum();
-        let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles")
+        let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles");
+        let outcome = levels::tell_twigs(meshes.first().into_iter(), outcome)
             .error(tolerance::sagitta(meshes.first().into_iter(), job.wood.tolerance_m, warnings));
         let outcome = levels::tell_unmeshed(meshes.first().into_iter(), outcome, warnings);
         let outcome = levels::tell_leaves(meshes.first().into_iter(), outcome);
@@ -289,7 +295,7 @@ fn facts(job: &TreeJob, species: &Species, skeleton: &Skeleton, stem_diameter_m:
 /// A nearly level picture of the tree on a disc of ground.
 pub fn preview(scene: &ValidScene, [width, height]: [u32; 2]) -> Picture {
     let model = &scene.prototypes()[0];
-    let view = render::View::of_model(&model.parts, scene.materials(), scene.textures());
+    let view = render::View::of_prototype(model, scene.materials(), scene.textures());
     let camera = Camera::portrait(&view, width as f32 / height as f32);
     render::picture(&view, &camera, &RenderOptions { width, height, ..RenderOptions::default() })
 }

@@ -120,6 +120,7 @@ pub fn choose(scene: &mut Scene, eye: &Eye, tolerance_m: f32, most: Option<usize
                 return Prototype { levels: Vec::new(), ..of.clone() };
             };
             Prototype {
+                scattered: Vec::new(),
                 name: format!("{}_{}", of.name, level.name),
                 species: of.species.clone(),
                 parts: level.parts.clone(),

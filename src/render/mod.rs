@@ -33,15 +33,16 @@ pub use texture::{linear_from_srgb, srgb_from_linear};
 
 use crate::mesh::Surface;
 use crate::raster::Picture;
-use crate::scene::{Alpha, Material, Part, Scene, Texture};
+use crate::scene::{Alpha, Material, Part, Prototype, Scattered, Scene, Texture};
 
-/// A model in its place: scale, then turn about Z, then move.
+/// A model in its place: scale, then turn, then move.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     /// Index into [`View::models`].
     pub model: u32,
     pub position: Vec3,
-    pub yaw_rad: f32,
+    /// A rotation.
+    pub turn: Mat3,
     pub scale: Vec3,
 }
 
@@ -58,7 +59,7 @@ pub struct View<'a> {
 impl Placement {
     /// Where a model stands by itself.
     pub const HOME: Placement =
-        Placement { model: 0, position: Vec3::ZERO, yaw_rad: 0.0, scale: Vec3::ONE };
+        Placement { model: 0, position: Vec3::ZERO, turn: Mat3::IDENTITY, scale: Vec3::ONE };
 }
 
 impl<'a> View<'a> {
@@ -73,6 +74,25 @@ impl<'a> View<'a> {
         }
     }
 
+    /// One model with all that is scattered over it, on a disc of ground.
+    pub fn of_prototype(
+        one: &'a Prototype,
+        materials: &'a [Material],
+        textures: &'a [Texture],
+    ) -> Self {
+        let mut view = View::of_model(&one.parts, materials, textures);
+        for (model, Scattered { part, places }) in (1..).zip(&one.scattered) {
+            view.models.push(std::slice::from_ref(part));
+            view.placements.extend(places.iter().map(|place| Placement {
+                model,
+                position: place.position,
+                turn: Mat3::from_quat(place.turn),
+                scale: Vec3::splat(place.scale),
+            }));
+        }
+        view
+    }
+
     /// Points that span all that is shown: the corners of each model's bounds in its place, the
     /// terrain's vertices and the floor below them.
     pub fn extent(&self) -> Vec<Vec3> {
@@ -83,7 +103,7 @@ impl<'a> View<'a> {
         let models: Vec<_> = self.models.iter().map(|m| of_parts(m)).collect();
         let placed = self.placements.iter().filter_map(|p| {
             let (lo, hi) = models.get(p.model as usize).copied().flatten()?;
-            let turn = Mat3::from_rotation_z(p.yaw_rad) * Mat3::from_diagonal(p.scale);
+            let turn = p.turn * Mat3::from_diagonal(p.scale);
             Some((0..8).map(move |i| turn * camera::corner(lo, hi, i) + p.position))
         });
         let terrain = self.terrain.iter().flat_map(|t| {
@@ -112,7 +132,7 @@ impl<'a> From<&'a Scene> for View<'a> {
                 .map(|i| Placement {
                     model: i.prototype,
                     position: i.position,
-                    yaw_rad: i.yaw_rad,
+                    turn: Mat3::from_rotation_z(i.yaw_rad),
                     scale: i.scale,
                 })
                 .collect(),
@@ -333,7 +353,7 @@ fn stage<'a>(view: &View<'a>, purpose: Purpose, eye: Option<(&camera::View, usiz
     // Of each model.
     let mut own_places: Vec<Vec<u32>> = vec![Vec::new(); view.models.len()];
     for (number, p) in (0u32..).zip(&view.placements) {
-        let is_sound = p.position.is_finite() && p.scale.is_finite() && p.yaw_rad.is_finite();
+        let is_sound = p.position.is_finite() && p.scale.is_finite() && p.turn.is_finite();
         if let Some(own) = own_places.get_mut(p.model as usize)
             && is_sound
             && p.scale.min_element() != 0.0
@@ -420,8 +440,7 @@ fn stage<'a>(view: &View<'a>, purpose: Purpose, eye: Option<(&camera::View, usiz
 
 impl Place {
     fn new(placement: Option<u32>, at: Placement) -> Place {
-        let Placement { position: origin, yaw_rad, scale, .. } = at;
-        let turn = Mat3::from_rotation_z(yaw_rad);
+        let Placement { position: origin, turn, scale, .. } = at;
         let linear = turn * Mat3::from_diagonal(scale);
         let normal = turn * Mat3::from_diagonal(1.0 / scale);
         Place { linear, origin, normal, is_mirrored: scale.x * scale.y * scale.z < 0.0, placement }

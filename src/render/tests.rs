@@ -70,7 +70,12 @@ fn is_green(p: [u8; 4]) -> bool {
 /// A model shown without ground.
 fn draw_models(models: Vec<&[Part]>, materials: &[Material], textures: &[Texture]) -> Picture {
     let placements = (0..models.len() as u32)
-        .map(|model| Placement { model, position: Vec3::ZERO, yaw_rad: 0.0, scale: Vec3::ONE })
+        .map(|model| Placement {
+            model,
+            position: Vec3::ZERO,
+            turn: Mat3::IDENTITY,
+            scale: Vec3::ONE,
+        })
         .collect();
     let far = part(square(Vec3::new(0.0, 0.0, -500.0), Vec3::X, Vec3::Y), 0);
     let view = View { textures, materials, terrain: Some(&far), models, placements };
@@ -167,7 +172,8 @@ fn a_roof_casts_a_shadow_below_it_and_nowhere_else() {
     let materials = [material("grey", [0.5; 3], None, Alpha::Opaque)];
     let ground = part(square(Vec3::ZERO, Vec3::X * 20.0, Vec3::Y * 20.0), 0);
     let roof = [part(square(Vec3::Z * 6.0, Vec3::X * 4.0, Vec3::Y * 4.0), 0)];
-    let placement = Placement { model: 0, position: Vec3::ZERO, yaw_rad: 0.0, scale: Vec3::ONE };
+    let placement =
+        Placement { model: 0, position: Vec3::ZERO, turn: Mat3::IDENTITY, scale: Vec3::ONE };
     let mut view = View {
         textures: &[],
         materials: &materials,
@@ -289,7 +295,7 @@ impl Wood {
                 Placement {
                     model: i as u32 % 3,
                     position: Vec3::new(x, y, height(x, y)),
-                    yaw_rad: draws.between(0.0, std::f32::consts::TAU),
+                    turn: Mat3::from_rotation_z(draws.between(0.0, std::f32::consts::TAU)),
                     scale: Vec3::splat(draws.between(0.6, 1.2)),
                 }
             })

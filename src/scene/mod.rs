@@ -27,7 +27,7 @@ pub use valid::{SpeciesGroup, ValidScene, Wrap};
 use glam::{Vec2, Vec3};
 
 use crate::frame::Frame;
-use crate::mesh::Surface;
+use crate::mesh::{Place, Surface};
 use crate::raster::Image;
 
 /// How a material's alpha is used.
@@ -110,6 +110,14 @@ pub struct Part {
     pub material: u32,
 }
 
+/// A part of a model that stands at many places of it.
+#[derive(Debug, Clone)]
+pub struct Scattered {
+    pub part: Part,
+    /// Never empty.
+    pub places: Vec<Place>,
+}
+
 /// A model that instances share; root collar at the origin.
 #[derive(Debug, Clone)]
 pub struct Prototype {
@@ -119,6 +127,8 @@ pub struct Prototype {
     pub species: String,
     /// Its finest form.
     pub parts: Vec<Part>,
+    /// What the finest form has beside, each stored once; only of models without coarser forms.
+    pub scattered: Vec<Scattered>,
     /// Coarser forms, from fine to coarse.
     pub levels: Vec<Level>,
     pub colliders: Vec<Collider>,
@@ -129,11 +139,41 @@ pub struct Prototype {
 impl Prototype {
     /// The parts of all its forms.
     pub fn all_parts(&self) -> impl Iterator<Item = &Part> {
-        self.parts.iter().chain(self.levels.iter().flat_map(|l| &l.parts))
+        let scattered = self.scattered.iter().map(|s| &s.part);
+        self.parts.iter().chain(scattered).chain(self.levels.iter().flat_map(|l| &l.parts))
+    }
+
+    /// Vertices of what is scattered: all that can bound it, however it is turned about Z.
+    pub fn outer_scattered(&self) -> Vec<Vec3> {
+        let forms: Vec<_> =
+            self.scattered.iter().map(|s| (&s.part.surface, &s.places[..])).collect();
+        crate::mesh::outer(&forms)
+    }
+
+    /// Least and greatest corner of the finest form; zero for none.
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        let scattered = self.outer_scattered().into_iter().map(|p| (p, p));
+        let parts = self.parts.iter().map(|p| p.surface.bounds());
+        let all = parts.chain(scattered);
+        all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or_default()
+    }
+
+    /// Triangles of the finest form: as they are stored, and as they are seen.
+    pub fn triangles(&self) -> [u64; 2] {
+        let of = |part: &Part| part.surface.triangles() as u64;
+        let once: u64 = self.parts.iter().map(of).sum();
+        let scattered = |times: fn(&Scattered) -> u64| -> u64 {
+            self.scattered.iter().map(|s| times(s) * of(&s.part)).sum()
+        };
+        [once + scattered(|_| 1), once + scattered(|s| s.places.len() as u64)]
     }
 
     fn all_parts_mut(&mut self) -> impl Iterator<Item = &mut Part> {
-        self.parts.iter_mut().chain(self.levels.iter_mut().flat_map(|l| &mut l.parts))
+        let scattered = self.scattered.iter_mut().map(|s| &mut s.part);
+        self.parts
+            .iter_mut()
+            .chain(scattered)
+            .chain(self.levels.iter_mut().flat_map(|l| &mut l.parts))
     }
 }
 

@@ -79,6 +79,11 @@ impl Scene {
                 left_out.parts += before - parts.len();
             }
         }
+        for prototype in &mut self.prototypes {
+            let before = prototype.scattered.len();
+            prototype.scattered.retain(|s| has_triangles(&s.part) && !s.places.is_empty());
+            left_out.parts += before - prototype.scattered.len();
+        }
         if self.terrain.as_ref().is_some_and(|t| !has_triangles(t)) {
             self.terrain = None;
             left_out.parts += 1;

@@ -96,6 +96,7 @@ fn add_species(scene: &mut Scene, species: &str, number: usize, trees: usize, si
                     material: foliage,
                 },
             ],
+            scattered: Vec::new(),
             levels: Vec::new(),
             colliders: Vec::new(),
             octahedral: None,

@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 use glam::Vec3;
 
 use super::{
-    Apart, Collider, Instance, Material, Octahedral, Part, Texture, ValidScene, Wrap, plain_rms_m,
+    Apart, Collider, Instance, Material, Octahedral, Part, Scattered, Texture, ValidScene, Wrap,
+    plain_rms_m,
 };
 
 /// Which forms of the models are shown.
@@ -43,6 +44,8 @@ pub struct Model<'a> {
     /// Unique identifier.
     pub name: &'a str,
     pub forms: Vec<Form<'a>>,
+    /// What its one form has beside.
+    pub scattered: &'a [Scattered],
     pub colliders: &'a [Collider],
 }
 
@@ -54,6 +57,14 @@ pub struct Form<'a> {
     /// How far its silhouette is from that of the finest form, metres.
     pub silhouette: Apart,
     pub octahedral: Option<Octahedral>,
+}
+
+impl<'a> Model<'a> {
+    /// The parts of all forms, scattered ones once.
+    pub fn parts(&self) -> impl Iterator<Item = &'a Part> + use<'a, '_> {
+        let of_forms = self.forms.iter().flat_map(|f| f.parts);
+        of_forms.chain(self.scattered.iter().map(|s| &s.part))
+    }
 }
 
 impl Form<'_> {
@@ -130,8 +141,7 @@ impl<'a> Selection<'a> {
         let terrain = scene.terrain().filter(|_| has_terrain);
 
         let mut used = vec![false; scene.materials().len()];
-        let parts = models.iter().flat_map(|m| m.forms.iter().flat_map(|f| f.parts));
-        for part in parts.chain(terrain) {
+        for part in models.iter().flat_map(Model::parts).chain(terrain) {
             used[part.material as usize] = true;
         }
         let material_number = numbered(&used);
@@ -180,8 +190,7 @@ impl<'a> Selection<'a> {
 
     /// The terrain, then the parts of every form of every model.
     pub fn parts(&self) -> impl Iterator<Item = &'a Part> {
-        let of_models = self.models.iter().flat_map(|m| m.forms.iter().flat_map(|f| f.parts));
-        self.terrain.into_iter().chain(of_models)
+        self.terrain.into_iter().chain(self.models.iter().flat_map(Model::parts))
     }
 
     /// Number of the part's material among [`Selection::materials`].
@@ -230,6 +239,7 @@ fn model(prototype: &super::Prototype, forms: Forms) -> Model<'_> {
             Forms::Drawn => drawn(all.collect()),
             Forms::One(k) => all.skip(k).take(1).collect(),
         },
+        scattered: if matches!(forms, Forms::One(1..)) { &[] } else { &prototype.scattered },
         colliders: if has_bodies { &prototype.colliders } else { &[] },
     }
 }

@@ -25,16 +25,18 @@ pub struct Statistics {
 
 /// Exact, not from boxes of boxes: O(vertices log vertices + instances).
 pub fn statistics(scene: &ValidScene) -> Statistics {
-    let count = |p: &Prototype| p.parts.iter().map(|p| p.surface.triangles() as u64).sum::<u64>();
-    let per_prototype: Vec<u64> = scene.prototypes().iter().map(count).collect();
+    let per_prototype: Vec<[u64; 2]> =
+        scene.prototypes().iter().map(Prototype::triangles).collect();
     let terrain_triangles = scene.terrain().map_or(0, |t| t.surface.triangles() as u64);
-    let in_place: u64 = scene.instances().iter().map(|i| per_prototype[i.prototype as usize]).sum();
+    let in_place: u64 =
+        scene.instances().iter().map(|i| per_prototype[i.prototype as usize][1]).sum();
     let surfaces = scene.parts().map(|p| &p.surface);
     Statistics {
         trees: scene.instances().len(),
         prototypes: scene.prototypes().len(),
         terrain_triangles,
-        unique_triangles: terrain_triangles + per_prototype.iter().sum::<u64>(),
+        unique_triangles: terrain_triangles
+            + per_prototype.iter().map(|[stored, _]| stored).sum::<u64>(),
         instanced_triangles: terrain_triangles + in_place,
         bounds: scene.bounds(),
         geometry_bytes: surfaces
@@ -91,6 +93,8 @@ impl Outline {
                 .fold((f32::INFINITY, f32::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
             Outline { hull, low, high }
         };
+        let scattered = prototype.outer_scattered();
+        let chunks = chunks.chain(scattered.par_chunks(CHUNK));
         let outlines: Vec<Outline> = chunks.map(of_chunk).collect();
         Outline {
             hull: convex_hull(outlines.iter().flat_map(|o| &o.hull).copied().collect()),

@@ -9,12 +9,12 @@ use super::prune::is_degenerate;
 use super::standing::{Standing, standings};
 use super::statistics::{Outline, bounds_of};
 use super::{
-    Alpha, Collider, Instance, Material, OFF_TERRAIN_M, Part, Prototype, ROOT_TOLERANCE_M, Scene,
-    Texture, identifier, is_identifier,
+    Alpha, Collider, Instance, Material, OFF_TERRAIN_M, Part, Prototype, ROOT_TOLERANCE_M,
+    Scattered, Scene, Texture, identifier, is_identifier,
 };
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
-use crate::mesh::{Surface, lightmap};
+use crate::mesh::{Place, Surface, lightmap};
 
 /// How far a normal's length may be from 1.
 const UNIT_TOLERANCE: f32 = 1e-4;
@@ -115,9 +115,13 @@ impl ValidScene {
         bounds_of(&self.outlines, instances)
     }
 
-    /// The terrain, then the parts of every prototype in its finest form.
+    /// The terrain, then the parts of every prototype in its finest form, scattered ones once.
     pub fn parts(&self) -> impl Iterator<Item = &Part> {
-        let finest = self.scene.prototypes.iter().flat_map(|p| &p.parts);
+        let finest = self
+            .scene
+            .prototypes
+            .iter()
+            .flat_map(|p| p.parts.iter().chain(p.scattered.iter().map(|s| &s.part)));
         self.scene.terrain.iter().chain(finest)
     }
 
@@ -184,7 +188,9 @@ impl Scene {
         faults.unique("prototype", self.prototypes.iter().map(|p| p.name.as_str()));
         for prototype in &self.prototypes {
             let what = format!("part of prototype `{}`", prototype.name);
-            faults.unique(&what, prototype.parts.iter().map(|p| p.name.as_str()));
+            let scattered = prototype.scattered.iter().map(|s| &s.part);
+            let parts = prototype.parts.iter().chain(scattered);
+            faults.unique(&what, parts.map(|p| p.name.as_str()));
             for level in &prototype.levels {
                 let what =
                     format!("part of prototype `{}`, level `{}`", prototype.name, level.name);
@@ -348,6 +354,9 @@ impl Scene {
                 let (name, level) = (&prototype.name, &level.name);
                 faults.add(|| format!("prototype `{name}`, level `{level}` has no parts"));
             }
+            for complaint in check_scattered(prototype) {
+                faults.add(|| format!("prototype `{}`, {complaint}", prototype.name));
+            }
             for collider in &prototype.colliders {
                 if let Some(complaint) = check_body(&collider.body) {
                     faults.add(|| format!("prototype `{}`, collider: {complaint}", prototype.name));
@@ -465,6 +474,31 @@ impl Scene {
         }
         wraps
     }
+}
+
+/// What is wrong with where parts stand within a prototype.
+fn check_scattered(prototype: &Prototype) -> Vec<String> {
+    let mut wrong = Vec::new();
+    if !(prototype.scattered.is_empty() || prototype.levels.is_empty()) {
+        wrong.push("level: parts at many places have no coarser forms".to_owned());
+    }
+    for Scattered { part, places } in &prototype.scattered {
+        let name = &part.name;
+        if places.is_empty() {
+            wrong.push(format!("part `{name}`: it stands nowhere"));
+        }
+        let is_sound = |p: &Place| {
+            let is_finite = p.position.is_finite() && p.scale.is_finite() && p.scale > 0.0;
+            is_finite && (p.turn.length() - 1.0).abs() <= UNIT_TOLERANCE
+        };
+        if let Some(at) = first(places, |p| !is_sound(p)) {
+            wrong.push(format!("part `{name}`, place {at}: {:?} is none", places[at]));
+        }
+        if !(part.surface.wind.is_empty() && part.surface.lightmap_uv.is_empty()) {
+            wrong.push(format!("part `{name}`: wind and light maps differ from place to place"));
+        }
+    }
+    wrong
 }
 
 /// What is wrong with a body of positions and triangles alone.

@@ -165,6 +165,8 @@ struct Builder<'a, 's> {
 struct Shared {
     /// A mesh a form.
     forms: Vec<u32>,
+    /// A mesh a scattered part.
+    scattered: Vec<u32>,
     colliders: Vec<u32>,
     grid: Option<Grid>,
 }
@@ -252,14 +254,23 @@ impl<'a, 's> Builder<'a, 's> {
     /// One mesh a form and one a collider of every model.
     fn models(&mut self) {
         for model in &self.selection.models {
-            let grid = self.profile.has_counted_positions().then(|| grid_of(model));
+            let grid = grid_of(model, self.profile);
             let mut forms = Vec::with_capacity(model.forms.len());
             for (k, form) in model.forms.iter().enumerate() {
                 let primitives = form.parts.iter().map(|p| self.primitive(p, grid)).collect();
                 let name = form_name(model.name, k, form);
                 forms.push(self.mesh(name, primitives, form.octahedral.map(octahedral)));
             }
-            self.models.push(Shared { forms, colliders: Vec::new(), grid });
+            let mut scattered = Vec::with_capacity(model.scattered.len());
+            for scene::Scattered { part, .. } in model.scattered {
+                let primitives = vec![self.primitive(part, None)];
+                scattered.push(self.mesh(
+                    format!("{}_{}", model.name, part.name).into(),
+                    primitives,
+                    None,
+                ));
+            }
+            self.models.push(Shared { forms, scattered, colliders: Vec::new(), grid });
         }
         for (m, model) in self.selection.models.iter().enumerate() {
             for (k, collider) in model.colliders.iter().enumerate() {
@@ -285,18 +296,22 @@ impl<'a, 's> Builder<'a, 's> {
     fn groups(&mut self) {
         let selection = self.selection;
         for group in &selection.groups {
-            let children = if self.profile.has_instances() {
-                let cells = cells(selection, &group.trees);
-                cells.iter().flat_map(|cell| self.cell(cell)).collect()
-            } else {
-                group.trees.iter().map(|&t| self.tree(t)).collect()
+            // Instances have nothing below them.
+            let has_node = |t: &u32| {
+                let model = &selection.models[selection.trees[*t as usize].model as usize];
+                !(self.profile.has_instances() && model.scattered.is_empty())
             };
+            let (alone, together): (Vec<u32>, Vec<u32>) =
+                group.trees.iter().partition(|t| has_node(t));
+            let mut children: Vec<u32> = alone.into_iter().map(|t| self.tree(t)).collect();
+            let cells = cells(selection, &together);
+            children.extend(cells.iter().flat_map(|cell| self.cell(cell)));
             let node = self.node(Node { name: group.name.into(), children, ..Node::default() });
             self.nodes[0].children.push(node);
         }
     }
 
-    /// A node that shares its model's mesh.
+    /// A node that shares its model's mesh; below it, what is scattered over the model, and colliders.
     fn tree(&mut self, t: u32) -> u32 {
         let tree = self.selection.trees[t as usize];
         let instance = tree.instance;
@@ -304,22 +319,51 @@ impl<'a, 's> Builder<'a, 's> {
         let mesh = self.models[tree.model as usize].forms[0];
         let bodies = self.models[tree.model as usize].colliders.clone();
         let named = model.colliders.iter().zip(bodies).enumerate();
+        let mut children = Vec::new();
+        let meshes = self.models[tree.model as usize].scattered.clone();
+        for (scattered, mesh) in model.scattered.iter().zip(meshes) {
+            children.push(self.scattered(&instance.name, scattered, mesh));
+        }
         let colliders: Vec<u32> = named
             .map(|(k, (collider, mesh))| {
                 let name = collider.name(&instance.name, k).into();
                 self.node(Node { name, mesh: Some(mesh), ..Node::default() })
             })
             .collect();
+        children.extend(colliders);
         let (sin, cos) = (instance.yaw_rad * 0.5).sin_cos();
         let scale = instance.scale;
         self.node(Node {
             name: instance.name.as_str().into(),
             mesh: Some(mesh),
-            children: colliders,
+            children,
             translation: Some(y_up(instance.position)),
             rotation: (sin != 0.0).then_some([0.0, sin, 0.0, cos]),
             scale: (scale != Vec3::ONE).then_some([scale.x, scale.z, scale.y]),
             extras: Some(NodeExtras::Tree(facts(&instance.facts))),
+            ..Node::default()
+        })
+    }
+
+    /// A node of the instances of a part within a tree.
+    fn scattered(&mut self, tree: &str, scattered: &scene::Scattered, mesh: u32) -> u32 {
+        let places = || scattered.places.iter();
+        let turns = places().map(|place| {
+            let [x, y, z] = y_up(place.turn.xyz());
+            [x, y, z, place.turn.w].map(|c| (c * f32::from(i16::MAX)).round() as i16)
+        });
+        let first = self.plan.instances(
+            places().map(|place| y_up(place.position)).collect(),
+            turns.collect(),
+            places().map(|place| [place.scale; 3]).collect(),
+        );
+        self.node(Node {
+            name: format!("{tree}_{}", scattered.part.name).into(),
+            mesh: Some(mesh),
+            extensions: NodeExtensions {
+                instancing: Some(Instancing { attributes: InstanceAttributes::from(first) }),
+                lod: None,
+            },
             ..Node::default()
         })
     }
@@ -329,7 +373,7 @@ impl<'a, 's> Builder<'a, 's> {
     fn cell(&mut self, cell: &Cell) -> Vec<u32> {
         let selection = self.selection;
         let model = &selection.models[cell.model as usize];
-        let Shared { forms, colliders, grid } = &self.models[cell.model as usize];
+        let Shared { forms, colliders, grid, .. } = &self.models[cell.model as usize];
         let (forms, colliders) = (forms.clone(), colliders.clone());
         let unit_m = grid.map_or(1.0, |g| g.half_m);
         let trees = || cell.trees.iter().map(|&t| selection.trees[t as usize].instance);
@@ -342,8 +386,7 @@ impl<'a, 's> Builder<'a, 's> {
         let scales =
             trees().map(|t| (Vec3::new(t.scale.x, t.scale.z, t.scale.y) * unit_m).to_array());
         let first = self.plan.instances(places, turns.collect(), scales.collect());
-        let attributes =
-            InstanceAttributes { translation: first, rotation: first + 1, scale: first + 2 };
+        let attributes = InstanceAttributes::from(first);
         let name = format!("{}_cell_{}_{}", model.name, cell.at[0], cell.at[1]);
         let node = |name: String, mesh: u32| Node {
             name: name.into(),
@@ -398,11 +441,15 @@ fn form_name<'a>(model: &'a str, number: usize, form: &Form<'_>) -> Cow<'a, str>
     }
 }
 
-/// One for all forms and colliders, so that instances of each stand alike.
-pub(super) fn grid_of(model: &Model<'_>) -> Grid {
+/// One for all forms and colliders, so that instances of each stand alike; `None` where positions stay
+/// metres: a node with others below it has no scale of its own.
+pub(super) fn grid_of(model: &Model<'_>, profile: Profile) -> Option<Grid> {
+    if !profile.has_counted_positions() || !model.scattered.is_empty() {
+        return None;
+    }
     let parts = model.forms.iter().flat_map(|f| f.parts).map(|p| &p.surface);
     let bodies: Vec<&Surface> = model.colliders.iter().map(|c| &c.body).collect();
-    Grid::about_origin(parts.chain(bodies))
+    Some(Grid::about_origin(parts.chain(bodies)))
 }
 
 fn facts(facts: &TreeFacts) -> TreeExtras<'_> {

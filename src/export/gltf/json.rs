@@ -126,6 +126,13 @@ pub(super) struct InstanceAttributes {
     pub scale: u32,
 }
 
+impl From<u32> for InstanceAttributes {
+    /// Of three accessors from this one on.
+    fn from(first: u32) -> Self {
+        InstanceAttributes { translation: first, rotation: first + 1, scale: first + 2 }
+    }
+}
+
 /// Nodes of coarser forms, from fine to coarse.
 #[derive(Serialize)]
 pub(super) struct Lod {

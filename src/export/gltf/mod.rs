@@ -83,8 +83,9 @@ pub fn worst_shift_m(scene: &ValidScene, profile: Profile) -> f32 {
     }
     let selection = Selection::of(scene, Forms::All);
     let models = selection.models.iter().map(|model| {
+        let Some(grid) = document::grid_of(model, profile) else { return 0.0 };
         let parts = model.forms.iter().flat_map(|f| f.parts);
-        parts.map(|p| document::grid_of(model).shift_m(&p.surface)).fold(0.0, f32::max)
+        parts.map(|p| grid.shift_m(&p.surface)).fold(0.0, f32::max)
     });
     let terrain = selection.terrain.map(|t| {
         let grid = Grid::around([&t.surface].into_iter());

@@ -109,6 +109,7 @@ fn bytes_at_most(scene: &ValidScene, pictures: &Pictures) -> u64 {
     const VERTEX: u64 = 64;
     const CORNER: u64 = 8;
     const TREE: u64 = 512;
+    const PLACE: u64 = 64;
     /// Names, materials, tables.
     const REST: u64 = 1 << 20;
     let surfaces = scene.prototypes().iter().flat_map(|p| p.all_parts());
@@ -122,7 +123,17 @@ fn bytes_at_most(scene: &ValidScene, pictures: &Pictures) -> u64 {
     let reliefs = scene.materials().iter().filter_map(|m| m.relief.as_ref());
     let reliefs =
         reliefs.map(|r| REST + 4 * u64::from(r.image.width()) * u64::from(r.image.height()));
-    surfaces.chain(bodies).map(of).chain(trees).chain(textures).chain(reliefs).sum::<u64>() + REST
+    let scattered = scene.prototypes().iter().flat_map(|p| &p.scattered);
+    let scattered = scattered.map(|s| PLACE * s.places.len() as u64);
+    surfaces
+        .chain(bodies)
+        .map(of)
+        .chain(scattered)
+        .chain(trees)
+        .chain(textures)
+        .chain(reliefs)
+        .sum::<u64>()
+        + REST
 }
 
 fn write_package(

@@ -73,6 +73,9 @@ pub(super) fn prototype<'a>(
     }
     if one.levels.is_empty() {
         prim = chosen(prim, &one.parts);
+        if !one.scattered.is_empty() {
+            prim = prim.child(scattered(scene, one, &path));
+        }
     } else {
         let finest = chosen(Prim::variant(FINEST), &one.parts);
         let coarser = one.levels.iter().map(|level| {
@@ -95,6 +98,33 @@ pub(super) fn prototype<'a>(
     for (k, collider) in one.colliders.iter().enumerate() {
         prim = prim.child(collider_mesh(collider, collider.name(&one.name, k)));
     }
+    prim
+}
+
+/// What stands at many places of a prototype, as one instancer; `path`: the prototype's.
+fn scattered<'a>(scene: &'a ValidScene, one: &'a Prototype, path: &str) -> Prim<'a> {
+    const NAME: &str = "twigs";
+    let places = || one.scattered.iter().flat_map(|s| &s.places);
+    let turns: Vec<[f32; 4]> = places().map(|p| [p.turn.w, p.turn.x, p.turn.y, p.turn.z]).collect();
+    let numbers = (0i32..).zip(&one.scattered);
+    let numbers = numbers.flat_map(|(k, s)| std::iter::repeat_n(k, s.places.len()));
+    let points = one.outer_scattered();
+    let bounds = points.into_iter().map(|p| (p, p)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+    let targets = one.scattered.iter().map(|s| format!("{path}/{NAME}/{}", s.part.name));
+    let mut prim = Prim::def("PointInstancer", NAME)
+        .with(extent("extent", bounds.unwrap_or_default()))
+        .attribute("quath[]", "orientations", Value::Quaths(turns.clone()))
+        .attribute("quatf[]", "orientationsf", Value::Quatfs(turns))
+        .attribute("point3f[]", "positions", Value::Float3s(places().map(|p| p.position).collect()))
+        .attribute("int[]", "protoIndices", Value::Ints(numbers.collect()))
+        .relationship("prototypes", targets.collect())
+        .attribute(
+            "float3[]",
+            "scales",
+            Value::Float3s(places().map(|p| Vec3::splat(p.scale)).collect()),
+        );
+    let materials = format!("{path}/materials");
+    prim.children = one.scattered.iter().map(|s| mesh(scene, &s.part, &materials)).collect();
     prim
 }
 
@@ -154,7 +184,7 @@ pub(super) fn hints<'a>(one: &Prototype) -> Property<'a> {
     let of_parts = |parts: &[Part]| around(&mut parts.iter().map(|p| p.surface.bounds()));
     let [default, render, proxy] = match coarsest(one) {
         Some(level) => [nothing, of_parts(&one.parts), of_parts(&level.parts)],
-        None => [of_parts(&one.parts), nothing, nothing],
+        None => [one.bounds(), nothing, nothing],
     };
     let guide = around(&mut one.colliders.iter().map(|c| c.body.bounds()));
     let mut hints: Vec<Vec3> =

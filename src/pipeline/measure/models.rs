@@ -13,7 +13,7 @@ use super::Bench;
 use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::lod::{self, Silhouettes, Views};
-use crate::mesh::{FoliageLevel, TreeMesh};
+use crate::mesh::{FoliageLevel, TreeMesh, TwigsAs};
 use crate::raster::Image;
 use crate::render::capture::Sitter;
 use crate::report::document::{Front, Point, Quantity, Timing, Truth};
@@ -164,6 +164,7 @@ fn by_level(bench: &Bench<'_>, species: &Species) -> Result<Vec<Point>> {
             triangles: HERO,
             texture_px: 256,
             foliage: FoliageLevel::Cards,
+            twigs: TwigsAs::Merged,
             wood: WoodJob::default(),
             levels,
             cache: Cache::off(),
