@@ -712,3 +712,44 @@ fn a_forest_without_textures_has_colours_and_no_pictures_of_trees() {
     let coloured = [&["tree", "betula_pendula"], &coloured[..]].concat();
     refused(&coloured, &["--wind-as is for glTF, not for .usda files", "write a .glb"]);
 }
+
+#[test]
+fn twigs_are_stored_once_or_refused_in_words() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name).to_string_lossy().into_owned();
+    let small =
+        ["tree", "corylus_avellana", "--height", "1.5", "--texture", "64", "--twigs", "instance"];
+    let with = |more: &[&'static str], file: &str| -> Vec<String> {
+        let typed = small.iter().chain(more).map(|s| s.to_string());
+        typed.chain(["-o".into(), at(file)]).collect()
+    };
+    let run = |args: &[String]| larix(&args.iter().map(String::as_str).collect::<Vec<_>>());
+    let leafy = ["--foliage", "geometry", "--triangles", "8000"];
+    for file in ["hazel.glb", "hazel.usdc", "hazel.png"] {
+        let out = run(&with(&leafy, file));
+        let told = text(&out.stderr);
+        assert!(out.status.success() && told.contains(" forms of twigs stand at "), "{told}");
+        assert!(dir.path().join(file).exists());
+    }
+    let refusals: [(&[&str], &str, &[&str]); 6] = [
+        (&[], "no.glb", &["no twigs of leaves or needles to store", "add --foliage geometry"]),
+        (&["--bare"], "no.glb", &["add --foliage geometry"]),
+        (&["--foliage", "geometry", "--lods", "2"], "no.glb", &["it goes without --lods"]),
+        (
+            &["--foliage", "geometry", "--profile", "engine"],
+            "no.glb",
+            &["it goes without --lods, --impostor, --wind", "same seed, same tree"],
+        ),
+        (&["--foliage", "geometry"], "no.obj", &[".obj files hold nothing of --twigs instance"]),
+        (
+            &["--foliage", "geometry", "--triangles", "200"],
+            "no.glb",
+            &["a twig with all its leaves has", "more --triangles"],
+        ),
+    ];
+    for (more, file, says) in refusals {
+        let args = with(more, file);
+        refused(&args.iter().map(String::as_str).collect::<Vec<_>>(), says);
+        assert!(!dir.path().join(file).exists());
+    }
+}

@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
-"""Renders contact sheets: states.jpg, bark.jpg, lods.jpg and species.jpg of output/gallery.
+"""Renders contact sheets: states.jpg, bark.jpg, twigs.jpg, lods.jpg and species.jpg of output/gallery.
 
     tools/gallery.py -o output/gallery [--larix target/release/larix] [--only bark]
 
 Of all species, states: three seeds in leaf and bare, autumn, and the conditions III and VI; bark: the
-stem at its foot, at a quarter and at 0.7 of the height, as close as two metres; lods: LOD0 to LOD4 and
-the cross impostor. Of some, species: the program's own sheets. Needs Pillow beside Blender, which
+stem at its foot, at a quarter and at 0.7 of the height, as close as two metres; twigs: the edge of the
+crown with every leaf and needle, as close as a metre; lods: LOD0 to LOD4 and the cross impostor. Of some, species: the program's own sheets. Needs Pillow beside Blender, which
 tools/contact_sheet.py needs too.
 """
 
 import argparse
+import json
 import subprocess
 import sys
 import tempfile
@@ -30,8 +31,9 @@ STATES = [
     ["--condition", "VI"],
 ]
 SHEETS = ["larix_sibirica", "picea_obovata", "betula_pendula", "quercus_robur"]
-STATE_PX, BARK_PX, LEVEL_PX, SHEET_PX = 240, 230, 270, 600
+STATE_PX, BARK_PX, TWIGS_PX, LEVEL_PX, SHEET_PX = 240, 230, 400, 270, 600
 BARK_AT, BARK_M = [0.02, 0.25, 0.7], 2.0
+TWIGS_M = 1.0
 WIDTH_PX = 1600
 GAP_PX = 4
 
@@ -72,6 +74,23 @@ def bark(larix, name, folder):
         whole.paste(place, (x, 0))
         x += place.width
     return whole
+
+
+def facts(file):
+    """What a GLB tells of its tree."""
+    data = file.read_bytes()
+    nodes = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["nodes"]
+    return next(n["extras"] for n in nodes if "height_m" in n.get("extras", {}))
+
+
+def twigs(larix, name, folder):
+    file = folder / f"{name}.glb"
+    run(larix, "tree", name, "--foliage", "geometry", "--twigs", "instance", "-o", file, "--quiet")
+    tree = facts(file)
+    base, height = tree["crown_base_height_m"], tree["height_m"]
+    place = ["--at", (base + 0.4 * (height - base)) / height, "--aside", 0.3 * tree["crown_diameter_m"]]
+    options = ["--columns", 1, "--height", TWIGS_PX, "--window", TWIGS_M]
+    return sheet([file], folder / f"{name}.png", *options, *place)
 
 
 def levels(larix, name, folder):
@@ -129,7 +148,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
     parser.add_argument("--larix", type=Path, default=ROOT / "target/release/larix")
-    parser.add_argument("--only", choices=["states", "bark", "lods", "species"])
+    parser.add_argument("--only", choices=["states", "bark", "twigs", "lods", "species"])
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     listed = run(args.larix, "species", "list", "--quiet").split()
@@ -137,6 +156,7 @@ def main():
     kinds = [
         ("states", states, names),
         ("bark", bark, names),
+        ("twigs", twigs, names),
         ("lods", levels, names),
         ("species", own_sheet, SHEETS),
     ]

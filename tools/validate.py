@@ -734,29 +734,54 @@ def usd_scene(report, path, stage):
         at[prim.GetPath()] = len(scene.meshes)
         scene.meshes.append(Mesh(name, points, arrays(mesh.GetNormalsAttr(), 3), uv, index))
 
+    all_instancers = below(stage.GetPseudoRoot(), UsdGeom.PointInstancer)
+    is_within = lambda prim, others: any(prim.GetPath().HasPrefix(o.GetPath()) for o in others if o != prim)
+    time = Usd.TimeCode.Default()
+
+    def each(prim):
+        """What an instancer draws: number of the instance, path of a mesh, its place in the instancer's space."""
+        instancer = UsdGeom.PointInstancer(prim)
+        protos = [list(within(stage.GetPrimAtPath(t), prim)) for t in instancer.GetPrototypesRel().GetTargets()]
+        matrices = np.array(instancer.ComputeInstanceTransformsAtTime(time, time, instancer.ExcludeProtoXform))
+        for number, (proto, matrix) in enumerate(zip(instancer.GetProtoIndicesAttr().Get(), matrices)):
+            for mesh_path, inner in protos[proto]:
+                yield number, mesh_path, inner @ matrix
+
+    def within(target, prim):
+        """What a prototype draws, twigs by instancers of its own too, in its instancer's space."""
+        inner = [i for i in below(target, UsdGeom.PointInstancer) if not is_within(i, below(target, UsdGeom.PointInstancer))]
+        for mesh in drawn(below(target, UsdGeom.Mesh)):
+            if not is_within(mesh, inner):
+                yield mesh.GetPath(), np.array(cache.ComputeRelativeTransform(mesh, prim)[0])
+        for one in inner:
+            outer = np.array(cache.ComputeRelativeTransform(one, prim)[0])
+            for _, mesh_path, matrix in each(one):
+                yield mesh_path, matrix @ outer
+
     instanced = set()
-    for prim in below(stage.GetPseudoRoot(), UsdGeom.PointInstancer):
+    for prim in all_instancers:
         instancer = UsdGeom.PointInstancer(prim)
         targets = instancer.GetPrototypesRel().GetTargets()
-        protos = [drawn(below(stage.GetPrimAtPath(target), UsdGeom.Mesh)) for target in targets]
-        instanced |= {mesh.GetPath() for proto in protos for mesh in proto}
-        faults = instancer_faults(prim, instancer, len(targets))
+        is_tree = not is_within(prim, all_instancers)
+        faults = instancer_faults(prim, instancer, len(targets), is_tree)
         instancers += faults
-        ids = UsdGeom.PrimvarsAPI(prim).GetPrimvar("tree_id").Get() or []
-        scene.tree_count += len(instancer.GetProtoIndicesAttr().Get() or [])
+        for target in targets:
+            instanced |= {mesh.GetPath() for mesh in drawn(below(stage.GetPrimAtPath(target), UsdGeom.Mesh))}
         if faults:
             continue
-        time = Usd.TimeCode.Default()
-        matrices = np.array(instancer.ComputeInstanceTransformsAtTime(time, time, instancer.ExcludeProtoXform))
         world = np.array(cache.GetLocalToWorldTransform(prim))
-        heights = UsdGeom.PrimvarsAPI(prim).GetPrimvar("height_m").Get()
-        here, species = Scene(meshes=scene.meshes), UsdGeom.PrimvarsAPI(prim).GetPrimvar("species").Get()
-        for tree, proto, matrix, height in zip(ids, instancer.GetProtoIndicesAttr().Get(), matrices, heights):
-            scene.trees[tree] = ((matrix @ world)[3, :3], {"height_m": height, "species": species})
-            for mesh in protos[proto]:
-                inner = np.array(cache.ComputeRelativeTransform(mesh, prim)[0])
-                here.drawn.append((at[mesh.GetPath()], (inner @ matrix).T))
-                scene.drawn.append((at[mesh.GetPath()], (inner @ matrix @ world).T))
+        here = Scene(meshes=scene.meshes)
+        for _, mesh_path, matrix in each(prim):
+            here.drawn.append((at[mesh_path], matrix.T))
+            if is_tree:
+                scene.drawn.append((at[mesh_path], (matrix @ world).T))
+        if is_tree:
+            primvar = lambda name: UsdGeom.PrimvarsAPI(prim).GetPrimvar(name).Get()
+            matrices = np.array(instancer.ComputeInstanceTransformsAtTime(time, time, instancer.ExcludeProtoXform))
+            ids, species = primvar("tree_id") or [], primvar("species")
+            scene.tree_count += len(matrices)
+            for tree, matrix, height in zip(ids, matrices, primvar("height_m")):
+                scene.trees[tree] = ((matrix @ world)[3, :3], {"height_m": height, "species": species})
         extents += extent_faults(prim.GetName(), instancer, np.array(here.bounds))
     for mesh_path, number in at.items():
         if mesh_path not in instanced:
@@ -998,14 +1023,16 @@ def extent_faults(name, boundable, points):
     return []
 
 
-def instancer_faults(prim, instancer, prototypes):
+def instancer_faults(prim, instancer, prototypes, is_tree):
+    """`is_tree`: of trees, of which more is said than of twigs."""
     index = np.array(instancer.GetProtoIndicesAttr().Get() or [])
     faults = []
     if not len(index):
         faults.append(f"{prim.GetName()}: no instances")
     elif index.min() < 0 or index.max() >= prototypes:
         faults.append(f"{prim.GetName()}: protoIndices {index.min()}…{index.max()} of {prototypes} prototypes")
-    required = ("ids", "positions", "orientations", "scales", "primvars:tree_id", "primvars:height_m")
+    required = ("positions", "orientations", "scales")
+    required += ("ids", "primvars:tree_id", "primvars:height_m") if is_tree else ()
     for attribute in prim.GetAuthoredAttributes():
         name, value = attribute.GetName(), attribute.Get()
         per_instance = name in (*required, "orientationsf")

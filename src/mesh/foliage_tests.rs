@@ -276,6 +276,58 @@ fn a_user_s_model_stands_where_twigs_stand() {
     assert_eq!(error.message(), "the model twig.obj has 1 triangles, the crown 0");
 }
 
+/// Stored once and set at their places, they are the crown that has every leaf.
+#[test]
+fn twigs_stored_once_make_the_crown_of_all_leaves() {
+    for name in ["pinus_sylvestris", "quercus_robur", "sorbus_aucuparia"] {
+        let tree = grown_to(name, Some(4.0));
+        let all = leaves(&tree, FoliageLevel::Geometry, None);
+        const STORED: usize = 40_000;
+        let few = order(&tree, FoliageLevel::Geometry, Some(STORED));
+        let few = Order { twigs: TwigsAs::Instanced, ..few };
+        let made = foliage(&tree.0, &few).unwrap();
+        assert!(made.surface.is_empty() && made.twig_scale == 1.0, "{name}");
+        made.twigs.iter().for_each(|twigs| twigs.check().unwrap());
+        let sum = |of: &dyn Fn(&Twigs) -> usize| made.twigs.iter().map(of).sum::<usize>();
+        let [stored, shown] = [sum(&|t| t.form.triangles()), sum(&Twigs::shown_triangles)];
+        assert!(0 < stored && stored <= STORED, "{name}: {stored}");
+        assert!(shown > STORED && shown == all.triangles(), "{name}: {shown}");
+        let area = made.twigs.iter().map(|t| {
+            let one_sq_m = t.form.area_sq_m();
+            t.places.iter().map(|p| one_sq_m * f64::from(p.scale * p.scale)).sum::<f64>()
+        });
+        let (area, whole) = (area.sum::<f64>(), all.area_sq_m());
+        // A form serves twigs of other sizes, whose leaves differ less than they.
+        assert!((area / whole - 1.0).abs() < 0.1, "{name}: {area} of {whole}");
+        let none = Order { budget: Some(100), ..few };
+        let error = foliage(&tree.0, &none).unwrap_err();
+        assert!(error.message().starts_with("a twig with all its leaves has "), "{error:?}");
+        let crown = TreeMesh { twigs: made.twigs, ..TreeMesh::default() };
+        let (low, high) = crown.bounds();
+        let off = (low - all.bounds().0).abs().max((high - all.bounds().1).abs());
+        assert!(off.max_element() < 0.1, "{name}: {off}");
+    }
+}
+
+/// A user's model is stored once, and stands where its copies would.
+#[test]
+fn a_user_s_model_is_stored_once() {
+    let (skeleton, mut species, _) = grown("quercus_robur");
+    species.own_model = Some(triangle("twig.obj"));
+    let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+    let tree = (skeleton, species, atlas);
+    let copies = leaves(&tree, FoliageLevel::Cards, None);
+    let once = order(&tree, FoliageLevel::Cards, Some(1));
+    let made = foliage(&tree.0, &Order { twigs: TwigsAs::Instanced, ..once }).unwrap();
+    let [twigs] = &made.twigs[..] else { panic!("{} forms", made.twigs.len()) };
+    assert_eq!(twigs.form.triangles(), 1);
+    let set = twigs.places.iter().flat_map(|at| twigs.form.position.iter().map(|p| at.of(*p)));
+    let set: Vec<Vec3> = set.collect();
+    assert_eq!(set.len(), copies.position.len());
+    let off = set.iter().zip(&copies.position).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max);
+    assert!(off < 1e-4, "{off} m");
+}
+
 /// Without pictures leaves are as large as with them, not as twigs.
 #[test]
 fn leaves_are_as_large_without_pictures() {

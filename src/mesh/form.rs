@@ -3,9 +3,10 @@
 //! What tells one twig from another is which way it hangs and how large it is: it is built in the
 //! forms of a small table, over the direction of gravity in its own frame, the fall of its tip and
 //! its size, and each place takes the form nearest to its own, turned and scaled to fit exactly.
-//! Forms that no place takes are not built. Where each form is stored but once, the few are taken that
-//! are nearest to all places (greedy k-medians). Departures from a build at every place: leaves sink up
+//! Forms that no place takes are not built. Departures from a build at every place: leaves sink up
 //! to 20 degrees off the plumb line, and are up to an eighth larger or smaller than they would be.
+//! Where each form is stored but once, the few are taken that are nearest to all places (greedy
+//! k-medians): more of both, and normals are the twig's own.
 
 use glam::{Mat3A, Quat, Vec2, Vec3, Vec3A};
 use rayon::prelude::*;
@@ -240,6 +241,41 @@ fn place(form: &Form, pose: &Pose, bent: f32, out: &mut Piece) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Few forms serve many places; as many as there are kinds serve each with its own.
+    #[test]
+    fn forms_that_are_chosen_are_near_to_all() {
+        let downs = downs();
+        let mut draws = Seed::new(2).draws();
+        let mut used: Vec<Kind> = (0..400)
+            .map(|_| Kind {
+                down: draws.index(DOWNS),
+                sag: draws.index(3),
+                size: draws.index(3) as i32,
+            })
+            .collect();
+        used.sort_unstable();
+        used.dedup();
+        let count: Vec<f32> = used.iter().map(|_| draws.between(1.0, 50.0)).collect();
+        let off =
+            |most: usize| {
+                let chosen = medians(&used, &count, most, &downs);
+                assert!(chosen.kinds.len() <= most.max(1));
+                let each = used.iter().zip(&count).zip(&chosen.of);
+                let unlike =
+                    each.map(|((kind, count), of)| {
+                        let of = used[chosen.kinds[*of]];
+                        assert!(chosen.kinds.iter().all(|k| {
+                            used[*k].unlike(*kind, &downs) >= of.unlike(*kind, &downs)
+                        }));
+                        count * of.unlike(*kind, &downs)
+                    });
+                unlike.sum::<f32>() / count.iter().sum::<f32>()
+            };
+        let mean: Vec<f32> = [0, 8, 48, 400].into_iter().map(off).collect();
+        assert!(mean.is_sorted_by(|a, b| b < a), "{mean:?}");
+        assert!(mean[2] < 2.0 && mean[3] < 1e-3, "{mean:?}");
+    }
 
     #[test]
     fn downs_leave_no_way_far_from_all_of_them() {

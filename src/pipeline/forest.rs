@@ -644,7 +644,7 @@ fn build_meshes(
         let finest = meshes.iter().filter_map(|of_model| of_model.first());
         let outcome = Outcome::items(nodes, "nodes", triangles, "triangles")
             .error(tolerance::sagitta(finest.clone(), job.wood.tolerance_m, warnings));
-        let outcome = levels::tell_leaves(finest.clone(), outcome);
+        let outcome = levels::tell_leaves(finest.clone(), "", outcome);
         levels::tell_thin(finest.clone(), warnings);
         let of_model =
             || models.iter().filter(|m| textures[m.species].is_some()).zip(finest.clone());

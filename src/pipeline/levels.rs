@@ -172,7 +172,12 @@ pub fn tell_unmeshed<'a>(
 
 /// Adds to a report how much larger than the species' the leaves of these (finest) meshes are, where
 /// each is meshed for itself: the largest. Of crowns that are thin all the same [`tell_thin`] warns.
-pub fn tell_leaves<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, outcome: Outcome) -> Outcome {
+/// `instead`: what else could be done than give more triangles.
+pub fn tell_leaves<'a>(
+    meshes: impl Iterator<Item = &'a TreeMesh>,
+    instead: &str,
+    outcome: Outcome,
+) -> Outcome {
     let each = meshes.filter(|mesh| mesh.leaf_cover >= THIN).filter_map(|mesh| {
         let beside = mesh.triangles() - mesh.foliage.triangles();
         mesh.stand_in.map(|of| (of.size, beside + of.whole))
@@ -182,7 +187,7 @@ pub fn tell_leaves<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, outcome: Outc
     match largest {
         Some(([long, wide], whole)) if long.max(wide) > 1.05 => outcome.note(format!(
             "leaves or needles {long:.1} times as long and {wide:.1} times as wide as the species', to hide \
-             as much as all of them, which would take about {} --triangles",
+             as much as all of them, which would take about {} --triangles{instead}",
             rounded_up(whole as f32),
         )),
         _ => outcome,

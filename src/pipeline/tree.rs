@@ -221,7 +221,8 @@ fn stand(
         let outcome = levels::tell_twigs(meshes.first().into_iter(), outcome)
             .error(tolerance::sagitta(meshes.first().into_iter(), job.wood.tolerance_m, warnings));
         let outcome = levels::tell_unmeshed(meshes.first().into_iter(), outcome, warnings);
-        let outcome = levels::tell_leaves(meshes.first().into_iter(), outcome);
+        let instead = "; --twigs instance stores them in a few forms";
+        let outcome = levels::tell_leaves(meshes.first().into_iter(), instead, outcome);
         levels::tell_thin(meshes.first().into_iter(), warnings);
         levels::tell_fruitless(species, job.foliage, meshes.first().into_iter(), warnings);
         Ok((meshes, outcome))

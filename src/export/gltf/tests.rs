@@ -146,8 +146,9 @@ impl Read {
     /// What places each instance of a node.
     fn instances(&self, node: &Value) -> Vec<Mat4> {
         let of = &node["extensions"]["EXT_mesh_gpu_instancing"]["attributes"];
-        let t = node["translation"].as_array().unwrap();
-        let t = Vec3::from([0, 1, 2].map(|k| t[k].as_f64().unwrap() as f32));
+        let t = node["translation"]
+            .as_array()
+            .map_or(Vec3::ZERO, |t| Vec3::from([0, 1, 2].map(|k| t[k].as_f64().unwrap() as f32)));
         let turns = self.accessor(&of["ROTATION"]);
         let placed = self.vectors(&of["TRANSLATION"]).into_iter().zip(self.vectors(&of["SCALE"]));
         let placed = placed.zip(turns).map(|((place, scale), q)| {
@@ -181,6 +182,56 @@ fn written(scene: &ValidScene, profile: Profile) -> Vec<(String, Read)> {
     let files = files(scene, &pictures, &job).unwrap();
     let read = |f: OutputFile<'_>| (f.path.display().to_string(), Read::new(&f.into_bytes()));
     files.value.into_iter().map(read).collect()
+}
+
+/// Twigs of a tree stand where they are put, below its node.
+#[test]
+fn scattered_parts_are_instances_below_their_tree() {
+    let mut scene = forest(&["Larix sibirica"], 2, 20.0);
+    let mut draws = crate::seed::Seed::new(1).draws();
+    for one in &mut scene.prototypes {
+        let part = Part { name: "twig_01".into(), ..one.parts[1].clone() };
+        let mut place = || crate::mesh::Place {
+            position: draws.direction() * 3.0,
+            turn: Quat::from_axis_angle(draws.direction(), draws.between(0.0, 3.0)),
+            scale: draws.between(0.5, 2.0),
+        };
+        let places = (0..5).map(|_| place()).collect();
+        one.scattered.push(crate::scene::Scattered { part, places });
+    }
+    let scene = scene.validate().unwrap();
+    for profile in [Profile::Dcc, Profile::Engine, Profile::Web] {
+        let (_, read) = written(&scene, profile).remove(0);
+        let nodes = read.json["nodes"].as_array().unwrap();
+        for tree in scene.instances() {
+            let one = &scene.prototypes()[tree.prototype as usize];
+            let node = nodes.iter().find(|n| n["name"] == tree.name.as_str()).unwrap();
+            assert_eq!(node["extras"]["id"], tree.facts.id.as_str());
+            let [twigs] = &node["children"].as_array().unwrap()[..] else { panic!("{node}") };
+            let twigs = read.node(twigs);
+            assert_eq!(twigs["name"], format!("{}_twig_01", tree.name));
+            let mesh = &read.json["meshes"][number(&twigs["mesh"])];
+            assert_eq!(mesh["name"], format!("{}_twig_01", one.name));
+            let position = read.vectors(&mesh["primitives"][0]["attributes"]["POSITION"]);
+            let placed = read.instances(twigs);
+            assert_eq!(placed.len(), 5);
+            let surface = &one.scattered[0].part.surface;
+            let mut ours: Vec<Vec3> = surface.position.clone();
+            for (matrix, place) in placed.iter().zip(&one.scattered[0].places) {
+                let theirs: Vec<Vec3> =
+                    position.iter().map(|p| matrix.transform_point3(*p)).collect();
+                ours.clear();
+                ours.extend(surface.position.iter().map(|p| Vec3::from(y_up(place.of(*p)))));
+                for (a, b) in gist(&theirs).into_iter().zip(gist(&ours)) {
+                    assert!((a - b).abs().max_element() < 1e-2, "{profile:?}: {a} {b}");
+                }
+            }
+        }
+    }
+    let job = Job::new("forest", &[Format::Obj]);
+    let pictures = Pictures::encode(&scene, &job.picture_formats()).unwrap();
+    let error = files(&scene, &pictures, &job).err().unwrap();
+    assert_eq!(error.message(), ".obj files hold no twigs that are stored once");
 }
 
 /// The corners of a part's triangles in their places, Y up, in the order of the indices.

@@ -45,6 +45,67 @@ fn a_sound_scene_passes_and_is_grouped_by_species() {
 }
 
 #[test]
+fn parts_at_many_places_are_sound() {
+    use glam::Quat;
+    let with = |places: Vec<Place>, change: &dyn Fn(&mut Prototype)| {
+        faults(|scene| {
+            let one = &mut scene.prototypes[0];
+            let part = Part { name: "twig_01".into(), ..one.parts[1].clone() };
+            one.scattered.push(Scattered { part, places });
+            change(one);
+        })
+    };
+    let place = Place { position: Vec3::Z, turn: Quat::IDENTITY, scale: 1.0 };
+    let name = "Larix_sibirica_00";
+    assert!(with(vec![place], &|_| {}).is_empty());
+    let told = with(Vec::new(), &|_| {});
+    assert_eq!(told, [format!("prototype `{name}`, part `twig_01`: it stands nowhere")]);
+    for wrong in [
+        Place { scale: 0.0, ..place },
+        Place { position: Vec3::NAN, ..place },
+        Place { turn: Quat::from_xyzw(0.0, 0.0, 0.0, 2.0), ..place },
+    ] {
+        let told = with(vec![place, wrong], &|_| {});
+        assert!(told[0].starts_with(&format!("prototype `{name}`, part `twig_01`, place 1: ")));
+    }
+    let told = with(vec![place], &|one| {
+        let count = one.scattered[0].part.surface.position.len();
+        one.scattered[0].part.surface.wind = vec![[0; 4]; count];
+    });
+    let says = format!(
+        "prototype `{name}`, part `twig_01`: wind and light maps differ from place to place"
+    );
+    assert_eq!(told, [says]);
+    let told = with(vec![place], &|one| one.scattered[0].part.name = "foliage".into());
+    assert_eq!(told.len(), 1);
+    assert!(told[0].contains("`foliage` is taken"), "{told:?}");
+}
+
+#[test]
+fn a_scene_is_as_large_as_what_is_scattered_reaches() {
+    let mut scene = sample();
+    let one = &mut scene.prototypes[0];
+    let part = Part { name: "twig_01".into(), ..one.parts[1].clone() };
+    let high = part.surface.bounds().1.z;
+    let turn = glam::Quat::from_rotation_x(0.0);
+    one.scattered.push(Scattered {
+        part,
+        places: vec![Place { position: Vec3::Z * 100.0, turn, scale: 2.0 }],
+    });
+    scene.terrain = None;
+    scene.instances.truncate(1);
+    scene.prune();
+    let before = scene.prototypes[0].triangles();
+    let scene = scene.validate().unwrap();
+    let tree = &scene.instances()[0];
+    let top = tree.position.z + tree.scale.z * (100.0 + 2.0 * high);
+    assert!((scene.bounds().1.z - top).abs() < 1e-2, "{} {top}", scene.bounds().1.z);
+    assert_eq!(before[0], before[1]);
+    let of = crate::scene::statistics(&scene);
+    assert_eq!([of.unique_triangles, of.instanced_triangles], before);
+}
+
+#[test]
 fn terrain_alone_and_a_tree_alone_are_scenes_and_nothing_is_none() {
     let mut bare = sample();
     bare.instances.clear();
