@@ -708,6 +708,11 @@ fn a_forest_without_textures_has_colours_and_no_pictures_of_trees() {
         &["demo", "--seed", "-1"],
         &["--seed", "a whole number from 0 to 18446744073709551615"],
     );
+    let views = ["--impostor", "cross", "--impostor-views", "16", "-o", "birch.glb"];
+    refused(
+        &[&["tree", "betula_pendula"], &views[..]].concat(),
+        &["there is none", "--impostor octahedral"],
+    );
     let coloured = ["--wind", "unity", "--wind-as", "color", "-o", "birch.usda"];
     let coloured = [&["tree", "betula_pendula"], &coloured[..]].concat();
     refused(&coloured, &["--wind-as is for glTF, not for .usda files", "write a .glb"]);

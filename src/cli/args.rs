@@ -306,7 +306,7 @@ pub enum Impostor {
     None,
     /// Two upright sheets that cross; any renderer shows them.
     Cross,
-    /// Views from 64 directions, for shaders that blend them.
+    /// Views from all sides and from above, for shaders that blend them.
     Octahedral,
 }
 
@@ -359,6 +359,10 @@ pub struct LevelArgs {
     /// Each model as pictures of itself, in a file beside: NAME_impostor.
     #[arg(long, value_enum, value_name = "KIND")]
     pub impostor: Option<Impostor>,
+    /// Views along a side of an octahedral impostor's picture, 4 to 32; 8 where absent. An odd number has
+    /// one from above.
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(4..=32))]
+    pub impostor_views: Option<u32>,
     /// Bodies about the stems for collisions, beside each tree in the scene.
     #[arg(long, value_enum, value_name = "KIND")]
     pub collision: Option<Collision>,

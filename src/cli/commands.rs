@@ -290,6 +290,10 @@ fn check_levels(typed: &args::LevelArgs, formats: &[Format]) -> Result<()> {
         return Err(Error::new("--wind-as says where wind is written, and none is")
             .remedy("add --wind unity, cryengine or speedtree-like"));
     }
+    if typed.impostor_views.is_some() && typed.impostor != Some(args::Impostor::Octahedral) {
+        return Err(Error::new("--impostor-views is for octahedral impostors, and there is none")
+            .remedy("add --impostor octahedral"));
+    }
     let is_gltf = |f: &Format| matches!(f, Format::Glb | Format::Gltf);
     if typed.wind_as == args::WindAs::Color && !formats.iter().any(is_gltf) {
         let files = extensions(formats.iter());
@@ -385,7 +389,10 @@ fn levels_job(typed: &args::LevelArgs, formats: &[Format]) -> LevelsJob {
             None => is_engine.then_some(lod::Kind::Cross),
             Some(args::Impostor::None) => None,
             Some(args::Impostor::Cross) => Some(lod::Kind::Cross),
-            Some(args::Impostor::Octahedral) => Some(lod::Kind::Octahedral),
+            Some(args::Impostor::Octahedral) => {
+                let views = typed.impostor_views.unwrap_or(lod::impostor::USUAL_VIEWS);
+                Some(lod::Kind::Octahedral { views })
+            }
         },
         collision: match typed.collision {
             None => is_rich.then_some(ColliderShape::Convex),

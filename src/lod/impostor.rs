@@ -36,7 +36,10 @@ use crate::work::{self, Work};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     Cross,
-    Octahedral,
+    /// With so many views along a side of the picture, as [`VIEWS`] says.
+    Octahedral {
+        views: u32,
+    },
 }
 
 /// The pictures and the sheets that carry them.
@@ -78,8 +81,10 @@ const RELIEF: f32 = 1.5;
 const APART_M: f32 = 1e-3;
 /// Texels between two views of a cross.
 const GUTTER: usize = 8;
-/// Views along a side of an octahedral picture.
-pub const FRAMES: u32 = 8;
+/// Views along a side of an octahedral picture, as a rule and at least and most. Of an odd number one is
+/// that from above.
+pub const USUAL_VIEWS: u32 = 8;
+pub const VIEWS: std::ops::RangeInclusive<u32> = 4..=32;
 
 /// Bakes a model, whose extent is `bounds` (tree-local metres). `size_px`: texels
 /// along the longer side of a sheet and its gutters, or along the side of an octahedral picture;
@@ -103,7 +108,9 @@ pub fn bake(
     let of = Model { sitter, model, sky, tints };
     match kind {
         Kind::Cross => cross(&of, bounds, size_px as usize),
-        Kind::Octahedral => octahedral(&of, bounds, size_px),
+        Kind::Octahedral { views } => {
+            octahedral(&of, bounds, views.clamp(*VIEWS.start(), *VIEWS.end()), size_px)
+        }
     }
 }
 
@@ -174,34 +181,39 @@ fn cross(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impos
     board.finish(surface, None)
 }
 
-fn octahedral(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: u32) -> Result<Impostor> {
+fn octahedral(
+    of: &Model<'_>,
+    (lo, hi): (Vec3, Vec3),
+    frames: u32,
+    size_px: u32,
+) -> Result<Impostor> {
     let centre = 0.5 * (lo + hi);
     // A ball, not the box: views of a wide crown would be empty for the most part.
     let radius_m =
         of.sitter.reach_m(of.model, centre).clamp(1e-3, (0.5 * (hi - lo).length()).max(1e-3));
-    let side = (size_px / FRAMES).max(8).next_power_of_two() as usize;
+    let side = (size_px / frames).max(8).next_power_of_two() as usize;
     let texel_m = 2.0 * radius_m / side as f32;
     let cells: Vec<(u32, u32)> =
-        (0..FRAMES).flat_map(|row| (0..FRAMES).map(move |col| (col, row))).collect();
+        (0..frames).flat_map(|row| (0..frames).map(move |col| (col, row))).collect();
     let views: Vec<Frame> = cells
         .par_iter()
         .map(|&(col, row)| {
             Frame::take(
                 of,
                 centre,
-                -direction(col, row, FRAMES),
+                -direction(col, row, frames),
                 texel_m,
                 [side, side],
                 Facing::Own,
             )
         })
         .collect::<Result<_>>()?;
-    let whole = side * FRAMES as usize;
+    let whole = side * frames as usize;
     let mut board = Board::new(whole, whole, of.tints, true);
     for (&(col, row), view) in cells.iter().zip(&views) {
         board.paste(view, [col as usize * side, row as usize * side]);
     }
-    let octahedral = Octahedral { frames: FRAMES, centre, radius_m, sheet_rms_m: f32::INFINITY };
+    let octahedral = Octahedral { frames, centre, radius_m, sheet_rms_m: f32::INFINITY };
     // The view from the south, whose plane is upright.
     let surface = sheet_towards(&octahedral, -Vec3::Y);
     board.finish(surface, Some(octahedral))

@@ -49,6 +49,8 @@ fn red() -> Vec<Material> {
     }]
 }
 
+const OCTAHEDRAL: Kind = Kind::Octahedral { views: impostor::USUAL_VIEWS };
+
 #[test]
 fn silhouettes_are_as_far_apart_as_the_blocks() {
     let (thin, wide, tall) =
@@ -92,9 +94,9 @@ fn an_impostor_covers_what_the_model_covers_in_its_colour() {
     let (parts, materials) = (part(block(1.0, 10.0)), red());
     let sitter = Sitter::new(&[&parts], &materials, &[]);
     let bounds = (Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 10.0));
-    for kind in [Kind::Cross, Kind::Octahedral] {
+    for kind in [Kind::Cross, OCTAHEDRAL] {
         let got = impostor::bake(&sitter, 0, bounds, kind, 256, &[]).unwrap();
-        assert_eq!(got.octahedral.is_some(), kind == Kind::Octahedral);
+        assert_eq!(got.octahedral.is_some(), kind == OCTAHEDRAL);
         let seen = got.colour.data.iter().filter(|p| p[3] >= 128).count();
         if kind == Kind::Cross {
             // Lit, it is as bright as the face that it shows; under what is transparent too, for
@@ -184,7 +186,7 @@ fn alphas_of_octahedral_views_say_what_is_covered() {
     let (parts, materials) = (part(strewn(6_000)), red());
     let sitter = Sitter::new(&[&parts], &materials, &[]);
     let bounds = (Vec3::new(-2.0, -2.0, 0.0), Vec3::new(2.0, 2.0, 8.0));
-    let got = impostor::bake(&sitter, 0, bounds, Kind::Octahedral, 512, &[]).unwrap();
+    let got = impostor::bake(&sitter, 0, bounds, OCTAHEDRAL, 512, &[]).unwrap();
     let octahedral = got.octahedral.unwrap();
     let side = octahedral.frames as usize;
     let px = got.colour.width as usize / side;
@@ -206,7 +208,7 @@ fn an_impostor_of_a_thin_crown_covers_as_much() {
     let (parts, materials) = (part(strewn(900)), red());
     let sitter = Sitter::new(&[&parts], &materials, &[]);
     let bounds = (Vec3::new(-2.0, -2.0, 0.0), Vec3::new(2.0, 2.0, 8.0));
-    for (kind, size_px) in [(Kind::Cross, 128), (Kind::Octahedral, 512)] {
+    for (kind, size_px) in [(Kind::Cross, 128), (OCTAHEDRAL, 512)] {
         let got = impostor::bake(&sitter, 0, bounds, kind, size_px, &[]).unwrap();
         // One sheet, looked at squarely.
         let mut sheet = got.surface.clone();
@@ -232,7 +234,7 @@ fn an_octahedral_impostor_turns_to_the_eye() {
     let (parts, materials) = (part(block(1.0, 10.0)), red());
     let bounds = (Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 10.0));
     let sitter = Sitter::new(&[&parts], &materials, &[]);
-    let baked = impostor::bake(&sitter, 0, bounds, Kind::Octahedral, 2048, &[]).unwrap();
+    let baked = impostor::bake(&sitter, 0, bounds, OCTAHEDRAL, 2048, &[]).unwrap();
     let octahedral = baked.octahedral.unwrap();
     let turned = looks().map(|look| part(impostor::sheet_towards(&octahedral, -look)));
     let models: Vec<Vec<Part>> = std::iter::once(part(baked.surface)).chain(turned).collect();
@@ -277,17 +279,40 @@ fn octahedral_views_are_about_a_ball() {
     let bounds = crown.bounds();
     let (parts, materials) = (part(crown), red());
     let sitter = Sitter::new(&[&parts], &materials, &[]);
-    let got = impostor::bake(&sitter, 0, bounds, Kind::Octahedral, 512, &[]).unwrap();
+    let got = impostor::bake(&sitter, 0, bounds, OCTAHEDRAL, 512, &[]).unwrap();
     let of = got.octahedral.unwrap();
     assert_eq!((of.centre, of.radius_m), (6.0 * Vec3::Z, 5.0));
+}
+
+/// More views are nearer to any eye, at the same picture's cost of texels.
+#[test]
+fn more_octahedral_views_are_nearer_to_the_eye() {
+    let (parts, materials) = (part(block(1.0, 10.0)), red());
+    let bounds = (Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 10.0));
+    let sitter = Sitter::new(&[&parts], &materials, &[]);
+    let of = |views: u32| {
+        let kind = Kind::Octahedral { views };
+        let got = impostor::bake(&sitter, 0, bounds, kind, 1024, &[]).unwrap();
+        let octahedral = got.octahedral.unwrap();
+        assert_eq!(octahedral.frames, views);
+        assert_eq!(got.colour.width % views, 0);
+        let off = looks().map(|look| impostor::aside_m(&octahedral, -look));
+        (got.colour.width, off.fold(0.0, f32::max))
+    };
+    let [eight, nine, sixteen] = [8, 9, 16].map(of);
+    assert_eq!((eight.0, sixteen.0), (1024, 1024));
+    assert!(sixteen.1 < 0.6 * eight.1, "{sixteen:?} {eight:?}");
+    assert!(nine.1 < 0.9 * eight.1, "{nine:?} {eight:?}");
+    assert_eq!(impostor::direction(4, 4, 9), Vec3::Z);
 }
 
 #[test]
 fn octahedral_views_cover_the_upper_half_of_the_sky() {
     // Any direction of the upper half has a view within 18.5°.
-    let views: Vec<Vec3> = (0..impostor::FRAMES)
+    let views: Vec<Vec3> = (0..impostor::USUAL_VIEWS)
         .flat_map(|row| {
-            (0..impostor::FRAMES).map(move |col| impostor::direction(col, row, impostor::FRAMES))
+            (0..impostor::USUAL_VIEWS)
+                .map(move |col| impostor::direction(col, row, impostor::USUAL_VIEWS))
         })
         .collect();
     for k in 0..400 {
@@ -299,9 +324,12 @@ fn octahedral_views_cover_the_upper_half_of_the_sky() {
         // And it is the one that the formula of `Octahedral` leads to.
         let p = d.truncate() / (d.x.abs() + d.y.abs() + d.z);
         let e = Vec2::new(p.x + p.y, p.x - p.y);
-        let cell = (e + 1.0) * 0.5 * (impostor::FRAMES - 1) as f32;
-        let found =
-            impostor::direction(cell.x.round() as u32, cell.y.round() as u32, impostor::FRAMES);
+        let cell = (e + 1.0) * 0.5 * (impostor::USUAL_VIEWS - 1) as f32;
+        let found = impostor::direction(
+            cell.x.round() as u32,
+            cell.y.round() as u32,
+            impostor::USUAL_VIEWS,
+        );
         assert!(found.dot(d) > 19.5f32.to_radians().cos());
     }
 }

@@ -401,7 +401,7 @@ fn bake(scene: &Scene, kind: lod::Kind, texture_px: u32) -> Result<Vec<Baked>> {
     // A sheet is shown where the tree is some 200 lines high or less; near by twice as many hold up.
     let size_px = match kind {
         lod::Kind::Cross => texture_px.max(LEAST_VIEW_PX),
-        lod::Kind::Octahedral => (2 * texture_px).max(LEAST_VIEW_PX * impostor::FRAMES),
+        lod::Kind::Octahedral { views } => (2 * texture_px).max(LEAST_VIEW_PX * views),
     };
     let models: Vec<&[Part]> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
     let sitter = Sitter::new(&models, &scene.materials, &scene.textures);
