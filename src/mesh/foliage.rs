@@ -203,7 +203,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         let height = at_heights(hull.share(s.at.z));
         height.iter().zip(order.larger).map(|(share, larger)| share * larger).sum::<f32>()
     };
-    let mut kept = thinned(spots, &hull, most, enlarge, f.twig_length_m);
+    let mut kept = thinned(spots, &hull, most, enlarge, f.twig_length_m, twig.is_some());
     // Fewer twigs rather than smaller ones than the species'.
     kept.retain(|s| {
         let size = enlarge * larger_at(s);

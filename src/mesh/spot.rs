@@ -60,6 +60,8 @@ const YOUNG_TIP: f32 = 0.6;
 const YOUNG_SLOPE: f32 = 0.35;
 /// No place for a twig counts more than so many of usual ones, however small its twig.
 const MOST_WEIGHT: f32 = 6.0;
+/// At the end of a shoot a twig counts so much more than beside it, where each leaf is seen: a bare end would be, too.
+const TIP_WEIGHT: f32 = 4.0;
 /// … and deep inside a crown no less than so much of one outside.
 const LEAST_WEIGHT: f32 = 0.35;
 /// Length of a twig over half that of the crown, at most.
@@ -231,14 +233,23 @@ fn layers(twigs: usize) -> f32 {
 /// About `most` of the spots, in their order, evenly over heights and directions: those deep inside the
 /// crown go first, but of a young one, which casts no shade; where twigs, `twig_m` long as a rule, are
 /// small more stay, so that a spire is as full at its tip, and a shrub at its foot, as between.
-pub fn thinned(spots: Vec<Spot>, hull: &Hull, most: usize, enlarge: f32, twig_m: f32) -> Vec<Spot> {
+/// `keeps_tips`: more of those at the ends of shoots.
+pub fn thinned(
+    spots: Vec<Spot>,
+    hull: &Hull,
+    most: usize,
+    enlarge: f32,
+    twig_m: f32,
+    keeps_tips: bool,
+) -> Vec<Spot> {
     if spots.len() <= most {
         return spots;
     }
     let least = LEAST_WEIGHT + (1.0 - LEAST_WEIGHT) * youth(hull.apex.z);
     let weight = |s: &Spot| {
         let small = twig_m * hull.scale(Vec3::ZERO, enlarge) / hull.twig_m(s.at, twig_m, enlarge);
-        f64::from(hull.outward(s.at).1.clamp(least, 1.0) * (small * small).min(MOST_WEIGHT))
+        let tip = if keeps_tips && s.is_tip { TIP_WEIGHT } else { 1.0 };
+        f64::from(tip * hull.outward(s.at).1.clamp(least, 1.0) * (small * small).min(MOST_WEIGHT))
     };
     let total: f64 = spots.iter().map(weight).sum();
     let rate = most as f64 / total.max(1e-9);
