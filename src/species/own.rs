@@ -2,8 +2,8 @@
 //! or a picture of a twig alone. Read once, when the rule file is; what leaves here is sound.
 //!
 //! The library that reads OBJ stops at a fault without saying where and trusts some numbers, so
-//! every line is looked at first. Several pictures (`map_Kd`) and plain colours are laid side by side
-//! in one; then no texture coordinate may leave its picture. Polygons are cut into fans.
+//! every line is looked at first. Several pictures (`map_Kd`, cut by `map_d`) and plain colours are laid
+//! side by side in one; then no texture coordinate may leave its picture. Polygons are cut into fans.
 
 use std::collections::BTreeSet;
 use std::io::BufReader;
@@ -82,19 +82,19 @@ const REMEDY: &str = "export the model again, with normals and texture coordinat
 fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -> Result<Model> {
     let fail = |what: String, remedy: &str| Err(Error::new(what).in_file(path).remedy(remedy));
     let used = |id: usize| meshes.iter().any(|m| m.mesh.material_id == Some(id));
-    let mut names: Vec<&str> = (0..materials.len())
+    let mut skins: Vec<Skin> = (0..materials.len())
         .filter(|&id| used(id))
-        .filter_map(|id| materials[id].diffuse_texture.as_deref())
+        .filter_map(|id| Skin::of(&materials[id]))
         .collect();
-    names.sort_unstable();
-    names.dedup();
+    skins.sort_unstable();
+    skins.dedup();
     let pictures: Vec<Picture> =
-        names.iter().map(|name| picture_beside(path, name)).collect::<Result<_>>()?;
+        skins.iter().map(|skin| skin.picture(path)).collect::<Result<_>>()?;
     let shows = |m: &tobj::Mesh| {
-        let name = m.material_id.and_then(|id| materials[id].diffuse_texture.as_deref())?;
-        names.binary_search(&name).ok()
+        let skin = m.material_id.and_then(|id| Skin::of(&materials[id]))?;
+        skins.binary_search(&skin).ok()
     };
-    let is_whole = names.len() == 1 && meshes.iter().all(|m| shows(&m.mesh).is_some());
+    let is_whole = skins.len() == 1 && meshes.iter().all(|m| shows(&m.mesh).is_some());
     let sheet = if is_whole { None } else { Some(Sheet::new(&pictures, materials)) };
     if let Some(Sheet { picture, .. }) = &sheet
         && picture.width.max(picture.height) > MAX_SHEET_PX
@@ -146,7 +146,7 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
             return fail(
                 format!(
                     "the texture coordinate {u}, {v} leaves the picture {}, which is not its only colour",
-                    names[shown]
+                    skins[shown].name()
                 ),
                 "lay all of them within 0 to 1, or bake its colours into one picture (map_Kd)",
             );
@@ -196,6 +196,55 @@ fn settle(path: &Path, mut model: Model) -> Result<Model> {
         return Err(error.remedy(REMEDY));
     }
     Ok(model)
+}
+
+/// What faces of a material show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Skin<'a> {
+    /// Its picture, and where there is none its colour.
+    colour: std::result::Result<&'a str, [u8; 3]>,
+    /// The picture of what is opaque, where it is another.
+    mask: Option<&'a str>,
+}
+
+impl<'a> Skin<'a> {
+    /// `None` for a plain colour.
+    fn of(material: &'a tobj::Material) -> Option<Skin<'a>> {
+        let own = material.diffuse_texture.as_deref();
+        let mask = material.dissolve_texture.as_deref().filter(|mask| Some(*mask) != own);
+        let plain = material.diffuse.map_or(PLAIN, srgb);
+        (own.is_some() || mask.is_some()).then_some(Skin { colour: own.ok_or(plain), mask })
+    }
+
+    fn name(&self) -> &'a str {
+        self.colour.ok().or(self.mask).unwrap_or_default()
+    }
+
+    /// In the size of its colours.
+    fn picture(&self, path: &Path) -> Result<Picture> {
+        let mask = self.mask.map(|name| picture_beside(path, name)).transpose()?;
+        let mut picture = match (self.colour, &mask) {
+            (Ok(name), _) => picture_beside(path, name)?,
+            (Err([r, g, b]), Some(mask)) => {
+                Picture::filled(mask.width, mask.height, [r, g, b, 255])
+            }
+            (Err([r, g, b]), None) => Picture::filled(SWATCH_PX, SWATCH_PX, [r, g, b, 255]),
+        };
+        let Some(mask) = mask else { return Ok(picture) };
+        // By its alpha, as exporters that keep one name it; else by its grey.
+        let has_alpha = mask.data.iter().any(|p| p[3] < 255);
+        let opacity = |[r, g, b, a]: [u8; 4]| {
+            if has_alpha { u32::from(a) } else { (u32::from(r) + u32::from(g) + u32::from(b)) / 3 }
+        };
+        let (width, height) = (picture.width, picture.height);
+        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+            let [r, g, b, a] = picture.at(x, y);
+            let at = mask.at(x * mask.width / width, y * mask.height / height);
+            picture.set(x, y, [r, g, b, (u32::from(a) * opacity(at) / 255) as u8]);
+        }
+        pad_transparent(&mut picture);
+        Ok(picture)
+    }
 }
 
 /// Pictures side by side, and after them a square of colour for each material, the first for faces
@@ -422,10 +471,7 @@ fn remark<'a>(path: &Path, materials: impl Iterator<Item = &'a tobj::Material>) 
     let mut unused = BTreeSet::new();
     for m in materials {
         let mut note = |is_there: bool, name| is_there.then(|| unused.insert(name));
-        let is_other =
-            |picture: &Option<String>| picture.is_some() && *picture != m.diffuse_texture;
         note(m.normal_texture.is_some(), "map_Bump");
-        note(is_other(&m.dissolve_texture), "map_d");
         note(m.specular_texture.is_some(), "map_Ks");
         note(m.shininess_texture.is_some(), "map_Ns");
         note(m.dissolve.is_some_and(|d| d < 1.0), "d");
@@ -436,7 +482,7 @@ fn remark<'a>(path: &Path, materials: impl Iterator<Item = &'a tobj::Material>) 
     let names: Vec<&str> = unused.into_iter().collect();
     (!names.is_empty()).then(|| {
         format!(
-            "{}: {} of its materials not used: leaves have the colour and the alpha of map_Kd, or Kd",
+            "{}: {} of its materials not used: leaves have the colour of map_Kd, or Kd, and its alpha times map_d",
             path.display(),
             names.join(", ")
         )

@@ -54,10 +54,9 @@ fn what_a_material_says_in_vain_is_told() {
     };
     let as_exported = "Ns 250\nKs 0.5 0.5 0.5\nKe 0 0 0\nNi 1.45\nd 1\nillum 2\nmap_d leaf.png\n";
     assert_eq!(remarks(as_exported), [""; 0]);
-    let told =
-        remarks("map_Bump -bm 1 bumps.png\nd 0.3\nmap_d mask.png\nnewmtl other\nmap_Ks a.png\n");
+    let told = remarks("map_Bump -bm 1 bumps.png\nd 0.3\nnewmtl other\nmap_Ks a.png\n");
     assert_eq!(told.len(), 1, "{told:?}");
-    assert!(told[0].contains("twig.obj: d, map_Bump, map_d of its materials not used"), "{told:?}");
+    assert!(told[0].contains("twig.obj: d, map_Bump of its materials not used"), "{told:?}");
 }
 
 #[test]
@@ -211,6 +210,37 @@ fn pictures_and_plain_colours_are_laid_side_by_side() {
     assert!((6..9).all(|k| shown(&model, k) == [255, 0, 0, 255]));
     assert_eq!(shown(&model, 10), [1, 2, 3, 255]);
     assert!(model.normal.iter().all(|n| *n == [0.0, 0.0, 1.0]));
+}
+
+/// A mask cuts the picture, by its grey or its alpha, or a plain colour; what it is not there for is told.
+#[test]
+fn masks_of_their_own_cut_leaves() {
+    let with = |material: &str, mask: &Picture| {
+        let folder = folder(RULE, TWIG, material);
+        std::fs::write(folder.path().join("mask.png"), mask.to_png().unwrap()).unwrap();
+        let species = load(&rule(&folder)).unwrap();
+        assert!(species.remarks.is_empty(), "{:?}", species.remarks);
+        species.own_model.unwrap().picture.clone()
+    };
+    // Twice as fine as the picture; its lower half is cut.
+    let mut grey = Picture::filled(12, 8, [255; 4]);
+    let mut alpha = Picture::filled(12, 8, [9, 9, 9, 255]);
+    for (x, y) in (0..12).flat_map(|x| (4..8).map(move |y| (x, y))) {
+        grey.set(x, y, [0, 0, 0, 255]);
+        alpha.set(x, y, [9, 9, 9, 0]);
+    }
+    for mask in [&grey, &alpha] {
+        let cut = with(&format!("{MATERIAL}map_d mask.png\n"), mask);
+        assert_eq!((cut.width, cut.height), (6, 4));
+        // The picture's own hole stays one.
+        assert_eq!([cut.at(5, 1), cut.at(0, 0)].map(|p| p[3]), [255, 0]);
+        assert!((0..6).all(|x| cut.at(x, 3)[3] == 0));
+    }
+    let plain = with("newmtl leaf\nKd 1 0 0\nmap_d mask.png\n", &grey);
+    assert_eq!((plain.width, plain.height), (12, 8));
+    assert_eq!([plain.at(3, 3), plain.at(3, 4)], [[255, 0, 0, 255], [255, 0, 0, 0]]);
+    let lost = folder(RULE, TWIG, &format!("{MATERIAL}map_d mask.png\n"));
+    assert!(load(&rule(&lost)).unwrap_err().message().contains("mask.png"));
 }
 
 #[test]
