@@ -214,6 +214,7 @@ fn triangle(name: &str) -> std::sync::Arc<own::Model> {
         uv: vec![[0.0, 0.0], [1.0, 0.5], [0.0, 1.0]],
         index: vec![0, 1, 2],
         picture: crate::raster::Picture::filled(4, 4, [1, 2, 3, 255]),
+        normals: None,
         remark: None,
     })
 }

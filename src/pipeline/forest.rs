@@ -34,8 +34,8 @@ use crate::scene::{
 use crate::seed::Seed;
 use crate::skeleton::surroundings::{Neighbour, Surroundings};
 use crate::skeleton::{self, Detail, Skeleton, Target, decline};
-use crate::species::Species;
 use crate::species::state::State;
+use crate::species::{Species, own};
 use crate::terrain::{Facets, Terrain};
 use crate::texture::{self, BarkTextures, TreeTextures};
 
@@ -808,6 +808,9 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
     let is_plain = (textures.leaf.width(), textures.leaf.height()) == (1, 1);
     let (base_color, leaf) = colour(scene, &name, textures.leaf);
     let alpha = if leaf.is_some() { Alpha::Mask { cutoff: 0.5 } } else { Alpha::Opaque };
+    let normals = textures.leaf_normal;
+    let normal_texture =
+        normals.map(|i| add_texture(scene, &format!("{name}_normal"), i, Colorspace::Raw));
     let variants = textures.leaf_variants.into_iter().map(|(variant, image)| {
         let (base_color, base_color_texture) = colour(scene, &format!("{name}_{variant}"), image);
         Variant { name: variant.to_owned(), base_color, base_color_texture }
@@ -817,7 +820,7 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         name,
         base_color,
         base_color_texture: leaf,
-        normal_texture: None,
+        normal_texture,
         orm_texture: None,
         relief: None,
         variants,
@@ -828,8 +831,9 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         double_sided: true,
     });
     let leaf = scene.materials.len() as u32 - 1;
-    let own = species.own_fruit.as_ref().map(|model| &model.picture);
-    let fruit = own.map_or(leaf, |p| add_fruit(scene, &format!("{stem}_fruit"), p, is_plain));
+    let own = species.own_fruit.as_deref();
+    let fruit =
+        own.map_or(leaf, |model| add_fruit(scene, &format!("{stem}_fruit"), model, is_plain));
     Look { bark, upper_bark, twig_bark, leaf, fruit }
 }
 
@@ -842,7 +846,8 @@ fn mean_colour(picture: &Picture) -> [u8; 4] {
 }
 
 /// The material of a user's own cones; `is_plain`: in their mean colour.
-fn add_fruit(scene: &mut Scene, name: &str, picture: &Picture, is_plain: bool) -> u32 {
+fn add_fruit(scene: &mut Scene, name: &str, model: &own::Model, is_plain: bool) -> u32 {
+    let picture = &model.picture;
     let is_cut = picture.data.iter().any(|p| p[3] < 128);
     let picture = match is_plain {
         true => Picture::filled(1, 1, mean_colour(picture)),
@@ -850,11 +855,14 @@ fn add_fruit(scene: &mut Scene, name: &str, picture: &Picture, is_plain: bool) -
     };
     let (base_color, base_color_texture) = colour(scene, name, picture.into());
     let is_masked = is_cut && base_color_texture.is_some();
+    let normals = model.normals.clone().filter(|_| !is_plain);
+    let normal_texture =
+        normals.map(|p| add_texture(scene, &format!("{name}_normal"), p.into(), Colorspace::Raw));
     scene.materials.push(Material {
         name: name.to_owned(),
         base_color,
         base_color_texture,
-        normal_texture: None,
+        normal_texture,
         orm_texture: None,
         relief: None,
         variants: Vec::new(),

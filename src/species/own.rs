@@ -44,6 +44,8 @@ pub struct Model {
     /// Three a triangle.
     pub index: Vec<u32>,
     pub picture: Picture,
+    /// Tangent-space normals for it, x along u and y along v (up); `None` where no material has any.
+    pub normals: Option<Picture>,
     /// What of its materials is not used, one sentence.
     pub remark: Option<String>,
 }
@@ -90,6 +92,11 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
     skins.dedup();
     let pictures: Vec<Picture> =
         skins.iter().map(|skin| skin.picture(path)).collect::<Result<_>>()?;
+    let bumps: Vec<Option<Picture>> =
+        skins.iter().map(|skin| skin.bumps(path)).collect::<Result<_>>()?;
+    let has_heights = bumps.iter().flatten().any(is_grey);
+    let normals: Vec<Option<Picture>> =
+        bumps.into_iter().map(|bump| bump.filter(|picture| !is_grey(picture))).collect();
     let shows = |m: &tobj::Mesh| {
         let skin = m.material_id.and_then(|id| Skin::of(&materials[id]))?;
         skins.binary_search(&skin).ok()
@@ -114,7 +121,12 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
         uv: Vec::new(),
         index: Vec::new(),
         picture: Picture::filled(0, 0, [0; 4]),
-        remark: remark(path, materials.iter().enumerate().filter(|m| used(m.0)).map(|m| m.1)),
+        normals: None,
+        remark: remark(
+            path,
+            materials.iter().enumerate().filter(|m| used(m.0)).map(|m| m.1),
+            has_heights,
+        ),
     };
     for tobj::Model { mesh, .. } in meshes {
         let first = model.position.len() as u32;
@@ -153,9 +165,12 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
         }
         model.uv.extend(uv.iter().map(|uv| sheet.place(shown, (*uv).into()).to_array()));
     }
-    model.picture = match sheet {
-        Some(sheet) => sheet.picture,
-        None => pictures.into_iter().next().unwrap_or(model.picture),
+    (model.normals, model.picture) = match sheet {
+        Some(sheet) => (sheet.normals(&normals), sheet.picture),
+        None => {
+            let own = pictures.into_iter().next().unwrap_or(model.picture);
+            (normals.into_iter().next().flatten(), own)
+        }
     };
     settle(path, model)
 }
@@ -205,6 +220,8 @@ struct Skin<'a> {
     colour: std::result::Result<&'a str, [u8; 3]>,
     /// The picture of what is opaque, where it is another.
     mask: Option<&'a str>,
+    /// That of its normals, or of heights.
+    bumps: Option<&'a str>,
 }
 
 impl<'a> Skin<'a> {
@@ -213,11 +230,17 @@ impl<'a> Skin<'a> {
         let own = material.diffuse_texture.as_deref();
         let mask = material.dissolve_texture.as_deref().filter(|mask| Some(*mask) != own);
         let plain = material.diffuse.map_or(PLAIN, srgb);
-        (own.is_some() || mask.is_some()).then_some(Skin { colour: own.ok_or(plain), mask })
+        let norm = material.unknown_param.get("norm").map(String::as_str);
+        let bumps = norm.or(material.normal_texture.as_deref());
+        (own.is_some() || mask.is_some()).then_some(Skin { colour: own.ok_or(plain), mask, bumps })
     }
 
     fn name(&self) -> &'a str {
         self.colour.ok().or(self.mask).unwrap_or_default()
+    }
+
+    fn bumps(&self, path: &Path) -> Result<Option<Picture>> {
+        self.bumps.map(|name| picture_beside(path, name)).transpose()
     }
 
     /// In the size of its colours.
@@ -245,6 +268,11 @@ impl<'a> Skin<'a> {
         pad_transparent(&mut picture);
         Ok(picture)
     }
+}
+
+/// Heights rather than normals.
+fn is_grey(picture: &Picture) -> bool {
+    picture.data.iter().all(|p| p[0].abs_diff(p[1]).max(p[1].abs_diff(p[2])) <= 2)
 }
 
 /// Pictures side by side, and after them a square of colour for each material, the first for faces
@@ -294,6 +322,22 @@ impl Sheet {
             sheet.picture.data.iter_mut().for_each(|p| p[3] = 255);
         }
         sheet
+    }
+
+    /// Normals for the pictures, laid as they are; level elsewhere. `None` for none at all.
+    fn normals(&self, of: &[Option<Picture>]) -> Option<Picture> {
+        const LEVEL: [u8; 4] = [128, 128, 255, 255];
+        of.iter().any(Option::is_some).then(|| {
+            let mut out = Picture::filled(self.picture.width, self.picture.height, LEVEL);
+            for (normals, &(left, [width, height])) in of.iter().zip(&self.at) {
+                let Some(normals) = normals else { continue };
+                for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+                    let at = normals.at(x * normals.width / width, y * normals.height / height);
+                    out.set(left + x, y, at);
+                }
+            }
+            out
+        })
     }
 
     /// Left and upper edge of a square.
@@ -467,22 +511,28 @@ fn materials(path: &Path, text: &str) -> Result<Vec<tobj::Material>> {
 }
 
 /// Of what would change the look, and is not what every exporter writes.
-fn remark<'a>(path: &Path, materials: impl Iterator<Item = &'a tobj::Material>) -> Option<String> {
+fn remark<'a>(
+    path: &Path,
+    materials: impl Iterator<Item = &'a tobj::Material>,
+    has_heights: bool,
+) -> Option<String> {
     let mut unused = BTreeSet::new();
+    if has_heights {
+        unused.insert("map_Bump of heights");
+    }
     for m in materials {
         let mut note = |is_there: bool, name| is_there.then(|| unused.insert(name));
-        note(m.normal_texture.is_some(), "map_Bump");
         note(m.specular_texture.is_some(), "map_Ks");
         note(m.shininess_texture.is_some(), "map_Ns");
         note(m.dissolve.is_some_and(|d| d < 1.0), "d");
-        for name in ["norm", "map_Pr", "map_Pm", "map_Ke", "disp"] {
+        for name in ["map_Pr", "map_Pm", "map_Ke", "disp"] {
             note(m.unknown_param.contains_key(name), name);
         }
     }
     let names: Vec<&str> = unused.into_iter().collect();
     (!names.is_empty()).then(|| {
         format!(
-            "{}: {} of its materials not used: leaves have the colour of map_Kd, or Kd, and its alpha times map_d",
+            "{}: {} of its materials not used: leaves have the colour of map_Kd, or Kd, its alpha times map_d, and normals of map_Bump",
             path.display(),
             names.join(", ")
         )

@@ -32,6 +32,8 @@ pub struct TreeTextures {
     pub leaf: Image,
     /// Where the twigs of `leaf` lie.
     pub atlas: Atlas,
+    /// Normals for it, as [`BarkTextures::normal`]; only of a user's own model that has some.
+    pub leaf_normal: Option<Image>,
     /// The same twigs in other colours, by name.
     pub leaf_variants: Vec<(&'static str, Image)>,
 }
@@ -44,7 +46,8 @@ impl TreeTextures {
             .into_iter()
             .flatten()
             .flat_map(|b| [Some(&b.colour), b.normal.as_ref(), b.orm.as_ref(), b.height.as_ref()]);
-        pictures.flatten().map(of).sum::<usize>() + of(&self.leaf)
+        let leaf = [Some(&self.leaf), self.leaf_normal.as_ref()];
+        pictures.chain(leaf).flatten().map(of).sum()
     }
 }
 
@@ -107,6 +110,7 @@ pub fn for_species(species: &Species, size_px: u32, seed: Seed) -> TreeTextures 
         bark_upper: upper,
         bark_twig: bark::draw_twig(bark, size_px, seed),
         leaf: leaf.into(),
+        leaf_normal: own_normals(species),
         atlas,
         leaf_variants: Vec::new(),
     };
@@ -130,6 +134,7 @@ pub fn plain(species: &Species) -> TreeTextures {
         bark_upper: None,
         bark_twig: None,
         leaf: pixel(species.foliage.colour),
+        leaf_normal: None,
         atlas: Atlas::whole(species.foliage.twig_length_m)
             .with_leaf(twig::plain_leaf(&species.foliage)),
         leaf_variants: Vec::new(),
@@ -157,6 +162,11 @@ fn own_bark(species: &Species) -> Option<BarkTextures> {
         height: None,
         depth_m: 0.0,
     })
+}
+
+/// The normals of a user's own model.
+fn own_normals(species: &Species) -> Option<Image> {
+    Some(Image::from(species.own_model.as_ref()?.normals.clone()?))
 }
 
 /// The picture of a user's own model or twig as it is, or one drawn for the species.

@@ -34,18 +34,24 @@ const SOURCES: &[(&str, &str)] = &[
 
 /// Everything that decides what [`super::for_species`] gives for these arguments.
 pub fn decides(species: &Species, size_px: u32, seed: Seed) -> Vec<Vec<u8>> {
-    let Species { kind, foliage, bark, own_bark, .. } = species;
+    let Species { kind, foliage, bark, own_bark, own_model, own_picture, .. } = species;
     let mut all: Vec<Vec<u8>> = vec![env!("CARGO_PKG_VERSION").into()];
     all.extend(SOURCES.iter().map(|(_, text)| text.as_bytes().to_vec()));
     // Floats print so that they read back as the same bits.
     all.push(format!("{kind:?} {foliage:?} {bark:?} {size_px} {seed:?}").into());
-    for own in own_bark.iter() {
-        let pictures = [Some(&own.colour), own.normal.as_ref(), own.roughness.as_ref()];
-        for picture in pictures {
-            let about = picture.map(|p| (p.width, p.height));
-            all.push(format!("{about:?}").into());
-            all.extend(picture.map(|p| p.data.as_flattened().to_vec()));
-        }
+    let bark = own_bark.as_ref();
+    let pictures = [
+        bark.map(|own| &*own.colour),
+        bark.and_then(|own| own.normal.as_deref()),
+        bark.and_then(|own| own.roughness.as_deref()),
+        own_model.as_ref().map(|own| &own.picture),
+        own_model.as_ref().and_then(|own| own.normals.as_ref()),
+        own_picture.as_deref(),
+    ];
+    for picture in pictures {
+        let about = picture.map(|p| (p.width, p.height));
+        all.push(format!("{about:?}").into());
+        all.extend(picture.map(|p| p.data.as_flattened().to_vec()));
     }
     all
 }
@@ -57,6 +63,7 @@ struct Head {
     bark: BarkHead,
     upper: Option<BarkHead>,
     twig: Option<BarkHead>,
+    has_leaf_normal: bool,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -103,15 +110,15 @@ impl TreeTextures {
             bark: BarkHead::of(&self.bark),
             upper: self.bark_upper.as_ref().map(BarkHead::of),
             twig: self.bark_twig.as_ref().map(BarkHead::of),
+            has_leaf_normal: self.leaf_normal.is_some(),
         };
         let of_bark = |b: &BarkTextures| {
             [Some(b.colour.clone()), b.normal.clone(), b.orm.clone(), b.height.clone()]
         };
         let barks = [Some(&self.bark), self.bark_upper.as_ref(), self.bark_twig.as_ref()];
-        let images: Vec<Image> = [self.leaf.clone()]
-            .into_iter()
-            .chain(barks.into_iter().flatten().flat_map(of_bark).flatten())
-            .collect();
+        let leaf = [Some(self.leaf.clone()), self.leaf_normal.clone()].into_iter().flatten();
+        let images: Vec<Image> =
+            leaf.chain(barks.into_iter().flatten().flat_map(of_bark).flatten()).collect();
         let head = serde_json::to_vec(&head).map_err(|e| Error::new(e.to_string()))?;
         let pictures: Vec<Bytes> = images.par_iter().map(Image::png).collect::<Result<_>>()?;
         Ok([Bytes::from(head)].into_iter().chain(pictures).collect())
@@ -123,12 +130,15 @@ impl TreeTextures {
         let mut parts = parts.into_iter();
         let head = parts.next().ok_or_else(missing)?;
         let head: Head = serde_json::from_slice(&head).map_err(|e| Error::new(e.to_string()))?;
-        let leaf = Image::from_png(parts.next().ok_or_else(missing)?)?;
+        let mut image = || Image::from_png(parts.next().ok_or_else(missing)?);
+        let leaf = image()?;
+        let leaf_normal = head.has_leaf_normal.then(image).transpose()?;
         Ok(TreeTextures {
             bark: head.bark.read(&mut parts)?,
             bark_upper: head.upper.as_ref().map(|b| b.read(&mut parts)).transpose()?,
             bark_twig: head.twig.as_ref().map(|b| b.read(&mut parts)).transpose()?,
             leaf,
+            leaf_normal,
             atlas: head.atlas,
             leaf_variants: Vec::new(),
         })
@@ -139,6 +149,7 @@ impl TreeTextures {
 mod tests {
     use super::super::for_species;
     use super::*;
+    use crate::raster::Picture;
     use crate::species::load;
 
     #[test]
@@ -164,7 +175,13 @@ mod tests {
         other.bark.lost = 0.1;
         let mut leaf = s.clone();
         leaf.foliage.variation += 1e-6;
-        for (species, px, seed) in [(&other, 64, 1), (&leaf, 64, 1), (&s, 65, 1), (&s, 64, 2)] {
+        let mut picture = s.clone();
+        picture.own_picture = Some(Picture::filled(8, 8, [9; 4]).into());
+        let mut edited = s.clone();
+        edited.own_picture = Some(Picture::filled(8, 8, [10; 4]).into());
+        assert_ne!(decides(&picture, 64, Seed::new(1)), decides(&edited, 64, Seed::new(1)));
+        let others = [(&other, 64, 1), (&leaf, 64, 1), (&picture, 64, 1), (&s, 65, 1), (&s, 64, 2)];
+        for (species, px, seed) in others {
             assert_ne!(first, decides(species, px, Seed::new(seed)));
         }
     }

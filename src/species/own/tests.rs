@@ -20,6 +20,7 @@ fn folder(rule: &str, obj: &str, mtl: &str) -> tempfile::TempDir {
     picture.set(0, 0, [0; 4]);
     write("leaf.png", &picture.to_png().unwrap());
     write("opaque.png", &Picture::filled(4, 4, [30, 90, 20, 255]).to_png().unwrap());
+    write("grey.png", &Picture::filled(4, 4, [90, 90, 90, 255]).to_png().unwrap());
     write("broken.png", &picture.to_png().unwrap()[..40]);
     write("empty.png", &Picture::filled(4, 4, [30, 90, 20, 0]).to_png().unwrap());
     folder
@@ -54,9 +55,12 @@ fn what_a_material_says_in_vain_is_told() {
     };
     let as_exported = "Ns 250\nKs 0.5 0.5 0.5\nKe 0 0 0\nNi 1.45\nd 1\nillum 2\nmap_d leaf.png\n";
     assert_eq!(remarks(as_exported), [""; 0]);
-    let told = remarks("map_Bump -bm 1 bumps.png\nd 0.3\nnewmtl other\nmap_Ks a.png\n");
+    let told = remarks("map_Bump -bm 1 grey.png\nd 0.3\nnewmtl other\nmap_Ks a.png\n");
     assert_eq!(told.len(), 1, "{told:?}");
-    assert!(told[0].contains("twig.obj: d, map_Bump of its materials not used"), "{told:?}");
+    assert!(
+        told[0].contains("twig.obj: d, map_Bump of heights of its materials not used"),
+        "{told:?}"
+    );
 }
 
 #[test]
@@ -241,6 +245,43 @@ fn masks_of_their_own_cut_leaves() {
     assert_eq!([plain.at(3, 3), plain.at(3, 4)], [[255, 0, 0, 255], [255, 0, 0, 0]]);
     let lost = folder(RULE, TWIG, &format!("{MATERIAL}map_d mask.png\n"));
     assert!(load(&rule(&lost)).unwrap_err().message().contains("mask.png"));
+}
+
+/// Normals lie as their picture does; where others have none, level ones.
+#[test]
+fn normals_come_with_their_picture() {
+    const TILTED: [u8; 4] = [200, 128, 230, 255];
+    let read = |obj: &str, mtl: &str| {
+        let folder = folder(RULE, obj, mtl);
+        let mut normals = Picture::filled(6, 4, TILTED);
+        normals.set(0, 0, [128, 128, 255, 255]);
+        std::fs::write(folder.path().join("normal.png"), normals.to_png().unwrap()).unwrap();
+        let species = load(&rule(&folder)).unwrap();
+        assert!(species.remarks.is_empty(), "{:?}", species.remarks);
+        let model = species.own_model.clone().unwrap();
+        let textures = crate::texture::for_species(&species, 64, crate::seed::Seed::new(1));
+        assert_eq!(textures.leaf_normal.as_ref().map(|i| i.picture()), model.normals.as_ref());
+        let parts = textures.to_parts().unwrap();
+        assert_eq!(crate::texture::TreeTextures::from_parts(parts).unwrap(), textures);
+        model
+    };
+    for line in ["map_Bump -bm 1.0 normal.png", "norm normal.png"] {
+        let model = read(TWIG, &format!("{MATERIAL}{line}\n"));
+        assert_eq!(model.normals.as_ref().unwrap().at(3, 3), TILTED);
+    }
+    assert!(read(TWIG, MATERIAL).normals.is_none());
+    let obj = format!("{TWIG}usemtl other\nf -4/-4 -3/-3 -2/-2\n");
+    let mtl = format!("{MATERIAL}map_Bump normal.png\nnewmtl other\nmap_Kd opaque.png\n");
+    let model = read(&obj, &mtl);
+    let normals = model.normals.as_ref().unwrap();
+    assert_eq!((normals.width, normals.height), (model.picture.width, model.picture.height));
+    let of = |corner: usize| {
+        let [u, v] = model.uv[model.index[corner] as usize];
+        let side = |x: f32, side: u32| ((x * side as f32) as u32).min(side - 1);
+        normals.at(side(u, normals.width), side(1.0 - v, normals.height))
+    };
+    assert_eq!(of(0), TILTED);
+    assert_eq!(of(10), [128, 128, 255, 255]);
 }
 
 #[test]
