@@ -281,7 +281,7 @@ fn normals_come_with_their_picture() {
         normals.at(side(u, normals.width), side(1.0 - v, normals.height))
     };
     assert_eq!(of(0), TILTED);
-    assert_eq!(of(10), [128, 128, 255, 255]);
+    assert_eq!(of(7), [128, 128, 255, 255]);
 }
 
 #[test]
