@@ -733,7 +733,7 @@ fn twigs_are_stored_once_or_refused_in_words() {
     for file in ["hazel.glb", "hazel.usdc", "hazel.png"] {
         let out = run(&with(&leafy, file));
         let told = text(&out.stderr);
-        assert!(out.status.success() && told.contains(" forms of twigs stand at "), "{told}");
+        assert!(out.status.success() && told.contains("forms of twigs: "), "{told}");
         assert!(dir.path().join(file).exists());
     }
     let refusals: [(&[&str], &str, &[&str]); 5] = [

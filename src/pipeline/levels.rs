@@ -199,7 +199,7 @@ pub fn tell_twigs<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, mut outcome: O
     for mesh in meshes.filter(|mesh| !mesh.twigs.is_empty()) {
         let places: usize = mesh.twigs.iter().map(|twigs| twigs.places.len()).sum();
         outcome = outcome.note(format!(
-            "{} forms of twigs stand at {places} places: {} triangles are seen where {} are stored",
+            "forms of twigs: {}, at {places} places: {} triangles are seen where {} are stored",
             mesh.twigs.len(),
             mesh.shown_triangles(),
             mesh.triangles(),
