@@ -738,7 +738,7 @@ fn twigs_are_stored_once_or_refused_in_words() {
     }
     let refusals: [(&[&str], &str, &[&str]); 5] = [
         (&[], "no.glb", &["no twigs of leaves or needles to store", "add --foliage geometry"]),
-        (&["--bare"], "no.glb", &["add --foliage geometry"]),
+        (&["--bare"], "no.glb", &["leave out --bare"]),
         (&["--foliage", "geometry", "--lods", "2"], "no.glb", &["it goes without --lods"]),
         (
             &["--foliage", "geometry", "--profile", "engine"],
@@ -759,6 +759,6 @@ fn twigs_are_stored_once_or_refused_in_words() {
         spruce.into_iter().chain(["--foliage", "geometry", "-o", &file]).collect();
     refused(
         &args,
-        &["a twig with all its leaves has 2650 triangles, the crown ", "more --triangles"],
+        &["a twig with all its leaves has 2650 triangles, the crown ", "--triangles more"],
     );
 }

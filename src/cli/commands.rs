@@ -733,15 +733,20 @@ fn check_twigs(
     levels: &LevelsJob,
     a: &args::Tree,
 ) -> Result<()> {
-    let has_twigs = species.own_model.is_some() || foliage == FoliageLevel::Geometry;
+    let is_set = matches!(foliage, FoliageLevel::Cards | FoliageLevel::Geometry);
+    let has_twigs = is_set && species.own_model.is_some() || foliage == FoliageLevel::Geometry;
     if species.own_picture.is_some() {
         let error =
             "--twigs instance: the species' twigs are pictures, which are no larger than a place";
         return Err(Error::new(error).remedy("leave it out, or give the species a `model`"));
     }
-    if !has_twigs || foliage == FoliageLevel::None {
+    if !has_twigs {
         let error = "--twigs instance: there are no twigs of leaves or needles to store";
-        return Err(Error::new(error).remedy("add --foliage geometry"));
+        let remedy = match foliage {
+            FoliageLevel::None => "leave out --bare or --foliage none, or --twigs instance",
+            _ => "add --foliage geometry",
+        };
+        return Err(Error::new(error).remedy(remedy));
     }
     let asked = [
         ("--lods", levels.meshed > 0),

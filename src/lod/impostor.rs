@@ -191,7 +191,7 @@ fn octahedral(
     // A ball, not the box: views of a wide crown would be empty for the most part.
     let radius_m =
         of.sitter.reach_m(of.model, centre).clamp(1e-3, (0.5 * (hi - lo).length()).max(1e-3));
-    let side = (size_px / frames).max(8).next_power_of_two() as usize;
+    let side = view_px(size_px, frames);
     let texel_m = 2.0 * radius_m / side as f32;
     let cells: Vec<(u32, u32)> =
         (0..frames).flat_map(|row| (0..frames).map(move |col| (col, row))).collect();
@@ -217,6 +217,14 @@ fn octahedral(
     // The view from the south, whose plane is upright.
     let surface = sheet_towards(&octahedral, -Vec3::Y);
     board.finish(surface, Some(octahedral))
+}
+
+/// Side of a view in a picture of about this side: a power of two, so that all of them are no wider
+/// than a quarter more.
+fn view_px(size_px: u32, frames: u32) -> usize {
+    let side = (size_px / frames).max(8).next_power_of_two();
+    let is_too_large = side > 8 && 4 * side * frames > 5 * size_px;
+    (if is_too_large { side / 2 } else { side }) as usize
 }
 
 /// The view nearest to an eye in this direction (unit): its column, row and own direction.

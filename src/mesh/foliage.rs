@@ -177,18 +177,22 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         (None, None) if has_stalks => shape.room() + card::STALK,
         (None, None) => shape.room(),
     };
+    let more = |or: &str| {
+        let beside = room.triangles.saturating_sub(stored);
+        format!("give the tree {beside} --triangles more, and some for its wood{or}")
+    };
     if let Some(model) = model
         && room.triangles > stored
     {
         let name = model.name.display();
         let n = room.triangles;
         return Err(Error::new(format!("the model {name} has {n} triangles, the crown {stored}"))
-            .remedy("give the tree more --triangles, or the model fewer"));
+            .remedy(more(", or the model fewer")));
     }
     if is_instanced && room.triangles > stored {
         let n = room.triangles;
         let told = format!("a twig with all its leaves has {n} triangles, the crown {stored}");
-        return Err(Error::new(told).remedy("give the tree more --triangles"));
+        return Err(Error::new(told).remedy(more("")));
     }
     let most = twig.as_ref().map_or(budget / room.triangles.max(1), |t| t.count);
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
@@ -218,7 +222,11 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let stand = |k: usize| {
         let mut draws = seed.derive("card", kept[k].key).draws();
         let larger = larger_at(&kept[k]).max(enlarge.recip());
-        (Pose::of(&kept[k], f, &hull, [enlarge, larger], &mut draws), draws)
+        let mut pose = Pose::of(&kept[k], f, &hull, [enlarge, larger], &mut draws);
+        if twig.is_some() || model.is_some() {
+            pose.begin_on_shoot();
+        }
+        (pose, draws)
     };
     if is_instanced {
         let poses: Vec<Pose> = (0..kept.len()).into_par_iter().map(|k| stand(k).0).collect();
@@ -228,7 +236,8 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
             (None, Some(twig)) => form::gather(twig, &poses, forms, seed),
             (None, None) => Vec::new(),
         };
-        return Ok(Foliage { twigs, twig_scale: enlarge, ..Foliage::default() });
+        let cover = twig.map_or(1.0, |t| t.cover);
+        return Ok(Foliage { twigs, twig_scale: enlarge, cover, ..Foliage::default() });
     }
     let surface = match (model, &twig) {
         (Some(model), _) => {

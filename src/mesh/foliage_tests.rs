@@ -310,6 +310,59 @@ fn twigs_stored_once_make_the_crown_of_all_leaves() {
     }
 }
 
+/// Distance of a point from a triangle.
+fn off(p: Vec3, [a, b, c]: [Vec3; 3]) -> f32 {
+    let edge = |from: Vec3, to: Vec3| {
+        let way = to - from;
+        let t = ((p - from).dot(way) / way.length_squared().max(1e-20)).clamp(0.0, 1.0);
+        p.distance(from + way * t)
+    };
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    let is_above = [(a, b), (b, c), (c, a)]
+        .iter()
+        .all(|(from, to)| (*to - *from).cross(p - *from).dot(normal) >= 0.0);
+    let edges = edge(a, b).min(edge(b, c)).min(edge(c, a));
+    if is_above { edges.min((p - a).dot(normal).abs()) } else { edges }
+}
+
+/// However crowded the feet of branches are along a shoot.
+#[test]
+fn twigs_leaf_by_leaf_begin_on_wood() {
+    for name in ["pinus_sylvestris", "quercus_robur"] {
+        let species = species::load(name).unwrap();
+        let detail = Detail { max_nodes: 8_000, attractor_spacing_m: None };
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = grow(&species, target, detail, Seed::new(1)).unwrap();
+        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let options = MeshOptions {
+            foliage: FoliageLevel::Geometry,
+            twigs: TwigsAs::Instanced,
+            triangle_budget: Some(500_000),
+            ..MeshOptions::HERO
+        };
+        let tree = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
+        tree.check().unwrap();
+        let wood: Vec<[Vec3; 3]> = (tree.woods().iter())
+            .flat_map(|s| {
+                s.index.as_chunks::<3>().0.iter().map(|t| t.map(|i| s.position[i as usize]))
+            })
+            .collect();
+        let feet: Vec<Vec3> = tree
+            .twigs
+            .iter()
+            .flat_map(|t| t.places.iter().map(|p| p.position))
+            .step_by(7)
+            .collect();
+        let far =
+            feet.par_iter().map(|p| wood.iter().map(|t| off(*p, *t)).fold(f32::INFINITY, f32::min));
+        let mut far: Vec<f32> = far.collect();
+        far.sort_by(f32::total_cmp);
+        let at = |share: f32| far[(share * (far.len() - 1) as f32) as usize];
+        assert!(far.len() > 300, "{name}: {}", far.len());
+        assert!(at(0.97) < 0.02 && at(1.0) < 0.15, "{name}: {} {} m", at(0.97), at(1.0));
+    }
+}
+
 /// A user's model is stored once, and stands where its copies would.
 #[test]
 fn a_user_s_model_is_stored_once() {

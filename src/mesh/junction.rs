@@ -9,6 +9,7 @@
 //! - feet that overlap along the tube lie side by side in one band, shifted around where needed;
 //! - where there is no room, the later one goes up the tube into a band of its own;
 //! - where a tube is too short for that, all its feet are spread evenly and made smaller;
+//! - one that would have to go too far is left out: its branch passes into the tube, closed for itself;
 //! - none lies across a bend of more than a right angle, where the tube has room elsewhere;
 //! - a branch that never leaves the bark by more than its collar, or finds no room that f32 can
 //!   tell apart, has no mesh.
@@ -346,8 +347,41 @@ fn at(path: &[Ring], arc_m: f32, least: Least) -> Ring {
 }
 
 /// Appends the rings of a tube with feet, and its holes. Takes the path of [`super::path::rings`]
-/// and sorts the branches; the thinnest are dropped where f32 leaves no room.
+/// and sorts the branches; the thinnest are dropped where f32 leaves no room, and those whose feet would
+/// lie farther from where they leave the bark than `far` times their half width.
 pub fn open(
+    path: &[Ring],
+    branches: &mut Vec<Branch>,
+    least: Least,
+    far: f32,
+    rings: &mut Vec<Ring>,
+    holes: &mut Vec<Hole>,
+) {
+    /// Each leaves out more, and so leaves more room to the rest.
+    const PASSES: usize = 6;
+    let start = (rings.len(), holes.len());
+    let mut all = if far.is_finite() { branches.clone() } else { Vec::new() };
+    lay(path, branches, least, rings, holes);
+    for _ in 0..PASSES {
+        let before = all.len();
+        let mut placed: Vec<(u32, Vec3)> =
+            holes[start.1..].iter().map(|hole| (hole.child, hole.start.at)).collect();
+        placed.sort_unstable_by_key(|of| of.0);
+        all.retain(|b| {
+            let found = placed.binary_search_by_key(&b.child, |of| of.0);
+            found.is_ok_and(|k| placed[k].1.distance(b.start.at) <= far * b.start.wide_m)
+        });
+        if all.len() == before {
+            return;
+        }
+        rings.truncate(start.0);
+        holes.truncate(start.1);
+        branches.clone_from(&all);
+        lay(path, branches, least, rings, holes);
+    }
+}
+
+fn lay(
     path: &[Ring],
     branches: &mut Vec<Branch>,
     least: Least,

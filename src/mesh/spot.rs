@@ -230,6 +230,18 @@ fn layers(twigs: usize) -> f32 {
     (0.7 * (twigs as f32).sqrt()).clamp(4.0, 64.0).floor()
 }
 
+/// What weights are taken times so that they come to `most`, none of them more than 1 if `is_exact`.
+fn rate(weights: &[f64], most: f64, is_exact: bool) -> f64 {
+    let mut rate = most / weights.iter().sum::<f64>().max(1e-9);
+    for _ in 0..if is_exact { 12 } else { 0 } {
+        let full = weights.iter().filter(|w| **w * rate >= 1.0);
+        let (whole, sum) = full.fold((0.0, 0.0), |(n, sum), w| (n + 1.0, sum + w));
+        let rest: f64 = weights.iter().sum::<f64>() - sum;
+        rate = rate.max((most - whole) / rest.max(1e-9));
+    }
+    rate
+}
+
 /// About `most` of the spots, in their order, evenly over heights and directions: those deep inside the
 /// crown go first, but of a young one, which casts no shade; where twigs, `twig_m` long as a rule, are
 /// small more stay, so that a spire is as full at its tip, and a shrub at its foot, as between.
@@ -251,8 +263,7 @@ pub fn thinned(
         let tip = if keeps_tips && s.is_tip { TIP_WEIGHT } else { 1.0 };
         f64::from(tip * hull.outward(s.at).1.clamp(least, 1.0) * (small * small).min(MOST_WEIGHT))
     };
-    let total: f64 = spots.iter().map(weight).sum();
-    let rate = most as f64 / total.max(1e-9);
+    let rate = rate(&spots.iter().map(weight).collect::<Vec<_>>(), most as f64, keeps_tips);
     let layers = layers(most);
     let mut around: Vec<(u64, u32)> = (0..)
         .zip(&spots)
@@ -319,6 +330,8 @@ const BOUGH_FROM: f32 = 2.4;
 const INWARD: f32 = 0.75;
 /// … and from where on they turn from the light above to that from outside.
 const TURN_FROM: f32 = 1.6;
+/// How far before its shoot a card begins, share of its length.
+const STALK: f32 = 0.04;
 /// Fall of the tips of twigs that hang, share of their length.
 pub const SAG: [f32; 2] = [0.05, 0.28];
 
@@ -352,6 +365,11 @@ impl Pose {
         if (0.0..0.5 * self.size_m).contains(&into_m) {
             self.base.z += into_m;
         }
+    }
+
+    /// Begins on the shoot, not before it, where a card shows a bare stalk.
+    pub fn begin_on_shoot(&mut self) {
+        self.base += self.heading * (STALK * self.size_m);
     }
 
     /// Of a twig alone, along the x axis: what it hides is measured so.
@@ -435,7 +453,7 @@ impl Pose {
         let facing = facing.try_normalize().unwrap_or_else(|| heading.any_orthonormal_vector());
         let facing = Quat::from_axis_angle(heading, roll) * facing;
         Pose {
-            base: spot.at - heading * (0.04 * size_m + INWARD * (size_m - reach_m)),
+            base: spot.at - heading * (STALK * size_m + INWARD * (size_m - reach_m)),
             heading,
             facing,
             size_m,

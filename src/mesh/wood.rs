@@ -27,6 +27,9 @@ const LIKELY: f32 = 1.8;
 const MOST_STEM: f32 = 0.7;
 /// Triangles of a tree from which on its foot has lobes: a first coarser level is looked at from as near.
 const NEAR: usize = 6_000;
+/// How far from its place the foot of a branch may lie, in its half widths, where every leaf is seen, and
+/// that it hangs from wood.
+const FAR: f32 = 3.0;
 /// What woods come to over their guesses, bare and leafy: where the search starts.
 const USUAL: [f32; 2] = [0.93, 1.1];
 
@@ -88,6 +91,7 @@ pub fn wood(
         least: Least::within(reach_m(&skeleton.position)),
         is_welded: options.junctions == Junctions::Welded,
         stem: if options.is_flat() { Stem::TRUE } else { Stem::NEAR },
+        far: if options.foliage == FoliageLevel::Geometry { FAR } else { f32::INFINITY },
         is_bare: options.foliage == FoliageLevel::None || species.foliage.is_bare(),
         options: *options,
     };
@@ -113,6 +117,8 @@ struct Planner<'a> {
     least: Least,
     is_welded: bool,
     stem: Stem,
+    /// How far from its place a foot may lie, in its half widths.
+    far: f32,
     /// Without leaves to hide branches, and to reach the top.
     is_bare: bool,
     options: MeshOptions,
@@ -258,6 +264,7 @@ impl Planner<'_> {
         };
         out_of.clear();
         out_of.resize(count_of as usize, NONE);
+        let mut is_crowded = vec![false; count_of as usize];
         start.clear();
         start.reserve(count_of as usize);
         let (mut tubes, mut sagitta) = (0, (0.0, 0));
@@ -265,7 +272,8 @@ impl Planner<'_> {
             let comes_from = out_of[c as usize];
             let foot = match start.get(comes_from as usize) {
                 Some(&start) => Foot::Collar(start),
-                None if c == root || !self.is_welded || self.stands(c) => self.foot(c),
+                None if c == root || self.stands(c) => self.foot(c),
+                None if !self.is_welded || is_crowded[c as usize] => self.inside(c),
                 None => continue,
             };
             path.clear();
@@ -303,14 +311,17 @@ impl Planner<'_> {
                     }
                 }
             }
+            // What finds no room for its foot passes into its parent, closed for itself.
+            branches.iter().for_each(|branch| is_crowded[branch.child as usize] = true);
             holes.clear();
             if branches.is_empty() {
                 std::mem::swap(made, path);
             } else {
                 made.clear();
-                junction::open(path, branches, self.least, made, holes);
+                junction::open(path, branches, self.least, self.far, made, holes);
             }
             for hole in &*holes {
+                is_crowded[hole.child as usize] = false;
                 out_of[hole.child as usize] = start.len() as u32;
                 start.push(hole.start);
             }
@@ -352,20 +363,22 @@ impl Planner<'_> {
         self.chains.chain[c as usize].is_one_of_many
     }
 
-    /// How a chain begins that comes out of no hole.
+    /// How a stem begins.
     fn foot(&self, c: u32) -> Foot {
+        Foot::Ground { mixed_m: self.mixed_m, is_one_of_many: self.is_one_of_many(c) }
+    }
+
+    /// How a chain begins that comes out of no hole.
+    fn inside(&self, c: u32) -> Foot {
         let s = self.skeleton;
-        match self.chains.chain[c as usize].base {
-            // Several stems may spring from the root.
-            Some(base) if base != 0 && !self.is_welded => {
-                let before = s.parent_of(base).unwrap_or(base);
-                let along = s.position[base as usize] - s.position[before as usize];
-                Foot::Inside {
-                    parent_radius_m: s.radius_m[base as usize].min(1e4),
-                    parent_direction: along.normalize_or_zero(),
-                }
-            }
-            _ => Foot::Ground { mixed_m: self.mixed_m, is_one_of_many: self.is_one_of_many(c) },
+        // Several stems may spring from the root.
+        let base = self.chains.chain[c as usize].base.filter(|base| *base != 0);
+        let Some(base) = base else { return self.foot(c) };
+        let before = s.parent_of(base).unwrap_or(base);
+        let along = s.position[base as usize] - s.position[before as usize];
+        Foot::Inside {
+            parent_radius_m: s.radius_m[base as usize].min(1e4),
+            parent_direction: along.normalize_or_zero(),
         }
     }
 }

@@ -23,7 +23,7 @@ use crate::scene::{Instance, LeftOut, Scene, TreeFacts, ValidScene, identifier};
 use crate::seed::Seed;
 use crate::skeleton::envelope::Envelope;
 use crate::skeleton::surroundings::{Neighbour, Surroundings, Wall};
-use crate::skeleton::{self, STAGES, Skeleton, Target, cloud, decline};
+use crate::skeleton::{self, Detail, STAGES, Skeleton, Target, cloud, decline};
 use crate::species::Species;
 use crate::species::state::State;
 
@@ -68,6 +68,18 @@ pub struct Grown {
     pub fit: Option<cloud::Report>,
 }
 
+impl TreeJob {
+    /// Twigs that are stored once stand on as many shoots, however few triangles are stored.
+    fn detail(&self) -> Detail {
+        const INSTANCED: usize = 1_000_000;
+        let triangles = match self.twigs {
+            TwigsAs::Instanced => self.triangles.max(INSTANCED),
+            TwigsAs::Merged => self.triangles,
+        };
+        self.wood.detail(triangles, self.foliage)
+    }
+}
+
 /// Rule file, and a scan if there is one, to a validated scene of one tree.
 ///
 /// # Errors
@@ -106,7 +118,7 @@ fn fitted(
     })?;
     run.stage("skeleton", |_| {
         let points = &scan.cloud.position;
-        let detail = job.wood.detail(job.triangles, job.foliage);
+        let detail = job.detail();
         let fitted =
             cloud::fit(&job.species, points, detail, job.seed).map_err(|e| e.in_file(path))?;
         let r = &fitted.report;
@@ -127,7 +139,7 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
     run.stage("skeleton", |_| {
         let target = Target::FromSpecies { height_m: job.height_m };
         let around = surroundings(job);
-        let detail = job.wood.detail(job.triangles, job.foliage);
+        let detail = job.detail();
         let skeleton = skeleton::grow_among(species, target, detail, &around, job.seed)?;
         let wanted = job.height_m.unwrap_or(species.size.height_m);
         let off = f64::from((skeleton.height_m() - wanted).abs());
