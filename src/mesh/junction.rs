@@ -9,10 +9,10 @@
 //! - feet that overlap along the tube lie side by side in one band, shifted around where needed;
 //! - where there is no room, the later one goes up the tube into a band of its own;
 //! - where a tube is too short for that, all its feet are spread evenly and made smaller;
-//! - one that would have to go too far is left out: its branch passes into the tube, closed for itself;
+//! - one that would have to go too far, or has no room that f32 can tell apart, is left out: its branch passes
+//!   into the tube, closed for itself;
 //! - none lies across a bend of more than a right angle, where the tube has room elsewhere;
-//! - a branch that never leaves the bark by more than its collar, or finds no room that f32 can
-//!   tell apart, has no mesh.
+//! - a branch that never leaves the bark by more than its collar has no mesh.
 //!
 //! A ring that would cut through a foot moves to its edge, and a foot's band keeps its sides.
 

@@ -112,7 +112,8 @@ fn reach_m(points: &[Vec3]) -> f32 {
 /// A tree's mesh; tree-local metres, root collar at the origin, Z up.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TreeMesh {
-    /// One closed surface a stem, or one closed tube an axis ([`Junctions`]); stems go on below ground. u
+    /// One closed surface a stem, or one closed tube an axis ([`Junctions`]), as is a branch without room for a
+    /// foot; stems go on below ground. u
     /// counts whole tiles of bark around; v goes up along each axis, as fast as the tiles are wide.
     pub wood: Surface,
     /// The part of the wood with the bark of the upper stem and the branches; empty where the
@@ -128,8 +129,7 @@ pub struct TreeMesh {
     pub fruit: Surface,
     /// Axes thick enough for the budget.
     pub axes: usize,
-    /// Those of them that have no mesh: they never clear their parent's bark, or there was no room
-    /// for their foot.
+    /// Those of them that have no mesh: they never clear their parent's bark.
     pub unmeshed_axes: usize,
     /// Greatest distance of the wood's facets from their circles, r (1 − cos(π / N)), metres.
     pub sagitta_m: f32,

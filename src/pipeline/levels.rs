@@ -161,8 +161,7 @@ pub fn tell_unmeshed<'a>(
         return outcome;
     }
     let told = format!(
-        "{unmeshed} of {axes} branches have no mesh: they end within their parent's bark or collar, \
-         or find no room on it"
+        "{unmeshed} of {axes} branches have no mesh: they end within their parent's bark or collar"
     );
     if unmeshed as f32 > MANY * axes as f32 {
         warnings.push(format!("{told}; --junctions intersect meshes them"));
