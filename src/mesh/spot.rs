@@ -60,10 +60,10 @@ const YOUNG_TIP: f32 = 0.6;
 const YOUNG_SLOPE: f32 = 0.35;
 /// No place for a twig counts more than so many of usual ones, however small its twig.
 const MOST_WEIGHT: f32 = 6.0;
-/// At the end of a shoot a twig counts so much more than beside it, where each leaf is seen: a bare end would be, too.
-const TIP_WEIGHT: f32 = 4.0;
 /// … and deep inside a crown no less than so much of one outside.
 const LEAST_WEIGHT: f32 = 0.35;
+/// Where every leaf is seen, so are bare ends of shoots: there a twig counts so much more than beside.
+const TIP_WEIGHT: f32 = 4.0;
 /// Length of a twig over half that of the crown, at most.
 const MOST_OF_CROWN: f32 = 0.6;
 
@@ -230,14 +230,16 @@ fn layers(twigs: usize) -> f32 {
     (0.7 * (twigs as f32).sqrt()).clamp(4.0, 64.0).floor()
 }
 
-/// What weights are taken times so that they come to `most`, none of them more than 1 if `is_exact`.
-fn rate(weights: &[f64], most: f64, is_exact: bool) -> f64 {
-    let mut rate = most / weights.iter().sum::<f64>().max(1e-9);
-    for _ in 0..if is_exact { 12 } else { 0 } {
+/// What weights are taken times so that they come to `most` though none may come to more than 1.
+fn rate(weights: &[f64], most: f64) -> f64 {
+    /// Each makes up by the rest for those that would come to more.
+    const ROUNDS: usize = 12;
+    let total: f64 = weights.iter().sum();
+    let mut rate = most / total.max(1e-9);
+    for _ in 0..ROUNDS {
         let full = weights.iter().filter(|w| **w * rate >= 1.0);
         let (whole, sum) = full.fold((0.0, 0.0), |(n, sum), w| (n + 1.0, sum + w));
-        let rest: f64 = weights.iter().sum::<f64>() - sum;
-        rate = rate.max((most - whole) / rest.max(1e-9));
+        rate = rate.max((most - whole) / (total - sum).max(1e-9));
     }
     rate
 }
@@ -263,7 +265,11 @@ pub fn thinned(
         let tip = if keeps_tips && s.is_tip { TIP_WEIGHT } else { 1.0 };
         f64::from(tip * hull.outward(s.at).1.clamp(least, 1.0) * (small * small).min(MOST_WEIGHT))
     };
-    let rate = rate(&spots.iter().map(weight).collect::<Vec<_>>(), most as f64, keeps_tips);
+    let weights: Vec<f64> = spots.iter().map(weight).collect();
+    let rate = match keeps_tips {
+        true => rate(&weights, most as f64),
+        false => most as f64 / weights.iter().sum::<f64>().max(1e-9),
+    };
     let layers = layers(most);
     let mut around: Vec<(u64, u32)> = (0..)
         .zip(&spots)
@@ -462,6 +468,25 @@ impl Pose {
             outward,
             crown: hull.centre,
             is_plain: false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::seed::Seed;
+
+    #[test]
+    fn weights_come_to_the_number_asked_for() {
+        let mut draws = Seed::new(1).draws();
+        let weights: Vec<f64> = (0..1_000)
+            .map(|k| f64::from(draws.between(0.3, 1.0)) * if k % 3 == 0 { 24.0 } else { 1.0 })
+            .collect();
+        for most in [1.0, 100.0, 500.0, 950.0, 1_000.0] {
+            let rate = rate(&weights, most);
+            let sum: f64 = weights.iter().map(|w| (w * rate).min(1.0)).sum();
+            assert!((sum / most - 1.0).abs() < 0.01, "{sum} of {most}");
         }
     }
 }
