@@ -16,6 +16,8 @@ const VIEWS: [Vec3; 6] = [
 ];
 /// Samples along either side of the grid.
 const SAMPLES: usize = 128;
+/// More than rounding moves an edge by, steps of the grid.
+const ROUNDING: f32 = 0.01;
 
 /// Area hidden, as square metres of a view; 0 of nothing.
 pub fn hidden_sq_m(position: &[Vec3], index: &[u32]) -> f32 {
@@ -47,11 +49,22 @@ fn silhouette_sq_m(seen: &[Vec2], index: &[u32], covered: &mut [bool]) -> f32 {
         let facing = if ab.perp_dot(bc) < 0.0 { -1.0 } else { 1.0 };
         let from = a.min(b).min(c).ceil().clamp(Vec2::ZERO, Vec2::splat(last));
         let to = a.max(b).max(c).floor().clamp(Vec2::ZERO, Vec2::splat(last));
+        let edges = [(ab, a), (bc, b), (ca, c)].map(|(edge, foot)| (edge * facing, foot));
+        let slopes = edges.map(|(edge, _)| edge.x / edge.y);
         for y in from.y as usize..=to.y as usize {
-            for x in from.x as usize..=to.x as usize {
+            // The stretch of the row between the edges, and a little beyond.
+            let (mut first, mut end) = (from.x, to.x);
+            for ((edge, foot), slope) in edges.iter().zip(slopes) {
+                let x = foot.x + (y as f32 - foot.y) * slope;
+                if edge.y > 0.0 && x + ROUNDING < end {
+                    end = x + ROUNDING;
+                } else if edge.y < 0.0 && x - ROUNDING > first {
+                    first = x - ROUNDING;
+                }
+            }
+            for x in first as usize..=end as usize {
                 let p = Vec2::new(x as f32, y as f32);
-                let is_left = |edge: Vec2, foot: Vec2| edge.perp_dot(p - foot) * facing >= 0.0;
-                if is_left(ab, a) && is_left(bc, b) && is_left(ca, c) {
+                if edges.iter().all(|(edge, foot)| edge.perp_dot(p - *foot) >= 0.0) {
                     covered[y * SAMPLES + x] = true;
                 }
             }

@@ -185,18 +185,21 @@ impl Wind {
     pub fn twig(&self, twig: &[Vec3], foot: Vec3, node: u32, key: u64, out: &mut [[u8; 4]]) {
         let leaf_phase = self.seed.derive("leaf", key).draws().unit();
         let here = self.out.get(node as usize).copied().unwrap_or_default();
-        let farthest_sq = twig.iter().map(|p| p.distance_squared(foot)).fold(1e-12, f32::max);
-        let per_sq_m = farthest_sq.recip();
+        let per_sq_m = farthest_sq(twig, foot).recip();
         // What all vertices share is found once.
         let still = self.channels(&Motion { leaf_phase, flutter: 1.0, ..self.motion(0.0, here) });
-        let (tree_at, flutter_at) = (self.profile.tree_channel(), self.profile.flutter_channel());
+        let (flutter_bit, tree_bit) = (
+            8 * self.profile.flutter_channel(),
+            self.profile.tree_channel().map(|channel| 8 * channel),
+        );
+        let still = u32::from_le_bytes(still) & !(255 << flutter_bit);
+        // A weight of 0 leaves the channel of profiles that have no such part alone.
+        let (tree_bit, per_m) = tree_bit.map_or((0, 0.0), |bit| (bit, self.per_m));
         for (p, colour) in twig.iter().zip(out) {
-            let flutter = (p.distance_squared(foot) * per_sq_m).min(1.0);
-            *colour = still;
-            colour[flutter_at] = byte(flutter);
-            if let Some(k) = tree_at {
-                colour[k] = byte(self.tree(p.z));
-            }
+            let flutter = byte((p.distance_squared(foot) * per_sq_m).min(1.0));
+            let tree = byte((p.z * per_m).clamp(0.0, 1.0).powi(2));
+            let parts = u32::from(flutter) << flutter_bit | u32::from(tree) << tree_bit;
+            *colour = (still | parts).to_le_bytes();
         }
     }
 
@@ -231,6 +234,20 @@ impl Wind {
         };
         channels.map(byte)
     }
+}
+
+/// Square of the distance of the farthest of some places.
+fn farthest_sq(places: &[Vec3], from: Vec3) -> f32 {
+    // Eight at a time, that none waits for the one before.
+    let mut most = [1e-12f32; 8];
+    let (eights, rest) = places.as_chunks::<8>();
+    for eight in eights.iter().map(|e| &e[..]).chain([rest]) {
+        for (most, place) in most.iter_mut().zip(eight) {
+            let far = place.distance_squared(from);
+            *most = if far > *most { far } else { *most };
+        }
+    }
+    most.into_iter().fold(0.0, f32::max)
 }
 
 /// 0…1 as 0…255, rounded: adding 2²³ leaves whole numbers in the last bits.
