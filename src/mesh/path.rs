@@ -50,9 +50,9 @@ fn as_wide(n: u32) -> f32 {
 pub const FLARE: f32 = 4.5;
 /// How far a stem goes on below ground, so that no slope shows its end.
 pub const BELOW_GROUND_M: f32 = 0.3;
-/// Rings where two barks mix: of stems that are off by more than this share of their foot, without and
-/// with detail.
-const MIXED_RINGS: [u32; 3] = [2, 6, 24];
+/// Rings where two barks mix, by heights and by radii: of stems that are off by more than this share of
+/// their foot, without and with detail.
+const MIXED_RINGS: [[u32; 2]; 3] = [[2, 0], [6, 3], [24, 12]];
 const ROUGH: f32 = 0.1;
 /// Nodes that one straight piece may replace.
 const SPAN: usize = 24;
@@ -114,12 +114,19 @@ impl Least {
     }
 }
 
+/// Where one bark of a stem gives way to another: that of the upper stem between heights, that of twigs
+/// between radii.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mixed {
+    pub height_m: Option<[f32; 2]>,
+    pub radius_m: Option<[f32; 2]>,
+}
+
 /// How an axis begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Foot {
-    /// In the ground; rings enough between these heights, where one bark gives way to another. One of many
-    /// stems may be plainer.
-    Ground { mixed_m: Option<[f32; 2]>, is_one_of_many: bool },
+    /// In the ground; rings enough where one bark gives way to another. One of many stems may be plainer.
+    Ground { mixed: Mixed, is_one_of_many: bool },
     /// On the axis of a parent of this radius and direction; the tubes pass through each other.
     Inside { parent_radius_m: f32, parent_direction: Vec3 },
     /// Out of a hole in the parent's bark.
@@ -249,11 +256,16 @@ pub fn rings(
     lobes.clear();
     let (mut shift, mut across, mut most_sides) = (0.0, None, MAX_SIDES);
     match foot {
-        Foot::Ground { mixed_m, is_one_of_many } => {
+        Foot::Ground { mixed, is_one_of_many } => {
             path.extend_from_slice(kept);
-            if let Some([low, high]) = mixed_m {
-                let is_rough = tolerance_m > ROUGH * kept[0].radius_m;
-                let rings = MIXED_RINGS[if is_rough { 0 } else { 1 + usize::from(detail) }];
+            let is_rough = tolerance_m > ROUGH * kept[0].radius_m;
+            let counts = MIXED_RINGS[if is_rough { 0 } else { 1 + usize::from(detail) }];
+            let thin = mixed.radius_m.and_then(|[from, to]| {
+                let at = |radius_m: f32| thins_m(path, radius_m);
+                Some([at(from)?, at(to)?])
+            });
+            for (range_m, rings) in [mixed.height_m, thin].into_iter().zip(counts) {
+                let Some([low, high]) = range_m else { continue };
                 for k in 0..rings {
                     let t = (k as f32 + 0.5) / rings as f32;
                     insert(path, low + (high - low) * t, least.step_m, |r| r);
@@ -293,10 +305,14 @@ pub fn rings(
             r.sides = r.sides.max(sides.of_stem(r.radius_m, kept[0].radius_m));
         }
     }
-    if let Foot::Ground { mixed_m: Some([low, high]), .. } = foot {
+    if let Foot::Ground { mixed, .. } = foot {
         // The line between two barks winds through facets: bands of one number of sides.
+        let within = |range: Option<[f32; 2]>, x: f32| {
+            range.is_some_and(|[a, b]| (a.min(b)..=a.max(b)).contains(&x))
+        };
         for i in start + 1..out.len() {
-            if (low..=high).contains(&out[i].centre.z) {
+            let ring = &out[i];
+            if within(mixed.height_m, ring.centre.z) || within(mixed.radius_m, ring.radius_m) {
                 out[i].sides = out[i - 1].sides;
             }
         }
@@ -439,6 +455,20 @@ fn locate(kept: &[Knot], arc_m: f32) -> Option<(usize, Knot)> {
             let t = (arc_m - walked) / step.max(1e-12);
             let radius_m = a.radius_m + (b.radius_m - a.radius_m) * t;
             return Some((i, Knot { at: a.at.lerp(b.at, t), radius_m }));
+        }
+        walked += step;
+    }
+    None
+}
+
+/// Arc length at which a path is as thin as that, where it is thicker before.
+fn thins_m(kept: &[Knot], radius_m: f32) -> Option<f32> {
+    let mut walked = 0.0;
+    for w in kept.windows(2) {
+        let (a, b) = (w[0], w[1]);
+        let step = a.at.distance(b.at);
+        if a.radius_m > radius_m && b.radius_m <= radius_m {
+            return Some(walked + step * (a.radius_m - radius_m) / (a.radius_m - b.radius_m));
         }
         walked += step;
     }

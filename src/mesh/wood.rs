@@ -2,7 +2,7 @@
 
 use super::chain::{Chains, Pieces};
 use super::junction::{self, Branch, Hole};
-use super::path::{FLARE, Foot, Knot, Least, Ring, Scratch, Sides, Start, Stem, rings};
+use super::path::{FLARE, Foot, Knot, Least, Mixed, Ring, Scratch, Sides, Start, Stem, rings};
 use super::tube::{Bark, Outlet, Shape, lay_bark};
 use super::wind::Wind;
 use super::young::{BARKS, Upper, Young};
@@ -87,7 +87,7 @@ pub fn wood(
     let planner = Planner {
         skeleton,
         chains: &chains,
-        mixed_m: young.upper.map(|u| u.height_m),
+        mixed: Mixed { height_m: young.upper.map(|u| u.height_m), radius_m: young.twig_m },
         least: Least::within(reach_m(&skeleton.position)),
         is_welded: options.junctions == Junctions::Welded,
         stem: if options.is_flat() { Stem::TRUE } else { Stem::NEAR },
@@ -113,7 +113,7 @@ pub fn wood(
 struct Planner<'a> {
     skeleton: &'a Skeleton,
     chains: &'a Chains,
-    mixed_m: Option<[f32; 2]>,
+    mixed: Mixed,
     least: Least,
     is_welded: bool,
     stem: Stem,
@@ -365,7 +365,10 @@ impl Planner<'_> {
 
     /// How a stem begins.
     fn foot(&self, c: u32) -> Foot {
-        Foot::Ground { mixed_m: self.mixed_m, is_one_of_many: self.is_one_of_many(c) }
+        let is_one_of_many = self.is_one_of_many(c);
+        // Stems of a stool are thin for most of their length.
+        let radius_m = self.mixed.radius_m.filter(|_| !is_one_of_many);
+        Foot::Ground { mixed: Mixed { radius_m, ..self.mixed }, is_one_of_many }
     }
 
     /// How a chain begins that comes out of no hole.
