@@ -215,7 +215,7 @@ fn triangle(name: &str) -> std::sync::Arc<own::Model> {
         index: vec![0, 1, 2],
         picture: crate::raster::Picture::filled(4, 4, [1, 2, 3, 255]),
         normals: None,
-        remark: None,
+        remarks: Vec::new(),
     })
 }
 

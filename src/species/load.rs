@@ -285,7 +285,7 @@ fn build_reporting(
     let (own_bark, mut remarks) =
         read.map_or((None, Vec::new()), |own| (Some(own.value), own.warnings));
     let models = [&own_model, &own_fruit].into_iter().flatten();
-    remarks.extend(models.filter_map(|model| model.remark.clone()));
+    remarks.extend(models.flat_map(|model| model.remarks.clone()));
     let name = name.unwrap_or_else(|| id.to_owned());
     let species = Species {
         id: id.to_owned(),

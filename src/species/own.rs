@@ -46,8 +46,8 @@ pub struct Model {
     pub picture: Picture,
     /// Tangent-space normals for it, x along u and y along v (up); `None` where no material has any.
     pub normals: Option<Picture>,
-    /// What of its materials is not used, one sentence.
-    pub remark: Option<String>,
+    /// What of it may not be as meant, one sentence each.
+    pub remarks: Vec<String>,
 }
 
 /// Reads an OBJ file and, through its material file, its picture.
@@ -64,6 +64,7 @@ pub fn model(path: &Path) -> Result<Model> {
             .remedy("export a mesh, as triangles"));
     }
     let materials = materials(path, &text)?;
+    let nameless = nameless(path, &text, &materials);
     let text = if faces.is_mixed { alike(&text) } else { text };
     let options = tobj::LoadOptions {
         single_index: true,
@@ -76,7 +77,10 @@ pub fn model(path: &Path) -> Result<Model> {
         Ok((materials.clone(), ids()))
     })
     .map_err(|e| Error::new(format!("not a sound OBJ file: {e}")).in_file(path).remedy(REMEDY))?;
-    assemble(path, &meshes, &materials)
+    let mut model = assemble(path, &meshes, &materials)?;
+    model.remarks.extend(nameless);
+    model.remarks.extend(hanging(path, &model));
+    Ok(model)
 }
 
 const REMEDY: &str = "export the model again, with normals and texture coordinates, as triangles";
@@ -122,11 +126,13 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
         index: Vec::new(),
         picture: Picture::filled(0, 0, [0; 4]),
         normals: None,
-        remark: remark(
+        remarks: unused(
             path,
             materials.iter().enumerate().filter(|m| used(m.0)).map(|m| m.1),
             has_heights,
-        ),
+        )
+        .into_iter()
+        .collect(),
     };
     for tobj::Model { mesh, .. } in meshes {
         let first = model.position.len() as u32;
@@ -446,6 +452,9 @@ fn vet_obj(path: &Path, text: &str) -> Result<Faces> {
                 }
                 continue;
             }
+            Some("usemtl") if words.next().is_none() => {
+                return fail("usemtl names no material".into(), "name one, or leave the line out");
+            }
             _ => continue,
         };
         let numbers: Option<Vec<f32>> =
@@ -510,8 +519,55 @@ fn materials(path: &Path, text: &str) -> Result<Vec<tobj::Material>> {
     Ok(all)
 }
 
+/// Of faces whose material no material file has, but for the names that exporters give to none.
+fn nameless(path: &Path, text: &str, materials: &[tobj::Material]) -> Option<String> {
+    const NONE: [&str; 3] = ["none", "(null)", "default"];
+    let (line, name) = text.lines().enumerate().find_map(|(k, line)| {
+        let name = line.trim_start().strip_prefix("usemtl")?.trim();
+        let is_none = NONE.iter().any(|none| name.eq_ignore_ascii_case(none));
+        (!is_none && materials.iter().all(|m| m.name != name)).then_some((k + 1, name))
+    })?;
+    Some(format!(
+        "{}:{line}: no material file (mtllib) has the material `{name}`: its faces are plain green",
+        path.display()
+    ))
+}
+
+/// How far from where it joins its shoot a model may begin, of its height.
+const FAR: f32 = 0.1;
+
+/// Of a model that would hang in the air.
+fn hanging(path: &Path, model: &Model) -> Option<String> {
+    let at = |i: u32| Vec3::from(model.position[i as usize]);
+    let triangles = model.index.as_chunks::<3>().0.iter();
+    let gap = triangles.map(|t| nearest(t.map(at)).length()).fold(f32::INFINITY, f32::min);
+    (gap > FAR).then(|| {
+        format!(
+            "{}: its faces begin {:.0} % of its height away from its origin, where it joins its shoot: it \
+             will hang in the air; move it there",
+            path.display(),
+            100.0 * gap
+        )
+    })
+}
+
+/// The place of a triangle that is nearest to the origin.
+fn nearest([a, b, c]: [Vec3; 3]) -> Vec3 {
+    let normal = (b - a).cross(c - a);
+    let within = |p: Vec3, q: Vec3| (q - p).cross(-p).dot(normal) >= 0.0;
+    if within(a, b) && within(b, c) && within(c, a) {
+        return normal * (a.dot(normal) / normal.length_squared().max(f32::MIN_POSITIVE));
+    }
+    let on_edge = |p: Vec3, q: Vec3| {
+        let along = q - p;
+        p + along * (-p.dot(along) / along.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
+    };
+    let edges = [on_edge(a, b), on_edge(b, c), on_edge(c, a)];
+    edges.into_iter().min_by(|p, q| p.length_squared().total_cmp(&q.length_squared())).unwrap_or(a)
+}
+
 /// Of what would change the look, and is not what every exporter writes.
-fn remark<'a>(
+fn unused<'a>(
     path: &Path,
     materials: impl Iterator<Item = &'a tobj::Material>,
     has_heights: bool,

@@ -64,6 +64,51 @@ fn what_a_material_says_in_vain_is_told() {
 }
 
 #[test]
+fn a_model_that_lacks_its_material_or_hangs_in_the_air_is_told_of() {
+    let remarks = |obj: &str| {
+        let folder = folder(RULE, obj, MATERIAL);
+        let remarks = load(&rule(&folder)).unwrap().remarks;
+        let place = format!("{}{}", folder.path().display(), std::path::MAIN_SEPARATOR);
+        remarks.into_iter().map(|r| r.replace(&place, "")).collect::<Vec<_>>()
+    };
+    assert_eq!(remarks(&format!("{TWIG}usemtl None\nf 1 2 3\n")), [""; 0]);
+    let lost = remarks(&format!("{TWIG}usemtl stalk\nf 1 2 3\n"));
+    assert_eq!(
+        lost,
+        [
+            "twig.obj:14: no material file (mtllib) has the material `stalk`: its faces are plain green"
+        ]
+    );
+    // Of a height of 8: from 4 on, from 0.5 on, and beside its origin.
+    let lifted = |low: &str, high: &str| {
+        let taller = TWIG.replace("1 4 0\n", &format!("1 {high} 0\n"));
+        remarks(&taller.replace("1 0 0\n", &format!("1 {low} 0\n")))
+    };
+    assert_eq!(lifted("0.5", "8"), [""; 0]);
+    let told = "twig.obj: its faces begin 50 % of its height away from its origin, where it joins its \
+                shoot: it will hang in the air; move it there";
+    assert_eq!(lifted("4", "8"), [told]);
+    let beside = TWIG.replace("v -1", "v 3").replace("v 1", "v 5");
+    assert_eq!(remarks(&beside), [told.replace("50 %", "75 %")]);
+}
+
+#[test]
+fn the_nearest_place_of_a_triangle_is_as_near_as_any_sampled() {
+    let mut draws = crate::seed::Seed::new(4).draws();
+    for _ in 0..200 {
+        let [a, b, c] = [(); 3].map(|()| draws.direction() * draws.between(0.1, 3.0));
+        let found = nearest([a, b, c]).length();
+        let sampled = (0..=60).flat_map(|i| (0..=60 - i).map(move |k| (i, k)));
+        let sampled = sampled.map(|(i, k)| {
+            let (u, v) = (i as f32 / 60.0, k as f32 / 60.0);
+            (a * (1.0 - u - v) + b * u + c * v).length()
+        });
+        let least = sampled.fold(f32::INFINITY, f32::min);
+        assert!((-1e-4..0.1).contains(&(least - found)), "{found} {least}");
+    }
+}
+
+#[test]
 fn a_cone_is_read_beside_the_leaves_and_errors_name_its_key() {
     let rule_text = "extends = 'table3/13'\n[fruit]\nmodel = 'twig.obj'\nlength_m = 0.1\n";
     let cones = folder(rule_text, TWIG, MATERIAL);
@@ -124,6 +169,10 @@ fn faults_are_told_with_file_line_and_remedy() {
         (
             spoilt("v 1 4 0", "v 1 four 0"),
             "`model`: twig.obj:5: not a list of ordinary numbers; export the model again",
+        ),
+        (
+            spoilt("usemtl leaf", "usemtl"),
+            "`model`: twig.obj:12: usemtl names no material; name one, or leave the line out",
         ),
         (
             spoilt("v 1 4 0", "v 1 nan 0"),
