@@ -374,9 +374,10 @@ pub struct LevelArgs {
     #[arg(long, value_enum, value_name = "PLACE", default_value = "attribute")]
     pub wind_as: WindAs,
     /// A second set of texture coordinates without overlaps, for light maps (TEXCOORD_1,
-    /// primvars:st1). Needs a program built with the feature `atlas`.
-    #[arg(long)]
-    pub lightmap_uv: bool,
+    /// primvars:st1); their charts are for a map of at most PX texels a side. Needs a program built with
+    /// the feature `atlas`.
+    #[arg(long, value_name = "PX", num_args = 0..=1, require_equals = true, default_missing_value = "1024", value_parser = clap::value_parser!(u32).range(256..=8192))]
+    pub lightmap_uv: Option<u32>,
 }
 
 /// How the scene is built and written.

@@ -300,7 +300,7 @@ fn check_levels(typed: &args::LevelArgs, formats: &[Format]) -> Result<()> {
         return Err(Error::new(format!("--wind-as is for glTF, not for {files} files"))
             .remedy("leave it out, or write a .glb"));
     }
-    if typed.lightmap_uv { lightmap::needed() } else { Ok(()) }
+    if typed.lightmap_uv.is_some() { lightmap::needed() } else { Ok(()) }
 }
 
 /// Options by which something is asked for that not every file holds.
@@ -309,7 +309,7 @@ fn extras(levels: &args::LevelArgs, state: &args::StateArgs) -> Vec<&'static str
         ("--impostor octahedral", levels.impostor == Some(args::Impostor::Octahedral)),
         ("--collision", !matches!(levels.collision, None | Some(args::Collision::None))),
         ("--wind", !matches!(levels.wind, None | Some(args::Wind::None))),
-        ("--lightmap-uv", levels.lightmap_uv),
+        ("--lightmap-uv", levels.lightmap_uv.is_some()),
         ("--variants", state.variants),
     ];
     asked.into_iter().filter_map(|(option, is_asked)| is_asked.then_some(option)).collect()
@@ -407,7 +407,7 @@ fn levels_job(typed: &args::LevelArgs, formats: &[Format]) -> LevelsJob {
             Some(args::Wind::Cryengine) => Some(WindProfile::CryEngine),
             Some(args::Wind::SpeedtreeLike) => Some(WindProfile::SpeedTreeLike),
         },
-        has_lightmap_uv: typed.lightmap_uv,
+        lightmap_px: typed.lightmap_uv,
     }
 }
 
@@ -752,7 +752,7 @@ fn check_twigs(
         ("--lods", levels.meshed > 0),
         ("--impostor", levels.impostor.is_some()),
         ("--wind", levels.wind.is_some()),
-        ("--lightmap-uv", levels.has_lightmap_uv),
+        ("--lightmap-uv", levels.lightmap_px.is_some()),
         ("--tolerance", a.wood.tolerance.is_some()),
     ];
     let asked: Vec<&str> = asked.iter().filter(|(_, is)| *is).map(|(option, _)| *option).collect();

@@ -13,9 +13,12 @@ use crate::diagnostic::{Error, Result};
 
 /// Texels that charts are apart, in a map of the size told.
 pub const PADDING_TEXELS: u32 = 2;
-/// Side of the map that is aimed at; more charts than it has room for make it larger.
+/// Times that charts are packed more coarsely for a map to be as small as told, and how much smaller
+/// than it should be each is made.
 #[cfg(feature = "atlas")]
-const AIM_TEXELS: u32 = 1024;
+const PACKINGS: u32 = 6;
+#[cfg(feature = "atlas")]
+const LOOSER: f32 = 0.97;
 /// More triangles than this in one model have no light map: their charts are below a texel.
 pub const MOST_TRIANGLES: usize = 300_000;
 
@@ -32,13 +35,14 @@ pub struct Size {
     pub height: u32,
 }
 
-/// Lays the triangles of one model, which may have several surfaces, side by side in one map.
+/// Lays the triangles of one model, which may have several surfaces, side by side in one map of at most
+/// `side_px` texels a side, unless charts of a texel and what is between them take more.
 /// Columns grow where charts part a vertex.
 ///
 /// # Errors
 /// A model of more than [`MOST_TRIANGLES`]; a program built without the feature `atlas`.
 #[cfg(feature = "atlas")]
-pub fn unwrap(surfaces: &mut [&mut Surface]) -> Result<Size> {
+pub fn unwrap(surfaces: &mut [&mut Surface], side_px: u32) -> Result<Size> {
     use xatlas_rs_v2::{ChartOptions, IndexData, MeshData, MeshDecl, PackOptions, Xatlas};
 
     let mut surfaces: Vec<&mut Surface> =
@@ -74,12 +78,21 @@ pub fn unwrap(surfaces: &mut [&mut Surface]) -> Result<Size> {
         for mesh in &meshes {
             atlas.add_mesh(mesh).map_err(|e| Error::new(format!("no light map: {e:?}")))?;
         }
-        let pack = PackOptions {
-            padding: PADDING_TEXELS,
-            resolution: AIM_TEXELS,
-            ..PackOptions::default()
-        };
-        atlas.generate(&ChartOptions::default(), &pack);
+        let padding = PADDING_TEXELS;
+        atlas.compute_charts(&ChartOptions::default());
+        // Its guess first; that knows nothing of padding.
+        let guess = PackOptions { padding, resolution: side_px, ..PackOptions::default() };
+        atlas.pack_charts(&guess);
+        for _ in 0..PACKINGS {
+            let side = atlas.width().max(atlas.height());
+            if side <= side_px {
+                break;
+            }
+            let smaller = side_px as f32 / side as f32 * LOOSER;
+            let texels_per_unit = atlas.texels_per_unit() * smaller;
+            let pack = PackOptions { padding, texels_per_unit, ..PackOptions::default() };
+            atlas.pack_charts(&pack);
+        }
         let size = Size { width: atlas.width().max(1), height: atlas.height().max(1) };
         let texel = Vec2::new(size.width as f32, size.height as f32).recip();
         let at = |uv: [f32; 2]| (Vec2::from_array(uv) * texel).clamp(Vec2::ZERO, Vec2::ONE);
@@ -105,7 +118,7 @@ pub fn unwrap(surfaces: &mut [&mut Surface]) -> Result<Size> {
 /// # Errors
 /// Those of [`needed`].
 #[cfg(not(feature = "atlas"))]
-pub fn unwrap(_: &mut [&mut Surface]) -> Result<Size> {
+pub fn unwrap(_: &mut [&mut Surface], _: u32) -> Result<Size> {
     needed()?;
     Ok(Size { width: 1, height: 1 })
 }
@@ -177,19 +190,21 @@ mod tests {
 
     #[test]
     fn no_place_of_a_map_is_taken_twice_and_charts_stay_apart() {
-        for name in ["betula_pendula", "pinus_sylvestris"] {
+        for (name, side_px) in [("betula_pendula", 1024), ("pinus_sylvestris", 2048)] {
             let mut tree = tree(name);
             let before = tree.clone();
             let parts = |t: &mut TreeMesh| {
                 let TreeMesh { wood, upper_wood, twig_wood, foliage, .. } = t;
                 let mut all = [wood, upper_wood, twig_wood, foliage];
-                unwrap(&mut all).unwrap()
+                unwrap(&mut all, side_px).unwrap()
             };
             let size = parts(&mut tree);
             tree.check().unwrap();
             assert_eq!(tree.triangles(), before.triangles());
             let mut again = before.clone();
             assert_eq!((parts(&mut again), &again), (size, &tree), "the same every time");
+            let side = size.width.max(size.height);
+            assert!((side_px * 3 / 4..=side_px).contains(&side), "{name}: {side}");
             // Of every texel: the chart whose triangle covers its middle.
             let [w, h] = [size.width as usize, size.height as usize];
             let mut map = vec![u32::MAX; w * h];
@@ -255,7 +270,7 @@ mod tests {
     fn too_fine_a_model_is_refused() {
         let mut s = tree("betula_pendula").wood;
         s.index = s.index.repeat(MOST_TRIANGLES / s.triangles() + 1);
-        let error = unwrap(&mut [&mut s]).unwrap_err();
+        let error = unwrap(&mut [&mut s], 1024).unwrap_err();
         assert!(error.message().contains("too fine for a light map"), "{}", error.message());
     }
 }

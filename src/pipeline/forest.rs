@@ -257,8 +257,8 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
             Ok((chosen, outcome))
         })?);
     }
-    if job.levels.has_lightmap_uv {
-        run.stage("light map", |_| Ok(((), light::add(&mut scene)?)))?;
+    if let Some(side_px) = job.levels.lightmap_px {
+        run.stage("light map", |_| Ok(((), light::add(&mut scene, side_px)?)))?;
     }
     let (scene, pruned) = run.stage("scene", |warnings| {
         let left_out = scene.prune();

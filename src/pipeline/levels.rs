@@ -29,8 +29,8 @@ pub struct LevelsJob {
     pub impostor: Option<lod::Kind>,
     pub collision: Option<ColliderShape>,
     pub wind: Option<WindProfile>,
-    /// Places on light maps, for every form and the terrain.
-    pub has_lightmap_uv: bool,
+    /// Places on light maps of at most that side, texels, for every form; and for the terrain.
+    pub lightmap_px: Option<u32>,
 }
 
 /// Triangles of LOD1, LOD2, LOD3 over those of the finest form: 20,000 give 8,000, 3,000 and 500.

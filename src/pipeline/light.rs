@@ -8,16 +8,16 @@ use crate::mesh::lightmap::{self, Size};
 use crate::report::Outcome;
 use crate::scene::{Part, Scene};
 
-/// Gives all surfaces their places on a light map.
+/// Gives all surfaces their places on light maps of at most `side_px` texels a side.
 ///
 /// # Errors
 /// Those of [`lightmap::unwrap`].
-pub fn add(scene: &mut Scene) -> Result<Outcome> {
+pub fn add(scene: &mut Scene, side_px: u32) -> Result<Outcome> {
     let forms = scene.prototypes.par_iter_mut().flat_map_iter(|p| {
         let coarser = p.levels.iter_mut().map(|l| &mut l.parts);
         [&mut p.parts].into_iter().chain(coarser)
     });
-    let sizes: Vec<Size> = forms.map(|parts| unwrap(parts)).collect::<Result<_>>()?;
+    let sizes: Vec<Size> = forms.map(|parts| unwrap(parts, side_px)).collect::<Result<_>>()?;
     if let Some(terrain) = &mut scene.terrain {
         lightmap::lay_flat(&mut terrain.surface);
     }
@@ -28,7 +28,7 @@ pub fn add(scene: &mut Scene) -> Result<Outcome> {
     )))
 }
 
-fn unwrap(parts: &mut [Part]) -> Result<Size> {
+fn unwrap(parts: &mut [Part], side_px: u32) -> Result<Size> {
     let mut surfaces: Vec<&mut Surface> = parts.iter_mut().map(|p| &mut p.surface).collect();
-    lightmap::unwrap(&mut surfaces)
+    lightmap::unwrap(&mut surfaces, side_px)
 }

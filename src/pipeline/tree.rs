@@ -265,8 +265,8 @@ fn stand(
             Ok(((), levels::outcome(&rows, 1)))
         })?;
     }
-    if job.levels.has_lightmap_uv {
-        run.stage("light map", |_| Ok(((), light::add(&mut scene)?)))?;
+    if let Some(side_px) = job.levels.lightmap_px {
+        run.stage("light map", |_| Ok(((), light::add(&mut scene, side_px)?)))?;
     }
     run.stage("scene", |_| {
         let left_out = scene.prune();
