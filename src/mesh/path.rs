@@ -713,6 +713,28 @@ mod tests {
         out
     }
 
+    /// The line between barks winds through facets of about their width, not along them.
+    #[test]
+    fn rings_stand_close_where_twig_bark_begins_on_a_stem() {
+        let kept = [0.0, 10.0].map(|z| Knot { at: Vec3::Z * z, radius_m: 0.1 - 0.01 * z });
+        let mixed = Mixed { height_m: None, radius_m: Some([0.05, 0.03]) };
+        let mut out = Vec::new();
+        rings(
+            &kept,
+            Foot::Ground { mixed, is_one_of_many: false },
+            Least::within(10.0),
+            &Sides::new(0.001, Stem::TRUE),
+            true,
+            &mut Scratch::default(),
+            &mut out,
+        );
+        // From 5 m to 7 m.
+        let within: Vec<&Ring> = out.iter().filter(|r| (5.0..7.0).contains(&r.centre.z)).collect();
+        assert_eq!(within.len(), 12);
+        assert!(within.windows(2).all(|w| w[1].centre.z - w[0].centre.z < 0.2));
+        assert!(within.iter().all(|r| r.sides == within[0].sides && r.sides >= 6));
+    }
+
     #[test]
     fn frames_are_orthonormal_and_do_not_twist() {
         // A flat arc: the normal keeps its angle to the plane.
