@@ -188,16 +188,13 @@ impl Wind {
         let per_sq_m = farthest_sq(twig, foot).recip();
         // What all vertices share is found once.
         let still = self.channels(&Motion { leaf_phase, flutter: 1.0, ..self.motion(0.0, here) });
-        let (flutter_bit, tree_bit) = (
-            8 * self.profile.flutter_channel(),
-            self.profile.tree_channel().map(|channel| 8 * channel),
-        );
+        let flutter_bit = 8 * self.profile.flutter_channel();
         let still = u32::from_le_bytes(still) & !(255 << flutter_bit);
-        // A weight of 0 leaves the channel of profiles that have no such part alone.
-        let (tree_bit, per_m) = tree_bit.map_or((0, 0.0), |bit| (bit, self.per_m));
+        // Profiles without the whole tree's part keep nothing of it.
+        let (tree_bit, kept) = self.profile.tree_channel().map_or((0, 0), |k| (8 * k, 255));
         for (p, colour) in twig.iter().zip(out) {
             let flutter = byte((p.distance_squared(foot) * per_sq_m).min(1.0));
-            let tree = byte((p.z * per_m).clamp(0.0, 1.0).powi(2));
+            let tree = byte(self.tree(p.z)) & kept;
             let parts = u32::from(flutter) << flutter_bit | u32::from(tree) << tree_bit;
             *colour = (still | parts).to_le_bytes();
         }

@@ -258,7 +258,7 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
         })?);
     }
     if let Some(side_px) = job.levels.lightmap_px {
-        run.stage("light map", |_| Ok(((), light::add(&mut scene, side_px)?)))?;
+        run.stage("light map", |warnings| Ok(((), light::add(&mut scene, side_px, warnings)?)))?;
     }
     let (scene, pruned) = run.stage("scene", |warnings| {
         let left_out = scene.prune();

@@ -12,7 +12,7 @@ use crate::scene::{Part, Scene};
 ///
 /// # Errors
 /// Those of [`lightmap::unwrap`].
-pub fn add(scene: &mut Scene, side_px: u32) -> Result<Outcome> {
+pub fn add(scene: &mut Scene, side_px: u32, warnings: &mut Vec<String>) -> Result<Outcome> {
     let forms = scene.prototypes.par_iter_mut().flat_map_iter(|p| {
         let coarser = p.levels.iter_mut().map(|l| &mut l.parts);
         [&mut p.parts].into_iter().chain(coarser)
@@ -22,6 +22,12 @@ pub fn add(scene: &mut Scene, side_px: u32) -> Result<Outcome> {
         lightmap::lay_flat(&mut terrain.surface);
     }
     let side = sizes.iter().map(|s| s.width.max(s.height)).max().unwrap_or(0);
+    if side > side_px {
+        warnings.push(format!(
+            "light maps are up to {side} texels a side, not {side_px}: charts and what is between them take \
+             as many"
+        ));
+    }
     Ok(Outcome::items(sizes.len(), "forms", sizes.len(), "light maps").note(format!(
         "charts are {} texels apart in maps of up to {side} texels a side",
         lightmap::PADDING_TEXELS

@@ -266,7 +266,7 @@ fn stand(
         })?;
     }
     if let Some(side_px) = job.levels.lightmap_px {
-        run.stage("light map", |_| Ok(((), light::add(&mut scene, side_px)?)))?;
+        run.stage("light map", |warnings| Ok(((), light::add(&mut scene, side_px, warnings)?)))?;
     }
     run.stage("scene", |_| {
         let left_out = scene.prune();
