@@ -190,6 +190,34 @@ fn check_tells_sound_files_from_broken_ones() {
 }
 
 #[test]
+fn a_check_warns_of_what_a_run_would() {
+    let dir = tempfile::tempdir().unwrap();
+    let twig = "mtllib twig.mtl\nv -1 0 0\nv 1 0 0\nv 1 4 0\nv -1 4 0\nvt 0 0\nvt 1 0\nvt 1 1\n\
+                vt 0 1\nusemtl leaf\nf 1/1 2/2 3/3 4/4\nusemtl stalk\nf 1/1 2/2 3/3\n";
+    write(dir.path(), "twig.obj", twig);
+    write(dir.path(), "twig.mtl", "newmtl leaf\nKd 0.2 0.6 0.1\n");
+    write(dir.path(), "own.toml", "extends = 'table3/13'\n[foliage]\nmodel = 'twig.obj'\n");
+    let check = |more: &[&str]| {
+        let out = larix_in(dir.path(), &[&["species", "check", "own.toml"], more].concat());
+        assert!(out.status.success(), "{}", text(&out.stderr));
+        (text(&out.stdout), text(&out.stderr))
+    };
+    let (said, told) = check(&[]);
+    assert!(said.starts_with("own.toml: ok"), "{said}");
+    assert!(told.starts_with("warning: ") && told.contains("stalk"), "{told}");
+    assert_eq!(check(&["--quiet"]), (String::new(), String::new()));
+    let (json, told) = check(&["--json"]);
+    let json: Value = serde_json::from_str(&json).unwrap();
+    assert!(json[0]["warnings"][0].as_str().unwrap().contains("stalk"), "{json}");
+    assert_eq!(told, "");
+    let tree = ["tree", "own.toml", "-o", "own.glb", "--triangles", "2000", "--texture", "64"];
+    assert!(
+        text(&larix_in(dir.path(), &tree).stderr)
+            .contains(json[0]["warnings"][0].as_str().unwrap())
+    );
+}
+
+#[test]
 fn a_file_that_is_no_rule_file_is_told_of_briefly() {
     let dir = tempfile::tempdir().unwrap();
     write(dir.path(), "model.obj", &"v 0 0 0\n".repeat(300));

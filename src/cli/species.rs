@@ -150,12 +150,22 @@ fn check(a: &args::Check, cli: &Cli) -> Result<()> {
         let checked = rules::check(path, Seed::new(a.seed));
         values.push(checked_json(path, &checked));
         match checked {
-            Ok(sound) => lines.push(checked_line(path, &sound)),
+            Ok(sound) => {
+                warn(&sound, cli);
+                lines.push(checked_line(path, &sound));
+            }
             Err(e) => errors.push(e),
         }
     }
     answer(cli, Value::Array(values), &lines)?;
     if errors.is_empty() { Ok(()) } else { Err(Error::several(errors)) }
+}
+
+/// Tells what a run would warn of.
+pub(super) fn warn(sound: &Sound, cli: &Cli) {
+    if !cli.json && !cli.quiet {
+        sound.species.remarks.iter().for_each(|remark| tell!("warning: {remark}"));
+    }
 }
 
 pub(super) fn checked_line(path: &Path, sound: &Sound) -> String {
@@ -178,6 +188,7 @@ pub(super) fn checked_json(path: &Path, checked: &Result<Sound>) -> Value {
             "name": sound.species.name,
             "derived": sound.stats,
             "tree": { "height_m": sound.height_m, "nodes": sound.nodes },
+            "warnings": sound.species.remarks,
         }),
         Err(error) => {
             let one = |e: &Error| {

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use super::args::{Check, Cli};
 use super::commands::{extension, place, print};
-use super::species::{checked_json, checked_line};
+use super::species::{checked_json, checked_line, warn};
 use crate::diagnostic::{self, Error, Result};
 use crate::export::{self, OutputFile};
 use crate::pipeline::rules::{self, Sound};
@@ -163,12 +163,14 @@ fn examine(watched: &mut Watched, seed: u64, cli: &Cli) -> Result<bool> {
         lines.push(value.to_string());
     }
     match checked {
-        Ok(sound) if !cli.json && !cli.quiet => lines.push(format!(
-            "{}; {} in {seconds:.2} s",
-            checked_line(&path, &sound),
-            watched.picture.display()
-        )),
-        Ok(_) => {}
+        Ok(sound) => {
+            warn(&sound, cli);
+            if !cli.json && !cli.quiet {
+                let picture = watched.picture.display();
+                let line = checked_line(&path, &sound);
+                lines.push(format!("{line}; {picture} in {seconds:.2} s"));
+            }
+        }
         Err(error) => {
             tell!("{}", diagnostic::render(&error).trim_end());
             if !cli.quiet {
