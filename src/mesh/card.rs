@@ -2,7 +2,7 @@
 //! the midrib or crossed with a second card, sagging towards its tip. A single leaf is the same,
 //! small, from a cell that shows one leaf.
 
-use glam::{Quat, Vec2, Vec3};
+use glam::{Quat, Vec2, Vec3, Vec3A};
 
 use super::piece::{Piece, Room};
 use super::spot::Pose;
@@ -71,20 +71,20 @@ pub fn emit(
             // Each half with its direction away from the midrib and its own normal.
             let left = (across * -cos - facing * sin, facing * cos - across * sin);
             let right = (across * cos - facing * sin, facing * cos + across * sin);
-            sheet(pose, cell, outline, &[left, right], Some(facing), out);
+            sheet(pose, cell, outline, [left, (Vec3::ZERO, facing), right], out);
         }
         Shape::Flat => {
             // One sheet for two halves lies as the one or the other does.
             let turn = if pose.mirrored { fold_rad } else { -fold_rad };
             let turn = Quat::from_axis_angle(pose.heading, turn);
             let (facing, across) = (turn * facing, turn * across);
-            sheet(pose, cell, outline, &[(-across, facing), (across, facing)], None, out);
+            sheet(pose, cell, outline, [(-across, facing), (across, facing)], out);
         }
         Shape::Crossed { .. } => {
-            sheet(pose, cell, outline, &[(-across, facing), (across, facing)], None, out);
+            sheet(pose, cell, outline, [(-across, facing), (across, facing)], out);
             let turned = Pose { mirrored: !pose.mirrored, ..*pose };
             let flat = [(-facing, -across), (facing, -across)];
-            sheet(&turned, cell, outline, &flat, None, out);
+            sheet(&turned, cell, outline, flat, out);
         }
     }
 }
@@ -106,45 +106,47 @@ pub fn stalk(pose: &Pose, from: Vec3, radius_m: f32, uv: Vec2, out: &mut Piece) 
     let across = way.cross(pose.facing).normalize_or(any);
     let facing = across.cross(way).normalize_or(pose.facing);
     let half = across * radius_m.max(thin_m);
-    let mut put = |p: Vec3| out.vertex(p, pose.bent(facing, p, BENT), uv);
+    let mut put = |p: Vec3| out.vertex(p, pose.bent(facing.into(), p.into(), BENT).into(), uv);
     let corners = [put(from - half), put(from + half), put(pose.base)];
     out.triangle(corners);
 }
 
-/// One sheet: a left and a right edge (direction away from the midrib, normal) and, where
-/// `middle` is given, the midrib between them.
-fn sheet(
+/// One sheet of so many columns, each with its direction away from the midrib and its normal: a left
+/// and a right edge, and the midrib between them where there are three.
+fn sheet<const COLUMNS: usize>(
     pose: &Pose,
     cell: &Cell,
     outline: &[Row],
-    sides: &[(Vec3, Vec3); 2],
-    middle: Option<Vec3>,
+    columns: [(Vec3, Vec3); COLUMNS],
     out: &mut Piece,
 ) {
     // Seen from outside the crown, the front shows: a viewer's light agrees with the normals.
-    let own = middle.unwrap_or(sides[0].1);
-    let is_front = own.dot(pose.outward) >= 0.0;
+    let is_front = columns[(COLUMNS - 1) / 2].1.dot(pose.outward) >= 0.0;
     let sign = if is_front { 1.0 } else { -1.0 };
+    let columns = columns.map(|(edge, own)| (Vec3A::from(edge), Vec3A::from(own) * sign));
+    let [base, heading] = [pose.base, pose.heading].map(Vec3A::from);
     let mut first = None;
     for row in outline {
-        let (l, r) = (0.5 - row.left, row.right - 0.5);
+        let t = row.t;
+        let (left, right) = (0.5 - row.left, row.right - 0.5);
         // A mirrored card swaps the two sides of the picture.
-        let (l, r) = if pose.mirrored { (r, l) } else { (l, r) };
-        let s = |away: f32| if pose.mirrored { 0.5 - away } else { 0.5 + away };
-        let mut put = |s: f32, edge: Vec3, reach: f32, lean: Vec3| {
-            let t = row.t;
-            let fall = Vec3::new(0.0, 0.0, -pose.sag * t * t);
-            let p = pose.base + (pose.heading * t + edge * reach + fall) * pose.size_m;
-            out.vertex(p, pose.bent(lean * sign, p, BENT), cell.uv(s, t))
-        };
-        let left = put(s(-l), sides[0].0, l, sides[0].1);
-        first.get_or_insert(left);
-        if let Some(lean) = middle {
-            put(0.5, Vec3::ZERO, 0.0, lean);
-        }
-        put(s(r), sides[1].0, r, sides[1].1);
+        let (left, right, way) =
+            if pose.mirrored { (right, left, -1.0) } else { (left, right, 1.0) };
+        let fall = Vec3A::new(0.0, 0.0, -pose.sag * t * t);
+        let vertices = std::array::from_fn(|k| {
+            let (edge, own) = columns[k];
+            let (reach, away) = match k {
+                0 => (left, -left),
+                _ if k + 1 == COLUMNS => (right, right),
+                _ => (0.0, 0.0),
+            };
+            let p = base + (heading * t + edge * reach + fall) * pose.size_m;
+            let normal = pose.bent(own, p, BENT).normalize_or(Vec3A::Z);
+            (p.into(), normal.into(), cell.uv(0.5 + way * away, t))
+        });
+        first.get_or_insert(out.blade::<COLUMNS, 0>(vertices, []));
     }
-    let columns = if middle.is_some() { 3 } else { 2 };
+    let columns = COLUMNS as u32;
     for k in 0..outline.len().saturating_sub(1) as u32 {
         for c in 0..columns - 1 {
             let a = first.unwrap_or(0) + k * columns + c;

@@ -227,7 +227,8 @@ fn place(form: &Form, pose: &Pose, bent: f32, out: &mut Piece) {
     let (scaled, own) = (turn * pose.size_m, 1.0 - bent);
     let base = Vec3A::from(pose.base);
     // All of a twig lies one way from the crown's middle.
-    let lean = Vec3A::from(pose.out_at(pose.base + pose.heading * (0.5 * pose.size_m)) * bent);
+    let middle = pose.base + pose.heading * (0.5 * pose.size_m);
+    let lean = pose.out_at(middle.into()) * bent;
     let vertex = |(p, n): (&Vec3A, &Vec3A)| {
         // Of a side that looks into the crown, the light is that of its back.
         let along = turn * *n;

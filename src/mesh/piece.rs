@@ -59,13 +59,14 @@ impl Piece<'_> {
         k as u32
     }
 
-    /// Adds vertices, whose normals have unit length, and triangles of them.
+    /// Adds vertices, whose normals have unit length, and triangles of them; gives the first one's
+    /// number within the piece.
     #[inline]
     pub fn blade<const V: usize, const T: usize>(
         &mut self,
         vertices: [(Vec3, Vec3, Vec2); V],
         triangles: [[u32; 3]; T],
-    ) {
+    ) -> u32 {
         let (v, t) = (self.vertices, self.corners);
         let columns = (
             self.position.get_mut(v..v + V),
@@ -83,6 +84,7 @@ impl Piece<'_> {
             }
             (self.vertices, self.corners) = (v + V, t + 3 * T);
         }
+        v as u32
     }
 
     /// The whole piece at once: as many vertices and triangles as it has room for. `place` gives the

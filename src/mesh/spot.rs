@@ -1,6 +1,6 @@
 //! Where foliage grows: places along the shoots that bear leaves, and the crown around them.
 
-use glam::{Quat, Vec3};
+use glam::{Quat, Vec3, Vec3A};
 
 use crate::seed::Draws;
 use crate::skeleton::{Axis, Skeleton};
@@ -395,7 +395,8 @@ impl Pose {
 
     /// A normal between a surface's own and the crown's outside at a place: soft from far, its own
     /// from near. `share`: of the crown.
-    pub fn bent(&self, own: Vec3, at: Vec3, share: f32) -> Vec3 {
+    #[inline]
+    pub fn bent(&self, own: Vec3A, at: Vec3A, share: f32) -> Vec3A {
         if self.is_plain {
             return own;
         }
@@ -403,9 +404,11 @@ impl Pose {
     }
 
     /// Which way the crown's outside is at a place; of length 1 at most.
-    pub fn out_at(&self, at: Vec3) -> Vec3 {
-        let away = (at - self.crown).normalize_or(self.outward);
-        self.outward * 0.6 + away * 0.4
+    #[inline]
+    pub fn out_at(&self, at: Vec3A) -> Vec3A {
+        let outward = Vec3A::from(self.outward);
+        let away = (at - Vec3A::from(self.crown)).normalize_or(outward);
+        outward * 0.6 + away * 0.4
     }
 
     /// Off the shoot by phyllotaxis, drawn down (or up) by the species' droop, turned to the light

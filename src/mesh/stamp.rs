@@ -23,7 +23,8 @@ pub fn emit(model: &Model, pose: &Pose, bent: f32, out: &mut Piece) {
     let turned = |v: Vec3| across * v.x + pose.heading * v.y + pose.facing * v.z;
     for ((p, n), uv) in model.position.iter().zip(&model.normal).zip(&model.uv) {
         let at = pose.base + turned(Vec3::from(*p)) * pose.size_m;
-        out.vertex(at, pose.bent(turned(Vec3::from(*n)), at, bent), Vec2::from(*uv));
+        let normal = pose.bent(turned(Vec3::from(*n)).into(), at.into(), bent);
+        out.vertex(at, normal.into(), Vec2::from(*uv));
     }
     for &t in model.index.as_chunks::<3>().0 {
         out.triangle(t);
