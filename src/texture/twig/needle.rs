@@ -89,11 +89,12 @@ impl Painter<'_> {
         }
         shoots.push(main);
         let half = 0.5 * self.share(self.species.foliage.leaf_width_m);
-        let half = half.max(0.5 * self.canvas.pixel()) * if bough { 2.2 } else { 1.0 };
-        let rays = if bough { 11 } else { 22 };
+        let half = half.max(0.5 * self.canvas.pixel()) * if bough { 1.5 } else { 1.0 };
+        let rays = if bough { 15 } else { 22 };
+        let apart = if bough { 1.15 } else { 0.75 };
         for shoot in shoots {
             self.wood(&shoot, 0.003, 0.0012);
-            let count = (shoot.length / (needle * 0.75)).clamp(2.0, 60.0) as usize;
+            let count = (shoot.length / (needle * apart)).clamp(2.0, 60.0) as usize;
             for k in 0..=count {
                 let t =
                     (0.06 + 0.94 * (k as f32 + self.jitter(0.25)) / count as f32).clamp(0.0, 1.0);
