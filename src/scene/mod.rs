@@ -91,10 +91,13 @@ pub struct Relief {
     pub depth_m: f32,
 }
 
+/// What writers call the look that is none of a scene's variants.
+pub const OWN_LOOK: &str = "own";
+
 /// Another colour of a material, by a name that materials share, e.g. `autumn`.
 #[derive(Debug, Clone)]
 pub struct Variant {
-    /// Identifier.
+    /// Identifier; not [`OWN_LOOK`].
     pub name: String,
     /// As in the [`Material`].
     pub base_color: [f32; 3],

@@ -9,8 +9,8 @@ use super::prune::is_degenerate;
 use super::standing::{Standing, standings};
 use super::statistics::{Outline, bounds_of};
 use super::{
-    Alpha, Collider, Instance, Material, OFF_TERRAIN_M, Part, Prototype, ROOT_TOLERANCE_M,
-    Scattered, Scene, Texture, identifier, is_identifier,
+    Alpha, Collider, Instance, Material, OFF_TERRAIN_M, OWN_LOOK, Part, Prototype,
+    ROOT_TOLERANCE_M, Scattered, Scene, Texture, identifier, is_identifier,
 };
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
@@ -273,7 +273,9 @@ impl Scene {
             }
             for (at, variant) in material.variants.iter().enumerate() {
                 let name = &variant.name;
-                if !is_identifier(name) || material.variants[..at].iter().any(|v| v.name == *name) {
+                let is_taken =
+                    name == OWN_LOOK || material.variants[..at].iter().any(|v| v.name == *name);
+                if !is_identifier(name) || is_taken {
                     wrong(format!("its variant `{name}` has no name of its own"));
                 }
                 if !variant.base_color.iter().all(|c| unit.contains(c)) {

@@ -3,7 +3,7 @@
 
 use serde::Serialize;
 
-use crate::scene::Selection;
+use crate::scene::{OWN_LOOK, Selection};
 
 pub(super) const EXTENSION: &str = "KHR_materials_variants";
 
@@ -40,13 +40,17 @@ struct Mapping {
     variants: Vec<u32>,
 }
 
-/// Names of all variants in the scene, in the order they first occur.
+/// Names of all variants in the scene, in the order they first occur, after the look that readers
+/// begin with: by it they find back.
 pub(super) fn names<'a>(selection: &Selection<'a>) -> Vec<&'a str> {
     let mut names: Vec<&'a str> = Vec::new();
     for variant in selection.materials.iter().flat_map(|m| &m.variants) {
         if !names.contains(&variant.name.as_str()) {
             names.push(&variant.name);
         }
+    }
+    if !names.is_empty() {
+        names.insert(0, OWN_LOOK);
     }
     names
 }

@@ -8,14 +8,14 @@ use super::layer::{Prim, Property, Value, VariantSet};
 use super::material::{Colours, TexturePaths, material};
 use super::stage::extent;
 use crate::scene::{
-    Alpha, Collider, Level, Material, Octahedral, Part, Prototype, SpeciesGroup, ValidScene,
+    Alpha, Collider, Level, Material, OWN_LOOK, Octahedral, Part, Prototype, SpeciesGroup,
+    ValidScene,
 };
 
 /// The name of the variant that shows the finest form.
 const FINEST: &str = "LOD0";
-/// The variant set of seasons and conditions, and its variant that is as the scene is.
+/// The variant set of seasons and conditions.
 pub(super) const LOOKS: &str = "look";
-pub(super) const OWN_LOOK: &str = "own";
 
 /// Without coarser forms the surfaces stand in the prototype. With them they are chosen by the
 /// variant set `LOD`, seen by final renderers (purpose `render`), and the coarsest form is what

@@ -6,10 +6,10 @@ use glam::Vec3;
 
 use super::layer::{Arc, Layer, Prim, Property, Specifier, Value, VariantSet};
 use super::material::{Colours, TexturePaths, material};
-use super::prototype::{LOOKS, OWN_LOOK, hints, looks, mesh, prototype, shown_colour};
+use super::prototype::{LOOKS, hints, looks, mesh, prototype, shown_colour};
 use crate::export::GENERATOR;
 use crate::frame::Frame;
-use crate::scene::{Instance, SpeciesGroup, TreeFacts, ValidScene};
+use crate::scene::{Instance, OWN_LOOK, SpeciesGroup, TreeFacts, ValidScene};
 use crate::seed::Seed;
 
 /// A species of more trees than this is split into cells, which viewers cull and artists switch.
