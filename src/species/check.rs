@@ -92,6 +92,7 @@ pub const RANGES: &[(&str, Range)] = &[
     ("bark.upper_from", Within(0.0, 1.0)),
     ("bark.twig_radius_m", Within(0.0, 1.0)),
     ("bark.relief_m", Within(0.0, 0.5)),
+    ("bark.coarseness", Within(0.5, 2.0)),
     ("bark.lost", Within(0.0, 1.0)),
 ];
 

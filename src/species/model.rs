@@ -401,6 +401,8 @@ pub struct Bark {
     pub twig_radius_m: f32,
     /// Depth of the relief, metres.
     pub relief_m: f32,
+    /// Size of its plates, furrows, scales over that usual for the pattern.
+    pub coarseness: f32,
     /// Share of the bark that has fallen off, so that grey wood shows.
     pub lost: f32,
     /// A picture of your own for the bark, PNG or JPEG, beside this file; it should tile, and show

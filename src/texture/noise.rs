@@ -9,6 +9,8 @@ pub struct Noise {
     seed: u32,
     /// Lattice cells a side beyond which octaves are left out.
     finest: u32,
+    /// How much larger its features are than the periods say, to whole cells a side.
+    coarser: f32,
 }
 
 /// What cellular noise finds around a place.
@@ -67,12 +69,21 @@ pub fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
 
 impl Noise {
     pub fn new(seed: Seed, name: &str) -> Self {
-        Noise { seed: seed.derive(name, 0).draws().bits() as u32, finest: u32::MAX }
+        Noise { seed: seed.derive(name, 0).draws().bits() as u32, finest: u32::MAX, coarser: 1.0 }
     }
 
     /// The same field for a picture of that side, without octaves finer than two pixels.
     pub fn for_side(self, pixels: usize) -> Self {
         Noise { finest: (pixels / 2) as u32, ..self }
+    }
+
+    /// The same field with features so much larger.
+    pub fn coarser(self, coarser: f32) -> Self {
+        Noise { coarser, ..self }
+    }
+
+    fn periods(self, period: [u32; 2]) -> [u32; 2] {
+        period.map(|p| ((p as f32 / self.coarser).round() as u32).max(1))
     }
 
     /// 32 bits for a lattice point within the period.
@@ -85,6 +96,10 @@ impl Noise {
 
     /// Gradient noise, about −1…1; `period` lattice cells fill the unit square.
     pub fn gradient(self, u: f32, v: f32, period: [u32; 2]) -> f32 {
+        self.octave(u, v, self.periods(period))
+    }
+
+    fn octave(self, u: f32, v: f32, period: [u32; 2]) -> f32 {
         let (x, y) = (u * period[0] as f32, v * period[1] as f32);
         let (ix, iy) = (floor(x), floor(y));
         let (fx, fy) = (x - ix as f32, y - iy as f32);
@@ -117,14 +132,14 @@ impl Noise {
     pub fn fractal(self, u: f32, v: f32, period: [u32; 2], octaves: u32) -> f32 {
         let (mut sum, mut weight, mut total) = (0.0, 1.0, 0.0);
         let mut field = self;
-        let mut p = period;
+        let mut p = self.periods(period);
         for _ in 0..octaves.min(8) {
             if p[0].max(p[1]) > self.finest && total > 0.0 {
                 total += weight;
                 weight *= 0.5;
                 continue;
             }
-            sum += weight * field.gradient(u, v, p);
+            sum += weight * field.octave(u, v, p);
             total += weight;
             weight *= 0.5;
             p = [p[0] * 2, p[1] * 2];
@@ -137,14 +152,14 @@ impl Noise {
     pub fn grain(self, u: f32, v: f32, period: u32, octaves: u32) -> f32 {
         let (mut sum, mut weight, mut total) = (0.0, 1.0, 0.0);
         let mut field = self;
-        let (mut p, mut at) = (period, [u, v]);
+        let (mut p, mut at) = (self.periods([period; 2])[0], [u, v]);
         for _ in 0..octaves.min(6) {
             if p > self.finest && total > 0.0 {
                 total += weight;
                 weight *= 0.6;
                 continue;
             }
-            sum += weight * field.gradient(at[0], at[1], [p, p]);
+            sum += weight * field.octave(at[0], at[1], [p, p]);
             total += weight;
             weight *= 0.6;
             // A turn by an eighth and a stretch by the root of 2; whole numbers keep the torus.
@@ -157,6 +172,7 @@ impl Noise {
 
     /// Cellular noise with `period` cells a side; `jitter` 0 (grid) … 1 (free).
     pub fn cells(self, u: f32, v: f32, period: [u32; 2], jitter: f32) -> Cellular {
+        let period = self.periods(period);
         let (x, y) = (u * period[0] as f32, v * period[1] as f32);
         let (ix, iy) = (floor(x), floor(y));
         let mut near = [[0.0f32; 2]; 9];
@@ -191,6 +207,7 @@ impl Noise {
     /// Overlapping scales, one a cell, drawn one over the other: `reach` is their radius in
     /// cells, up to 1. Each lies a little higher at its lower end.
     pub fn scales(self, u: f32, v: f32, period: [u32; 2], reach: f32) -> Scale {
+        let period = self.periods(period);
         let (x, y) = (u * period[0] as f32, v * period[1] as f32);
         let (ix, iy) = (floor(x), floor(y));
         let mut top = Scale { height: 0.0, rim: 0.0, draw: 0.5 };

@@ -34,11 +34,11 @@ const SOURCES: &[(&str, &str)] = &[
 
 /// Everything that decides what [`super::for_species`] gives for these arguments.
 pub fn decides(species: &Species, size_px: u32, seed: Seed) -> Vec<Vec<u8>> {
-    let Species { kind, foliage, bark, own_bark, own_model, own_picture, .. } = species;
+    let Species { name, kind, foliage, bark, own_bark, own_model, own_picture, .. } = species;
     let mut all: Vec<Vec<u8>> = vec![env!("CARGO_PKG_VERSION").into()];
     all.extend(SOURCES.iter().map(|(_, text)| text.as_bytes().to_vec()));
     // Floats print so that they read back as the same bits.
-    all.push(format!("{kind:?} {foliage:?} {bark:?} {size_px} {seed:?}").into());
+    all.push(format!("{name:?} {kind:?} {foliage:?} {bark:?} {size_px} {seed:?}").into());
     let bark = own_bark.as_ref();
     let pictures = [
         bark.map(|own| &*own.colour),

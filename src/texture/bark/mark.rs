@@ -25,7 +25,8 @@ pub fn marks(texels: &mut [Texel], n: usize, style: BarkStyle, seed: Seed) {
             }
         }
         BarkStyle::Smooth => {
-            tile.lenticels(150, [0.003, 0.012], [0.001, 0.0024], -0.45, &mut draws);
+            tile.lenticels(220, [0.003, 0.012], [0.001, 0.0024], -0.6, &mut draws);
+            tile.lenticels(110, [0.009, 0.024], [0.0022, 0.0046], -0.9, &mut draws);
         }
         BarkStyle::Diamonds => {
             for _ in 0..42 {

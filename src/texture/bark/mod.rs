@@ -127,7 +127,7 @@ fn pictures(
     seed: Seed,
 ) -> BarkPictures {
     let n = size_px.max(16) as usize;
-    let mut texels = texels(style, bark.lost, n, seed);
+    let mut texels = texels(style, bark, n, seed);
     let heights = relief::spread(&mut texels);
     let depth_m = relief_m.clamp(0.0, 0.2);
     let shaded = relief::occlusion(&heights, n, depth_m / BARK_REPEAT_M);
@@ -150,8 +150,8 @@ fn pictures(
 }
 
 /// `n` × `n` texels, the first row on top.
-fn texels(style: BarkStyle, lost: f32, n: usize, seed: Seed) -> Vec<Texel> {
-    let painter = style::Painter::new(seed, n);
+fn texels(style: BarkStyle, bark: &Bark, n: usize, seed: Seed) -> Vec<Texel> {
+    let painter = style::Painter::new(seed, n, bark.coarseness);
     let mut texels: Vec<Texel> = (0..n * n)
         .into_par_iter()
         .with_min_len(n)
@@ -162,7 +162,7 @@ fn texels(style: BarkStyle, lost: f32, n: usize, seed: Seed) -> Vec<Texel> {
         })
         .collect();
     mark::marks(&mut texels, n, style, seed);
-    mark::fallen(&mut texels, n, lost, seed);
+    mark::fallen(&mut texels, n, bark.lost, seed);
     texels
 }
 

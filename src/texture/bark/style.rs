@@ -15,9 +15,9 @@ pub struct Painter {
 }
 
 impl Painter {
-    /// For pictures of `n` × `n` pixels.
-    pub fn new(seed: Seed, n: usize) -> Self {
-        let field = |name| Noise::new(seed, name).for_side(n);
+    /// For pictures of `n` × `n` pixels, with features so much larger than is usual.
+    pub fn new(seed: Seed, n: usize, coarseness: f32) -> Self {
+        let field = |name| Noise::new(seed, name).for_side(n).coarser(coarseness.clamp(0.25, 4.0));
         Painter {
             warp: field("warp"),
             broad: field("broad"),
@@ -215,7 +215,7 @@ impl Painter {
         let lichen = smoothstep(0.25, 0.5, self.flakes.grain(wu + 0.2, wv + 0.7, 6, 6));
         let height = 0.6 + 0.2 * broad + 0.12 * cloud + 0.08 * powder - 0.3 * crack;
         let tone = (0.95 + 0.06 * broad - 0.25 * crack).clamp(0.0, 1.0);
-        let shade = 0.97 + 0.1 * cloud + 0.12 * powder + 0.1 * lichen;
+        let shade = 0.97 + 0.2 * cloud + 0.14 * powder + 0.12 * lichen + 0.1 * broad;
         let moss = 0.2 * lichen;
         Texel { moss, roughness: 0.66, ..Texel::new(height, tone, shade, 0.05 * cloud) }
     }
