@@ -547,6 +547,30 @@ fn levels_lie_beside_the_scene_and_say_how_far_off_they_are() {
     }
 }
 
+/// Of an aspen 8 views of 32 pixels show no stem.
+#[test]
+fn an_octahedral_impostor_keeps_its_stem_with_small_pictures() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("aspen.glb");
+    let of = ["tree", "populus_tremula", "--texture", "128", "--impostor", "octahedral"];
+    let out = larix(&[&of[..], &["--json", "-o", file.to_str().unwrap()]].concat());
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    let told: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    let last = told["levels"].as_array().unwrap().last().unwrap();
+    let worst_m = last["silhouette_worst_m"].as_f64().unwrap();
+    assert!(worst_m < 5.0, "{last}");
+}
+
+#[test]
+fn too_few_triangles_for_any_leaf_are_told_of() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("spruce.glb");
+    let of = ["tree", "picea_obovata", "--foliage", "geometry", "--triangles", "200"];
+    let out = larix(&[&of[..], &["--texture", "0", "-o", file.to_str().unwrap()]].concat());
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    assert!(text(&out.stderr).contains("too few triangles for any leaf"), "{}", text(&out.stderr));
+}
+
 #[test]
 fn an_octahedral_impostor_is_measured_as_its_shader_shows_it() {
     let dir = tempfile::tempdir().unwrap();

@@ -3,13 +3,14 @@
 //!
 //! *Capsule*: one a stem, about the straight line from root to top. *Convex*: a stack of frusta whose
 //! rings are level octagons, each a convex body; a curved stem takes more of them. The octagons
-//! hold the stem's circles, so that nothing of it sticks out.
+//! hold the stem's circles, so that nothing of it sticks out; one more holds the flare of its foot, and what
+//! of it is below ground.
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 use glam::{Quat, Vec3};
 
-use crate::mesh::Surface;
+use crate::mesh::{BELOW_GROUND_M, BURIED, FLARE, FLARED, LOBED, Surface};
 use crate::scene::{Collider, ColliderShape};
 use crate::skeleton::Skeleton;
 use crate::work::{self, Work};
@@ -36,12 +37,37 @@ struct Place {
     radius_m: f32,
 }
 
+/// Height of the body about a stem's foot, of its flare's.
+const FLARE_HELD: f32 = 0.75;
+
 /// Closed convex bodies, tree-local metres. None for a skeleton
 /// without a stem that rises.
 pub fn collision(skeleton: &Skeleton, shape: ColliderShape) -> Vec<Collider> {
     work::count(Work::Colliders, 1);
-    let bodies = stems(skeleton).into_iter().flat_map(|stem| bodies(&stem, shape));
+    let stems = stems(skeleton);
+    let low_m = STOOL * skeleton.height_m();
+    let is_flared = |stem: &&Vec<Place>| {
+        shape == ColliderShape::Convex && stem.last().is_some_and(|top| top.at.z >= low_m)
+    };
+    let foot = stems.first().filter(is_flared).and_then(|stem| flare(stem));
+    let bodies = foot.into_iter().chain(stems.iter().flat_map(|stem| bodies(stem, shape)));
     bodies.map(|body| Collider { shape, body }).collect()
+}
+
+/// What holds the flare of a stem that stands in the ground: it narrows faster than a frustum does.
+fn flare(stem: &[Place]) -> Option<Surface> {
+    let [foot, .., top] = stem else { return None };
+    let held_m = FLARE_HELD * FLARE * foot.radius_m;
+    let above = *stem.iter().find(|p| p.at.z > foot.at.z + held_m).unwrap_or(top);
+    let up = 1.0 - FLARE_HELD;
+    let wider = |up: f32| (1.0 + FLARED * up * up * up) * (1.0 + LOBED * up * up);
+    let at = foot.at.lerp(above.at, (held_m / (above.at.z - foot.at.z).max(1e-6)).min(1.0));
+    let high = Place { at, radius_m: foot.radius_m * wider(up) };
+    let below = Place {
+        at: foot.at - Vec3::Z * BELOW_GROUND_M,
+        radius_m: foot.radius_m * wider(1.0) * BURIED,
+    };
+    Some(frustum(below, high))
 }
 
 fn bodies(stem: &[Place], shape: ColliderShape) -> Vec<Surface> {
@@ -245,7 +271,7 @@ mod tests {
             let s = stem(bend);
             for shape in [ColliderShape::Capsule, ColliderShape::Convex] {
                 let bodies = collision(&s, shape);
-                assert!(!bodies.is_empty() && bodies.len() <= MOST_PIECES);
+                assert!(!bodies.is_empty() && bodies.len() <= 1 + MOST_PIECES);
                 for b in &bodies {
                     assert!(is_convex(&b.body), "{shape:?} {bend}");
                     assert!(b.body.volume_m3() > 0.0);
@@ -253,11 +279,11 @@ mod tests {
             }
         }
         let straight = collision(&stem(0.0), ColliderShape::Convex);
-        assert_eq!(straight.len(), 1, "a straight stem is one body");
-        let volume = straight[0].body.volume_m3();
+        assert_eq!(straight.len(), 2, "a straight stem is one body beside its foot's");
+        let volume = straight[1].body.volume_m3();
         let cones = std::f64::consts::PI * 9.5 / 3.0 * (0.09 + 0.3 * 0.11 + 0.11f64.powi(2));
         assert!(volume > cones && volume < 1.12 * cones, "{volume} {cones}");
-        assert!(collision(&stem(1.5), ColliderShape::Convex).len() > 1, "a bent one is several");
+        assert!(collision(&stem(1.5), ColliderShape::Convex).len() > 2, "a bent one is several");
     }
 
     #[test]
@@ -306,8 +332,9 @@ mod tests {
         for shape in [ColliderShape::Capsule, ColliderShape::Convex] {
             let bodies = collision(&s, shape);
             let bounds: Vec<_> = bodies.iter().map(|b| b.body.bounds()).collect();
-            let [first, second] = bounds[..] else { panic!("{shape:?}: {}", bounds.len()) };
-            assert!(first.1.x < 0.1 && second.0.x > 0.2, "{shape:?} {bounds:?}");
+            let [first, .., second] = bounds[..] else { panic!("{shape:?}: {}", bounds.len()) };
+            assert_eq!(bounds.len(), if shape == ColliderShape::Convex { 3 } else { 2 });
+            assert!(first.1.x < 0.15 && second.0.x > 0.2, "{shape:?} {bounds:?}");
         }
     }
 
@@ -346,6 +373,36 @@ mod tests {
             }
         }
         assert!(are_right && bare * 20 <= all, "{bare} of {all}");
+    }
+
+    /// What there is of bark near the ground, below it too, lies in a body.
+    #[test]
+    fn the_foot_of_a_stem_is_held() {
+        use crate::mesh::{self, FoliageLevel, MeshOptions};
+        use crate::skeleton::{Detail, Target, grow};
+        for name in ["tilia_cordata", "pinus_sibirica", "quercus_robur", "betula_pendula"] {
+            let species = crate::species::load(name).unwrap();
+            let target = Target::FromSpecies { height_m: None };
+            let seed = crate::seed::Seed::new(3);
+            let tree = grow(&species, target, Detail::HERO, seed).unwrap();
+            let options = MeshOptions { foliage: FoliageLevel::None, ..MeshOptions::HERO };
+            let atlas = crate::texture::Atlas::whole(0.3);
+            let mesh = mesh::build(&tree, &species, &atlas, &options, seed).unwrap();
+            let bodies = collision(&tree, ColliderShape::Convex);
+            let outside_m = |p: Vec3| {
+                let of = |s: &Surface| {
+                    let planes = s.index.as_chunks::<3>().0.iter().map(|t| {
+                        let [a, b, c] = t.map(|i| s.position[i as usize]);
+                        (p - a).dot((b - a).cross(c - a).normalize_or_zero())
+                    });
+                    planes.fold(f32::NEG_INFINITY, f32::max)
+                };
+                bodies.iter().map(|b| of(&b.body)).fold(f32::INFINITY, f32::min)
+            };
+            let low = mesh.wood.position.iter().filter(|p| p.z < 1.0);
+            let worst_m = low.map(|p| outside_m(*p)).fold(0.0, f32::max);
+            assert!(worst_m < 0.02, "{name}: {worst_m} m outside");
+        }
     }
 
     #[test]

@@ -81,6 +81,9 @@ const RELIEF: f32 = 1.5;
 const APART_M: f32 = 1e-3;
 /// Texels between two views of a cross.
 const GUTTER: usize = 8;
+/// What is left free about an octahedral view, of its half width: in smaller versions of the picture, too,
+/// no view reaches into the next.
+pub(super) const MARGIN: f32 = 1.0 / 24.0;
 /// Views along a side of an octahedral picture, as a rule and at least and most. Of an odd number one is
 /// that from above.
 pub const USUAL_VIEWS: u32 = 8;
@@ -189,8 +192,8 @@ fn octahedral(
 ) -> Result<Impostor> {
     let centre = 0.5 * (lo + hi);
     // A ball, not the box: views of a wide crown would be empty for the most part.
-    let radius_m =
-        of.sitter.reach_m(of.model, centre).clamp(1e-3, (0.5 * (hi - lo).length()).max(1e-3));
+    let reach_m = of.sitter.reach_m(of.model, centre).min(0.5 * (hi - lo).length());
+    let radius_m = reach_m.max(1e-3) * (1.0 + MARGIN);
     let side = view_px(size_px, frames);
     let texel_m = 2.0 * radius_m / side as f32;
     let cells: Vec<(u32, u32)> =

@@ -83,7 +83,7 @@ pub struct Order<'a> {
     pub share: f32,
     /// How much larger twigs are at each height than their number asks.
     pub larger: [f32; HEIGHTS],
-    /// Asked for as vertex colours; a shell has none.
+    /// Asked for as vertex colours.
     pub wind: Option<&'a Wind>,
     pub seed: Seed,
 }
@@ -142,7 +142,10 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     if level == FoliageLevel::Shell && !f.is_bare() {
         let margin_m = 0.5 * f.twig_length_m.min(hull.half.max_element());
         let most = budget.min(MOST_SHELL);
-        let surface = shell::shell(&spots, &hull, margin_m, atlas.shade(), most);
+        let mut surface = shell::shell(&spots, &hull, margin_m, atlas.shade(), most);
+        if let Some(wind) = order.wind {
+            wind.whole_tree(&mut surface);
+        }
         return Ok(Foliage { surface, ..Foliage::default() });
     }
     let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);
@@ -214,7 +217,8 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         size >= 1.0 || seed.derive("kept", s.key).draws().unit() < size * size
     });
     if kept.is_empty() {
-        return Ok(Foliage::default());
+        let cover = if twig.is_some() { 0.0 } else { 1.0 };
+        return Ok(Foliage { cover, ..Foliage::default() });
     }
     let outlines: Vec<_> = atlas.cells().iter().map(|c| c.outline(shape.rows())).collect();
     let fold = stance(f.shape).fold;

@@ -37,7 +37,7 @@ use crate::texture::Atlas;
 
 pub use foliage::{FoliageLevel, HEIGHTS, at_heights};
 pub use leaf::StandIn;
-pub use path::{BELOW_GROUND_M, MAX_SIDES};
+pub use path::{BELOW_GROUND_M, BURIED, FLARE, FLARED, LOBED, MAX_SIDES};
 pub use twigs::{Place, Twigs, outer};
 pub use wind::{Wind, WindProfile};
 

@@ -48,6 +48,11 @@ fn as_wide(n: u32) -> f32 {
 
 /// Height of a stem's flare, in radii of its foot.
 pub const FLARE: f32 = 4.5;
+/// How much wider it is at the ground, and by how much its lobes stand out there.
+pub const FLARED: f32 = 0.42;
+pub const LOBED: f32 = 0.2;
+/// How much wider still where it ends below ground.
+pub const BURIED: f32 = 1.12;
 /// How far a stem goes on below ground, so that no slope shows its end.
 pub const BELOW_GROUND_M: f32 = 0.3;
 /// Rings where two barks mix, by heights and by radii: of stems that are off by more than this share of
@@ -526,7 +531,6 @@ fn flare(kept: &mut Vec<Knot>, lobes: &mut Vec<f32>, least_step: f32, detail: bo
     let radius = kept[0].radius_m;
     let length = length_m(kept);
     let height = (FLARE * radius).min(0.25 * length);
-    let wide = 0.42f32;
     let shares: &[f32] = if detail { &[1.0, 0.6, 0.32, 0.14] } else { &[1.0, 0.3] };
     for &s in shares {
         insert(kept, s * height, least_step, |r| r);
@@ -537,12 +541,12 @@ fn flare(kept: &mut Vec<Knot>, lobes: &mut Vec<f32>, least_step: f32, detail: bo
         walked += k.at.distance(last);
         last = k.at;
         let up = 1.0 - (walked / height.max(1e-6)).min(1.0);
-        k.radius_m *= 1.0 + wide * up * up * up;
-        lobes.push(if detail { 0.2 * up * up } else { 0.0 });
+        k.radius_m *= 1.0 + FLARED * up * up * up;
+        lobes.push(if detail { LOBED * up * up } else { 0.0 });
     }
     let depth = depth_m(kept[0].at, length).max(2.0 * least_step);
     let base = kept[0];
-    kept.insert(0, Knot { at: base.at - Vec3::Z * depth, radius_m: base.radius_m * 1.12 });
+    kept.insert(0, Knot { at: base.at - Vec3::Z * depth, radius_m: base.radius_m * BURIED });
     if let Some(&first) = lobes.first() {
         lobes.insert(0, first);
     }

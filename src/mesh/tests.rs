@@ -737,6 +737,31 @@ fn every_vertex_knows_the_wind_where_it_is_asked_for() {
 }
 
 #[test]
+fn a_shell_moves_with_the_whole_tree() {
+    let s = species::load("salix_caprea").unwrap();
+    let target = Target::FromSpecies { height_m: None };
+    let skeleton = grow(&s, target, Detail::FOREST, Seed::new(3)).unwrap();
+    for (profile, channel) in [
+        (WindProfile::Unity, Some(2)),
+        (WindProfile::SpeedTreeLike, Some(0)),
+        (WindProfile::CryEngine, None),
+    ] {
+        let options = MeshOptions {
+            wind: Some(profile),
+            foliage: FoliageLevel::Shell,
+            ..MeshOptions::FOREST
+        };
+        let shell =
+            build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(3)).unwrap().foliage;
+        assert!(!shell.is_empty() && shell.wind.len() == shell.position.len(), "{profile:?}");
+        for (p, c) in shell.position.iter().zip(&shell.wind) {
+            let sway = (p.z / skeleton.height_m()).clamp(0.0, 1.0).powi(2) * 255.0;
+            assert!(channel.is_none_or(|k: usize| (f32::from(c[k]) - sway).abs() <= 0.51));
+        }
+    }
+}
+
+#[test]
 fn a_budget_coarsens_no_further_than_the_sagitta_asked_for() {
     let s = oak();
     let target = Target::FromSpecies { height_m: None };

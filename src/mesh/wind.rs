@@ -180,6 +180,11 @@ impl Wind {
         }
     }
 
+    /// Colours a surface that moves with the whole tree, and by itself not at all.
+    pub fn whole_tree(&self, surface: &mut Surface) {
+        self.profile.whole_tree(self.per_m.recip(), surface);
+    }
+
     /// The colours of a leaf's or twig's vertices, which hangs from `foot` on a node; `key`: its own.
     /// It flutters with the distance from there over that of its farthest vertex.
     pub fn twig(&self, twig: &[Vec3], foot: Vec3, node: u32, key: u64, out: &mut [[u8; 4]]) {

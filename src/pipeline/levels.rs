@@ -219,9 +219,17 @@ const THIN: f32 = 0.75;
 /// Warns where so few leaves stand for a crown that one sees through it.
 pub fn tell_thin<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, warnings: &mut Vec<String>) {
     let thinnest = meshes.min_by(|a, b| a.leaf_cover.total_cmp(&b.leaf_cover));
-    let Some(mesh) = thinnest.filter(|m| m.leaf_cover < THIN && !m.foliage.is_empty()) else {
+    let Some(mesh) = thinnest.filter(|m| m.leaf_cover < THIN) else {
         return;
     };
+    if mesh.leaf_cover == 0.0 {
+        warnings.push(
+            "--foliage geometry: there are too few triangles for any leaf; give more --triangles, or take \
+             --foliage cards"
+                .to_owned(),
+        );
+        return;
+    }
     let needed = mesh.triangles() as f32 / mesh.leaf_cover.max(1e-6);
     warnings.push(format!(
         "--foliage geometry: leaves of {} triangles hide {:.0} % of what the species' do; give about {} \
@@ -392,8 +400,9 @@ struct Baked {
     others: Vec<(String, Texture)>,
 }
 
-/// Of an impostor's view, where trees themselves have small pictures or none.
-const LEAST_VIEW_PX: u32 = 32;
+/// Of an impostor's view, where trees themselves have small pictures or none: a stem is less than a texel
+/// wide in smaller ones, and is cut away.
+const LEAST_VIEW_PX: u32 = 64;
 
 /// The impostor of each model, in all looks that its materials know.
 fn bake(scene: &Scene, kind: lod::Kind, texture_px: u32) -> Result<Vec<Baked>> {

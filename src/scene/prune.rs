@@ -12,6 +12,8 @@ use crate::mesh::Surface;
 pub struct LeftOut {
     /// Triangles without area.
     pub triangles: usize,
+    /// Vertices of no triangle.
+    pub vertices: usize,
     /// Parts without triangles.
     pub parts: usize,
     /// Prototypes without instances.
@@ -33,6 +35,7 @@ impl fmt::Display for LeftOut {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let counts = [
             (self.triangles, "triangle"),
+            (self.vertices, "vertex"),
             (self.parts, "part"),
             (self.prototypes, "prototype"),
             (self.materials, "material"),
@@ -41,7 +44,11 @@ impl fmt::Display for LeftOut {
         let said: Vec<String> = counts
             .iter()
             .filter(|(count, _)| *count > 0)
-            .map(|(count, what)| format!("{count} {what}{}", if *count == 1 { "" } else { "s" }))
+            .map(|&(count, what)| match (count, what) {
+                (1, _) => format!("1 {what}"),
+                (_, "vertex") => format!("{count} vertices"),
+                _ => format!("{count} {what}s"),
+            })
             .collect();
         f.write_str(if said.is_empty() { "nothing".into() } else { said.join(", ") }.as_str())
     }
@@ -61,7 +68,7 @@ pub(super) fn is_degenerate(surface: &Surface, triangle: &[u32]) -> bool {
 }
 
 impl Scene {
-    /// Drops triangles without area, parts without triangles, prototypes without instances,
+    /// Drops triangles without area, vertices of no triangle, parts without triangles, prototypes without instances,
     /// and materials and textures that nothing refers to. The order of the rest stays.
     pub fn prune(&mut self) -> LeftOut {
         let mut left_out = LeftOut::default();
@@ -69,6 +76,7 @@ impl Scene {
         let all_parts = self.prototypes.iter_mut().flat_map(Prototype::all_parts_mut);
         for part in all_parts.chain(&mut self.terrain) {
             left_out.triangles += drop_degenerate(&mut part.surface);
+            left_out.vertices += drop_unused(&mut part.surface);
         }
         let has_triangles = |part: &Part| !part.surface.is_empty();
         for prototype in &mut self.prototypes {
@@ -163,6 +171,32 @@ fn drop_degenerate(surface: &mut Surface) -> usize {
     (whole - kept) / 3
 }
 
+/// A branch's foot takes the place of corners of its parent's facets; such a parent has vertices too many.
+fn drop_unused(surface: &mut Surface) -> usize {
+    let count = surface.position.len();
+    let mut used = vec![false; count];
+    for &i in &surface.index {
+        match used.get_mut(i as usize) {
+            Some(used) => *used = true,
+            // A fault that `validate` must see.
+            None => return 0,
+        }
+    }
+    let mut dropped = 0;
+    if surface.index.is_empty() || used.iter().all(|used| *used) {
+        return 0;
+    }
+    let Surface { position, normal, uv, index, wind, lightmap_uv } = surface;
+    let moved = keep(position, &used, &mut dropped);
+    let rest = &mut 0;
+    keep(normal, &used, rest);
+    keep(uv, &used, rest);
+    keep(wind, &used, rest);
+    keep(lightmap_uv, &used, rest);
+    index.iter_mut().for_each(|i| moved.follow(i));
+    dropped
+}
+
 /// New index of each old one.
 struct Moved(Vec<u32>);
 
@@ -201,6 +235,11 @@ mod tests {
         let wood = &mut scene.prototypes[0].parts[0].surface;
         let triangles = wood.triangles();
         wood.index.extend([3, 3, 4]);
+        let (corners, lost) = (wood.position.clone(), wood.position.len() / 2);
+        wood.position.insert(lost, corners[0]);
+        wood.normal.insert(lost, wood.normal[0]);
+        wood.uv.insert(lost, wood.uv[0]);
+        wood.index.iter_mut().filter(|i| **i >= lost as u32).for_each(|i| *i += 1);
         let empty = Part { surface: Surface::default(), ..scene.prototypes[4].parts[0].clone() };
         scene.prototypes[4].parts.insert(0, Part { name: "roots".into(), ..empty });
 
@@ -221,6 +260,7 @@ mod tests {
         let left_out = scene.prune();
         let expected = LeftOut {
             triangles: 1,
+            vertices: 1,
             parts: 1,
             prototypes: 2,
             materials: 2,
@@ -230,10 +270,11 @@ mod tests {
         assert_eq!(left_out, expected);
         assert_eq!(
             left_out.to_string(),
-            "1 triangle, 1 part, 2 prototypes, 2 materials, 4 textures"
+            "1 triangle, 1 vertex, 1 part, 2 prototypes, 2 materials, 4 textures"
         );
         assert_eq!(names(&scene), before);
-        assert_eq!(scene.prototypes[0].parts[0].surface.triangles(), triangles);
+        let wood = &scene.prototypes[0].parts[0].surface;
+        assert_eq!((wood.triangles(), &wood.position), (triangles, &corners));
         assert_eq!(scene.prune().to_string(), "nothing");
         scene.validate().unwrap();
     }

@@ -519,9 +519,14 @@ fn materials(path: &Path, text: &str) -> Result<Vec<tobj::Material>> {
     Ok(all)
 }
 
-/// Of faces whose material no material file has, but for the names that exporters give to none.
+/// Of faces without a material, or whose material no file has, but for the names that exporters give to
+/// none.
 fn nameless(path: &Path, text: &str, materials: &[tobj::Material]) -> Option<String> {
     const NONE: [&str; 3] = ["none", "(null)", "default"];
+    if !text.lines().any(|line| line.trim_start().starts_with("usemtl")) {
+        let model = path.display();
+        return Some(format!("{model}: no face has a material (usemtl): all are plain green"));
+    }
     let (line, name) = text.lines().enumerate().find_map(|(k, line)| {
         let name = line.trim_start().strip_prefix("usemtl")?.trim();
         let is_none = NONE.iter().any(|none| name.eq_ignore_ascii_case(none));

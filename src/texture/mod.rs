@@ -90,30 +90,27 @@ impl From<BarkPictures> for BarkTextures {
 /// Picture sides that are made: what is asked for is clamped to these.
 pub const SIZE_PX: std::ops::RangeInclusive<u32> = 64..=4096;
 
-/// No two species have the same twigs and furrows, though their files say the same of them.
-fn seed_of(species: &Species, seed: Seed) -> Seed {
-    seed.derive("texture", 0).derive(&species.name, 0)
-}
-
 /// Draws all pictures of a species, `size_px` square (512 serves a forest, 1024 a single tree).
 /// Same species, size and seed: same bytes.
 pub fn for_species(species: &Species, size_px: u32, seed: Seed) -> TreeTextures {
     let size_px = size_px.clamp(*SIZE_PX.start(), *SIZE_PX.end()) & !1;
-    let seed = seed_of(species, seed);
+    let seed = seed.derive("texture", 0);
     let bark = &species.bark;
+    // No two species have the same furrows, though their files say the same of them.
+    let of_bark = seed.derive(&species.name, 0);
     let ((leaf, atlas), (lower, upper)) = rayon::join(
         || leaves(species, size_px, seed),
         || {
             rayon::join(
-                || own_bark(species).unwrap_or_else(|| bark::draw(bark, size_px, seed).into()),
-                || bark::draw_upper(bark, size_px, seed).map(BarkTextures::from),
+                || own_bark(species).unwrap_or_else(|| bark::draw(bark, size_px, of_bark).into()),
+                || bark::draw_upper(bark, size_px, of_bark).map(BarkTextures::from),
             )
         },
     );
     let textures = TreeTextures {
         bark: lower,
         bark_upper: upper,
-        bark_twig: bark::draw_twig(bark, size_px, seed),
+        bark_twig: bark::draw_twig(bark, size_px, of_bark),
         leaf: leaf.into(),
         leaf_normal: own_normals(species),
         atlas,
@@ -149,7 +146,7 @@ pub fn plain(species: &Species) -> TreeTextures {
 /// The leaf picture of [`for_species`] alone.
 pub fn leaf(species: &Species, size_px: u32, seed: Seed) -> Image {
     let size_px = size_px.clamp(*SIZE_PX.start(), *SIZE_PX.end()) & !1;
-    twig::draw(species, size_px, seed_of(species, seed)).0.into()
+    twig::draw(species, size_px, seed.derive("texture", 0)).0.into()
 }
 
 /// The user's own bark; `None` where the file names none.

@@ -206,6 +206,21 @@ fn same_seed_same_bytes_other_seed_other_bytes() {
     assert_eq!(ground(64, Seed::new(1)), ground(64, Seed::new(1)));
 }
 
+/// Though several say the same of it but for its colour.
+#[test]
+fn no_two_species_have_the_same_bark() {
+    let names = crate::species::builtin_names();
+    let mut seen = std::collections::BTreeMap::new();
+    for name in names.iter().filter(|n| !n.contains('/')) {
+        let t = for_species(&crate::species::load(name).unwrap(), 64, Seed::new(1));
+        let relief = t.bark.height.as_ref().unwrap().picture().data.clone();
+        if let Some(other) = seen.insert(relief, name) {
+            panic!("{name} has the bark of {other}");
+        }
+    }
+    assert!(seen.len() >= 14, "{}", seen.len());
+}
+
 #[test]
 fn odd_sizes_and_odd_species_give_pictures() {
     let mut s = samples()[4].clone();

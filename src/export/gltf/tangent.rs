@@ -39,8 +39,10 @@ pub(super) fn tangents(surface: &Surface) -> Vec<Vec4> {
     }
     let whole = |([right, mirrored], &normal): (&[Share; 2], &Vec3)| {
         let (along, w) = if mirrored.1 > right.1 { (mirrored.0, -1.0) } else { (right.0, 1.0) };
-        // Where the texture has no direction, any will do.
-        along.try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector()).extend(w)
+        // What is left where directions cancel may stand on the plane. Where there is none, any will do.
+        let flat = |v: Vec3| (v - normal * normal.dot(v)).try_normalize();
+        let along = along.try_normalize().and_then(flat);
+        along.unwrap_or_else(|| normal.any_orthonormal_vector()).extend(w)
     };
     sum.par_iter().zip(&surface.normal).with_min_len(LOT / 16).map(whole).collect()
 }
@@ -165,6 +167,41 @@ mod tests {
             worst = [worst[0].max(at(0.9)), worst[1].max(at(0.97)), worst[2].max(turned)];
         }
         assert!(worst[0] < 0.1 && worst[1] < 1.0 && worst[2] < 1e-3, "{worst:?}");
+    }
+
+    /// Also where the directions of a vertex' triangles cancel, and what is left is rounding.
+    #[test]
+    fn tangents_are_square_to_normals() {
+        use crate::species::state::{Condition, State};
+        for (name, seed) in [("quercus_robur", 7), ("picea_obovata", 3), ("larix_sibirica", 2)] {
+            let seed = Seed::new(seed);
+            let state = State { condition: Condition::OldDead, ..State::default() };
+            let species = state.look(&crate::species::load(name).unwrap(), seed);
+            let target = Target::FromSpecies { height_m: None };
+            let skeleton = grow(&species, target, Detail::HERO, seed).unwrap();
+            let skeleton = crate::skeleton::decline::in_condition(
+                &skeleton,
+                species.kind,
+                state.condition,
+                seed,
+            );
+            let options = MeshOptions { foliage: FoliageLevel::None, ..MeshOptions::HERO };
+            let atlas = crate::texture::Atlas::whole(0.4);
+            let tree = mesh::build(&skeleton, &species, &atlas, &options, seed).unwrap();
+            for wood in tree.woods() {
+                for (tangent, normal) in tangents(wood).iter().zip(&wood.normal) {
+                    let along = tangent.truncate().dot(*normal).abs();
+                    assert!(along < 1e-3, "{name}: {along}");
+                }
+            }
+        }
+        // Two triangles whose directions cancel but for a rest along the normal.
+        let mut surface = square(0.0, false);
+        surface.uv = [Vec2::ZERO, Vec2::X, Vec2::ZERO, Vec2::Y].to_vec();
+        surface.normal = vec![Vec3::new(0.6, 0.0, 0.8); 4];
+        for (tangent, normal) in tangents(&surface).iter().zip(&surface.normal) {
+            assert!(tangent.truncate().dot(*normal).abs() < 1e-5);
+        }
     }
 
     #[test]

@@ -72,6 +72,10 @@ fn a_model_that_lacks_its_material_or_hangs_in_the_air_is_told_of() {
         remarks.into_iter().map(|r| r.replace(&place, "")).collect::<Vec<_>>()
     };
     assert_eq!(remarks(&format!("{TWIG}usemtl None\nf 1 2 3\n")), [""; 0]);
+    assert_eq!(
+        remarks(&TWIG.replace("usemtl leaf\n", "")),
+        ["twig.obj: no face has a material (usemtl): all are plain green"]
+    );
     let lost = remarks(&format!("{TWIG}usemtl stalk\nf 1 2 3\n"));
     assert_eq!(
         lost,

@@ -94,7 +94,7 @@ fn the_colour_is_held() {
         for lost in [0.0, 0.6] {
             let b = bark(style, lost);
             let p = draw(&b, 256, Seed::new(1));
-            let ridges = texels(style, lost, 256, Seed::new(1));
+            let ridges = texels(style, &b, 256, Seed::new(1));
             let held = mean(&p.colour, &|i| f64::from(ridges[i].ridge().powi(4)));
             for c in 0..3 {
                 let wanted = f64::from(b.colour[c]);
@@ -111,9 +111,29 @@ fn the_colour_is_held() {
 }
 
 #[test]
+fn coarse_and_fine_bark_tile_and_have_features_of_that_size() {
+    for style in ALL {
+        for coarseness in [0.5, 0.77, 1.3, 2.0] {
+            let b = Bark { coarseness, ..bark(style, 0.0) };
+            assert_tiles(&draw(&b, 256, Seed::new(5)).height, &format!("{style:?}, {coarseness}"));
+        }
+    }
+    // Places where the relief crosses its mean, along rows and columns.
+    let crossings = |coarseness: f32| {
+        let b = Bark { coarseness, ..bark(Plates, 0.0) };
+        let height = draw(&b, 256, Seed::new(5)).height;
+        let high: Vec<bool> = height.data.iter().map(|p| p[0] > 127).collect();
+        let differ = |step: usize| high.iter().zip(&high[step..]).filter(|(a, b)| a != b).count();
+        (differ(1) + differ(256)) as f32
+    };
+    let [fine, usual, coarse] = [0.5, 1.0, 2.0].map(crossings);
+    assert!(fine > 1.3 * usual && usual > 1.3 * coarse, "{fine} {usual} {coarse}");
+}
+
+#[test]
 fn as_much_bark_falls_as_is_asked_for() {
     for lost in [0.0, 0.2, 0.7, 1.0] {
-        let texels = texels(Scales, lost, 128, Seed::new(3));
+        let texels = texels(Scales, &bark(Scales, lost), 128, Seed::new(3));
         let bare = texels.iter().filter(|t| t.wood > 0.5).count() as f32 / texels.len() as f32;
         assert!((bare - lost).abs() < 0.02, "{bare} for {lost}");
     }

@@ -89,9 +89,9 @@ impl Painter<'_> {
         }
         shoots.push(main);
         let half = 0.5 * self.share(self.species.foliage.leaf_width_m);
-        let half = half.max(0.5 * self.canvas.pixel()) * if bough { 1.5 } else { 1.0 };
+        let half = half.max(0.5 * self.canvas.pixel()) * if bough { 1.6 } else { 1.0 };
         let rays = if bough { 15 } else { 22 };
-        let apart = if bough { 1.15 } else { 0.75 };
+        let apart = if bough { 1.05 } else { 0.75 };
         for shoot in shoots {
             self.wood(&shoot, 0.003, 0.0012);
             let count = (shoot.length / (needle * apart)).clamp(2.0, 60.0) as usize;
