@@ -68,8 +68,8 @@ pub(super) fn is_degenerate(surface: &Surface, triangle: &[u32]) -> bool {
 }
 
 impl Scene {
-    /// Drops triangles without area, vertices of no triangle, parts without triangles, prototypes without instances,
-    /// and materials and textures that nothing refers to. The order of the rest stays.
+    /// Drops triangles without area, vertices of no triangle, parts without triangles, prototypes without
+    /// instances, and materials and textures that nothing refers to. The order of the rest stays.
     pub fn prune(&mut self) -> LeftOut {
         let mut left_out = LeftOut::default();
 
