@@ -49,13 +49,13 @@ pub fn collision(skeleton: &Skeleton, shape: ColliderShape) -> Vec<Collider> {
     let is_flared = |stem: &&Vec<Place>| {
         shape == ColliderShape::Convex && stem.last().is_some_and(|top| top.at.z >= low_m)
     };
-    let foot = stems.first().filter(is_flared).and_then(|stem| flare(stem));
+    let foot = stems.first().filter(is_flared).and_then(|stem| flare(stem, skeleton.height_m()));
     let bodies = foot.into_iter().chain(stems.iter().flat_map(|stem| bodies(stem, shape)));
     bodies.map(|body| Collider { shape, body }).collect()
 }
 
 /// What holds the flare of a stem that stands in the ground: it narrows faster than a frustum does.
-fn flare(stem: &[Place]) -> Option<Surface> {
+fn flare(stem: &[Place], height_m: f32) -> Option<Surface> {
     let [foot, .., top] = stem else { return None };
     let held_m = FLARE_HELD * FLARE * foot.radius_m;
     let above = *stem.iter().find(|p| p.at.z > foot.at.z + held_m).unwrap_or(top);
@@ -63,10 +63,9 @@ fn flare(stem: &[Place]) -> Option<Surface> {
     let wider = |up: f32| (1.0 + FLARED * up * up * up) * (1.0 + LOBED * up * up);
     let at = foot.at.lerp(above.at, (held_m / (above.at.z - foot.at.z).max(1e-6)).min(1.0));
     let high = Place { at, radius_m: foot.radius_m * wider(up) };
-    let below = Place {
-        at: foot.at - Vec3::Z * BELOW_GROUND_M,
-        radius_m: foot.radius_m * wider(1.0) * BURIED,
-    };
+    let depth_m = BELOW_GROUND_M.min(0.1 * height_m);
+    let below =
+        Place { at: foot.at - Vec3::Z * depth_m, radius_m: foot.radius_m * wider(1.0) * BURIED };
     Some(frustum(below, high))
 }
 
