@@ -45,13 +45,17 @@ const FLARE_HELD: f32 = 0.75;
 pub fn collision(skeleton: &Skeleton, shape: ColliderShape) -> Vec<Collider> {
     work::count(Work::Colliders, 1);
     let stems = stems(skeleton);
-    let low_m = STOOL * skeleton.height_m();
-    let is_flared = |stem: &&Vec<Place>| {
-        shape == ColliderShape::Convex && stem.last().is_some_and(|top| top.at.z >= low_m)
-    };
-    let foot = stems.first().filter(is_flared).and_then(|stem| flare(stem, skeleton.height_m()));
+    let height_m = skeleton.height_m();
+    let is_flared =
+        |main: &&Vec<Place>| shape == ColliderShape::Convex && !is_stool(main, height_m);
+    let foot = stems.first().filter(is_flared).and_then(|main| flare(main, height_m));
     let bodies = foot.into_iter().chain(stems.iter().flat_map(|stem| bodies(stem, shape)));
     bodies.map(|body| Collider { shape, body }).collect()
+}
+
+/// Whether the main stem of a tree so high is but a stool.
+fn is_stool(main: &[Place], height_m: f32) -> bool {
+    main.last().is_some_and(|top| top.at.z < STOOL * height_m)
 }
 
 /// What holds the flare of a stem that stands in the ground: it narrows faster than a frustum does.
@@ -97,8 +101,7 @@ fn stems(skeleton: &Skeleton) -> Vec<Vec<Place>> {
     };
     let shoots: Vec<u32> = (0..skeleton.len() as u32).filter(springs).collect();
     let radius_m = |i: u32| skeleton.radius_m[i as usize];
-    let is_stool = main.last().is_some_and(|top| top.at.z < low_m);
-    let thickest_m = if is_stool {
+    let thickest_m = if is_stool(&main, skeleton.height_m()) {
         shoots.iter().map(|&i| radius_m(i)).fold(0.0, f32::max)
     } else {
         main.first().map_or(0.0, |foot| foot.radius_m)
@@ -331,9 +334,10 @@ mod tests {
         for shape in [ColliderShape::Capsule, ColliderShape::Convex] {
             let bodies = collision(&s, shape);
             let bounds: Vec<_> = bodies.iter().map(|b| b.body.bounds()).collect();
-            let [first, .., second] = bounds[..] else { panic!("{shape:?}: {}", bounds.len()) };
-            assert_eq!(bounds.len(), if shape == ColliderShape::Convex { 3 } else { 2 });
-            assert!(first.1.x < 0.15 && second.0.x > 0.2, "{shape:?} {bounds:?}");
+            let [feet @ .., first, second] = &bounds[..] else { panic!("{shape:?}") };
+            assert_eq!(feet.len(), usize::from(shape == ColliderShape::Convex));
+            assert!(first.1.x < 0.1 && second.0.x > 0.2, "{shape:?} {bounds:?}");
+            assert!(feet.iter().all(|foot| foot.1.x < 0.2), "{shape:?} {bounds:?}");
         }
     }
 

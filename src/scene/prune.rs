@@ -34,21 +34,17 @@ impl fmt::Display for LeftOut {
     /// `2 triangles, 1 texture`; `nothing` if empty.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let counts = [
-            (self.triangles, "triangle"),
-            (self.vertices, "vertex"),
-            (self.parts, "part"),
-            (self.prototypes, "prototype"),
-            (self.materials, "material"),
-            (self.textures, "texture"),
+            (self.triangles, "triangle", "triangles"),
+            (self.vertices, "vertex", "vertices"),
+            (self.parts, "part", "parts"),
+            (self.prototypes, "prototype", "prototypes"),
+            (self.materials, "material", "materials"),
+            (self.textures, "texture", "textures"),
         ];
         let said: Vec<String> = counts
             .iter()
-            .filter(|(count, _)| *count > 0)
-            .map(|&(count, what)| match (count, what) {
-                (1, _) => format!("1 {what}"),
-                (_, "vertex") => format!("{count} vertices"),
-                _ => format!("{count} {what}s"),
-            })
+            .filter(|(count, ..)| *count > 0)
+            .map(|(count, one, more)| format!("{count} {}", if *count == 1 { one } else { more }))
             .collect();
         f.write_str(if said.is_empty() { "nothing".into() } else { said.join(", ") }.as_str())
     }

@@ -9,8 +9,8 @@ pub struct Noise {
     seed: u32,
     /// Lattice cells a side beyond which octaves are left out.
     finest: u32,
-    /// How much larger its features are than the periods say, to whole cells a side.
-    coarser: f32,
+    /// How much smaller its features are than the periods say, to whole cells a side.
+    finer: f32,
 }
 
 /// What cellular noise finds around a place.
@@ -69,7 +69,7 @@ pub fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
 
 impl Noise {
     pub fn new(seed: Seed, name: &str) -> Self {
-        Noise { seed: seed.derive(name, 0).draws().bits() as u32, finest: u32::MAX, coarser: 1.0 }
+        Noise { seed: seed.derive(name, 0).draws().bits() as u32, finest: u32::MAX, finer: 1.0 }
     }
 
     /// The same field for a picture of that side, without octaves finer than two pixels.
@@ -79,11 +79,11 @@ impl Noise {
 
     /// The same field with features so much larger.
     pub fn coarser(self, coarser: f32) -> Self {
-        Noise { coarser, ..self }
+        Noise { finer: coarser.recip(), ..self }
     }
 
     fn periods(self, period: [u32; 2]) -> [u32; 2] {
-        period.map(|p| ((p as f32 / self.coarser).round() as u32).max(1))
+        period.map(|p| ((p as f32 * self.finer + 0.5) as u32).max(1))
     }
 
     /// 32 bits for a lattice point within the period.
