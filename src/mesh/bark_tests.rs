@@ -148,3 +148,19 @@ fn bark_is_as_fine_as_its_wood_is_thin() {
     }
     assert!(worst[0] < 0.17 && worst[1] < 0.07 && worst[2] < 0.16, "{worst:?}");
 }
+
+/// A leader is older than branches of its girth: the stem's bark goes higher than theirs would.
+#[test]
+fn a_leader_keeps_the_bark_of_its_stem() {
+    let s = species::load("betula_pendula").unwrap();
+    let target = Target::FromSpecies { height_m: None };
+    let skeleton = grow(&s, target, Detail::HERO, Seed::new(1)).unwrap();
+    let options = MeshOptions { foliage: FoliageLevel::None, ..MeshOptions::HERO };
+    let tree = build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
+    let thick =
+        |k: &usize| skeleton.axis[*k] == 0 && skeleton.radius_m[*k] > 0.6 * s.bark.twig_radius_m;
+    let height_m = |k: usize| skeleton.position[k].z;
+    let stem_m = (0..skeleton.len()).filter(thick).map(height_m).fold(0.0, f32::max);
+    let white_m = tree.upper_wood.position.iter().map(|p| p.z).fold(0.0, f32::max);
+    assert!(white_m > stem_m, "white to {white_m} m of {stem_m} m");
+}

@@ -162,6 +162,7 @@ fn cone(radius: f32, height: f32, tolerance: f32) -> Surface {
         rings: &rings,
         holes: &[],
         out_of: None,
+        is_stem: false,
         line: &[],
         arcs_m: &[],
         shift_m: 0.0,

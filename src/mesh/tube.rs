@@ -140,6 +140,8 @@ pub struct Shape<'a> {
     pub holes: &'a [Hole],
     /// Closed by a fan where it comes out of none.
     pub out_of: Option<Outlet>,
+    /// The tree's only one.
+    pub is_stem: bool,
     /// Nodes it goes along, their arc lengths, and that from its first ring to the first of them.
     pub line: &'a [u32],
     pub arcs_m: &'a [f32],
@@ -432,7 +434,8 @@ impl<'a> Bark<'a> {
     fn begin(&mut self, shape: &Shape) {
         self.mixes.clear();
         let below_apex = &shape.rings[..shape.rings.len() - 1];
-        self.mixes.extend(below_apex.iter().map(|ring| self.young.at(ring)));
+        let young = if shape.is_stem { self.young.of_stem() } else { self.young };
+        self.mixes.extend(below_apex.iter().map(|ring| young.at(ring)));
         self.base.clear();
         let rim = shape.out_of.and_then(|o| self.rims.get(o.hole as usize));
         if let Some(&Rim { side, first }) = rim {

@@ -87,7 +87,10 @@ pub fn wood(
     let planner = Planner {
         skeleton,
         chains: &chains,
-        mixed: Mixed { height_m: young.upper.map(|u| u.height_m), radius_m: young.twig_m },
+        mixed: Mixed {
+            height_m: young.upper.map(|u| u.height_m),
+            radius_m: young.of_stem().twig_m,
+        },
         least: Least::within(reach_m(&skeleton.position)),
         is_welded: options.junctions == Junctions::Welded,
         stem: if options.is_flat() { Stem::TRUE } else { Stem::NEAR },
@@ -344,6 +347,7 @@ impl Planner<'_> {
                 rings: made,
                 holes,
                 out_of,
+                is_stem: c == root && !self.is_one_of_many(c),
                 line: self.chains.line(c),
                 arcs_m: pieces.arcs_m(self.chains, c),
                 shift_m,

@@ -102,7 +102,16 @@ impl Blend {
     }
 }
 
+/// A leader has the bark of twigs where it is this much thinner than a branch that does: wood of its
+/// girth is older than theirs.
+const LEADER: f32 = 0.4;
+
 impl Young {
+    /// Along a stem.
+    pub fn of_stem(self) -> Young {
+        Young { twig_m: self.twig_m.map(|r| r.map(|m| m * LEADER)), ..self }
+    }
+
     pub fn is_there(&self, bark: usize) -> bool {
         [true, self.upper.is_some(), self.twig_m.is_some()].get(bark).copied().unwrap_or(false)
     }

@@ -23,6 +23,9 @@ pub use relief::normal_map;
 /// One tile of bark shows this many metres in both directions.
 pub const BARK_REPEAT_M: f32 = 1.0;
 
+/// How far the colour of young bark's furrows is from that of its ridges, over that of old bark's.
+const YOUNG_FURROWS: f32 = 0.5;
+
 /// What the bark is like at a place, whatever its colours.
 #[derive(Debug, Clone, Copy, Default)]
 struct Texel {
@@ -98,17 +101,26 @@ pub fn draw(bark: &Bark, size_px: u32, seed: Seed) -> BarkPictures {
 pub fn draw_upper(bark: &Bark, size_px: u32, seed: Seed) -> Option<BarkPictures> {
     let colour = bark.upper?;
     let style = bark.upper_style.unwrap_or(bark.style);
-    // Younger bark is thinner.
-    let relief_m = bark.relief_m * if style == bark.style { 0.7 } else { 0.3 };
-    Some(pictures(style, colour, relief_m, bark, size_px, seed.derive("upper", 0)))
+    // Younger bark is thinner; of the same pattern, its furrows are not yet as dark.
+    let (relief, open) = if style == bark.style { (0.5, YOUNG_FURROWS) } else { (0.3, 1.0) };
+    let own = Bark { dark: darker(colour, bark, open), ..bark.clone() };
+    Some(pictures(style, colour, relief * bark.relief_m, &own, size_px, seed.derive("upper", 0)))
 }
 
-/// The bark of twigs: its colour alone, at a quarter of the size.
+/// The bark of twigs: its colour alone, at a quarter of the size. What furrows the bark of branches
+/// is seen on them faintly, so that one goes over into the other.
 pub fn draw_twig(bark: &Bark, size_px: u32, seed: Seed) -> Option<BarkTextures> {
+    use BarkStyle::{Flakes, Furrows, Plates, Ridges, Scales, Smooth};
     let colour = bark.twig?;
-    let own = Bark { dark: colour.map(|c| c / 2), ..bark.clone() };
+    let (style, dark) = match bark.upper_style.unwrap_or(bark.style) {
+        rough @ (Furrows | Ridges | Scales | Plates | Flakes) => {
+            (rough, darker(colour, bark, YOUNG_FURROWS))
+        }
+        _ => (Smooth, colour.map(|c| c / 2)),
+    };
+    let own = Bark { dark, ..bark.clone() };
     let size_px = (size_px / 4).max(64);
-    let p = pictures(BarkStyle::Smooth, colour, 0.002, &own, size_px, seed.derive("twig bark", 0));
+    let p = pictures(style, colour, 0.002, &own, size_px, seed.derive("twig bark", 0));
     Some(BarkTextures {
         colour: p.colour.into(),
         normal: None,
@@ -116,6 +128,11 @@ pub fn draw_twig(bark: &Bark, size_px: u32, seed: Seed) -> Option<BarkTextures> 
         height: None,
         depth_m: 0.0,
     })
+}
+
+/// A share of the way from a colour to that of the bark's furrows.
+fn darker(colour: [u8; 3], bark: &Bark, share: f32) -> [u8; 3] {
+    [0, 1, 2].map(|c| mix(colour[c].into(), bark.dark[c].into(), share).round() as u8)
 }
 
 fn pictures(

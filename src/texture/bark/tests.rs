@@ -193,3 +193,25 @@ fn threads_change_nothing() {
         assert_eq!(draw(&b, 96, Seed::new(4)), one.install(|| draw(&b, 96, Seed::new(4))));
     }
 }
+
+/// Where branches have the stem's pattern, and twigs that of branches, it fades from one to the next.
+#[test]
+fn furrows_are_fainter_on_younger_wood() {
+    let species = load("quercus_robur").unwrap();
+    let own = Bark { twig: species.bark.upper, ..species.bark };
+    let contrast = |p: &Picture| {
+        let mut light: Vec<u32> =
+            p.data.iter().map(|q| q[..3].iter().map(|c| *c as u32).sum()).collect();
+        light.sort_unstable();
+        let at = |share: f32| light[(share * light.len() as f32) as usize] as f32;
+        at(0.9) / at(0.1)
+    };
+    let stem = draw(&own, 256, Seed::new(1));
+    let branch = draw_upper(&own, 256, Seed::new(1)).unwrap();
+    let twig = draw_twig(&own, 256, Seed::new(1)).unwrap();
+    assert!(branch.depth_m < 0.6 * stem.depth_m);
+    let [stem, branch, twig] =
+        [contrast(&stem.colour), contrast(&branch.colour), contrast(twig.colour.picture())];
+    assert!(branch < 0.8 * stem, "{branch} on branches, {stem} on the stem");
+    assert!(twig < branch && twig > 1.1, "{twig} on twigs, {branch} on branches");
+}
