@@ -208,8 +208,8 @@ pub fn fallen(texels: &mut [Texel], n: usize, share: f32, seed: Seed) {
             let (u, v) = place(i);
             let wu = u + 0.02 * ragged.fractal(u, v, [10, 8], 4);
             let c =
-                pieces.cells(wu, v + 0.03 * ragged.fractal(u + 0.4, v, [9, 6], 3), [7, 3], 0.95);
-            c.draw + 0.8 * pieces.fractal(u, v, [3, 2], 3) + 0.1 * ragged.fractal(u, v, [30, 24], 3)
+                pieces.cells(wu, v + 0.03 * ragged.fractal(u + 0.4, v, [9, 6], 3), [8, 1], 0.95);
+            c.draw + 0.8 * pieces.fractal(u, v, [4, 1], 3) + 0.1 * ragged.fractal(u, v, [30, 24], 3)
         })
         .collect();
     let mut sorted = holds.clone();

@@ -215,3 +215,20 @@ fn furrows_are_fainter_on_younger_wood() {
     assert!(branch < 0.8 * stem, "{branch} on branches, {stem} on the stem");
     assert!(twig < branch && twig > 1.1, "{twig} on twigs, {branch} on branches");
 }
+
+/// Bark falls in strips along the grain: what is left on a thin branch is no row of rings.
+#[test]
+fn bark_falls_in_strips_along_the_stem() {
+    let n = 256;
+    for style in ALL {
+        let bare = texels(style, &bark(style, 0.5), n, Seed::new(3));
+        let is_bare = |x: usize, y: usize| bare[y % n * n + x % n].wood > 0.5;
+        let places = || (0..n).flat_map(|y| (0..n).map(move |x| (x, y)));
+        let across = places().filter(|&(x, y)| is_bare(x, y) != is_bare(x + 1, y)).count();
+        let along = places().filter(|&(x, y)| is_bare(x, y) != is_bare(x, y + 1)).count();
+        assert!(
+            across > 2 * along,
+            "{style:?}: {across} borders across the stem, {along} along it"
+        );
+    }
+}
