@@ -158,7 +158,7 @@ fn a_leader_keeps_the_bark_of_its_stem() {
     let options = MeshOptions { foliage: FoliageLevel::None, ..MeshOptions::HERO };
     let tree = build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
     let thick =
-        |k: &usize| skeleton.axis[*k] == 0 && skeleton.radius_m[*k] > 0.6 * s.bark.twig_radius_m;
+        |k: &usize| skeleton.axis[*k] == 0 && skeleton.radius_m[*k] > 0.45 * s.bark.twig_radius_m;
     let height_m = |k: usize| skeleton.position[k].z;
     let stem_m = (0..skeleton.len()).filter(thick).map(height_m).fold(0.0, f32::max);
     let white_m = tree.upper_wood.position.iter().map(|p| p.z).fold(0.0, f32::max);
