@@ -191,7 +191,8 @@ impl Texel {
     }
 }
 
-/// Takes the bark off a share of the tile, piece by piece: grey wood with upright cracks shows.
+/// Takes the bark off a share of the tile, in upright strips (short pieces would ring thin branches):
+/// grey wood with upright cracks shows.
 pub fn fallen(texels: &mut [Texel], n: usize, share: f32, seed: Seed) {
     let share = share.clamp(0.0, 1.0);
     if share <= 0.0 {

@@ -102,8 +102,8 @@ pub fn draw_upper(bark: &Bark, size_px: u32, seed: Seed) -> Option<BarkPictures>
     let colour = bark.upper?;
     let style = bark.upper_style.unwrap_or(bark.style);
     // Younger bark is thinner; of the same pattern, its furrows are not yet as dark.
-    let (relief, open) = if style == bark.style { (0.5, YOUNG_FURROWS) } else { (0.3, 1.0) };
-    let own = Bark { dark: darker(colour, bark, open), ..bark.clone() };
+    let (relief, furrows) = if style == bark.style { (0.5, YOUNG_FURROWS) } else { (0.3, 1.0) };
+    let own = Bark { dark: darker(colour, bark, furrows), ..bark.clone() };
     Some(pictures(style, colour, relief * bark.relief_m, &own, size_px, seed.derive("upper", 0)))
 }
 
