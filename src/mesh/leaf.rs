@@ -333,11 +333,18 @@ impl<'a> Twig<'a> {
         }
     }
 
+    /// Whether needles of one place share corners.
+    fn has_fans(&self) -> bool {
+        self.organ == Organ::Needle && self.build == Build::Light && self.cluster > 1
+    }
+
     pub fn room(&self) -> Room {
         let (wood, leaf) = (self.wood_room(), self.organ.room(self.build));
+        let leaves = self.leaves();
+        let shared = if self.has_fans() { leaves - leaves / self.cluster } else { 0 };
         Room {
-            vertices: wood.vertices + self.leaves() * leaf.vertices + self.folded,
-            triangles: wood.triangles + self.leaves() * leaf.triangles + self.folded,
+            vertices: wood.vertices + leaves * leaf.vertices - shared + self.folded,
+            triangles: wood.triangles + leaves * leaf.triangles + self.folded,
         }
     }
 
@@ -396,10 +403,7 @@ impl<'a> Twig<'a> {
         // Turns as points of the unit circle.
         let mut around = Vec2::from_angle(draws.unit() * std::f32::consts::TAU);
         let golden = Vec2::from_angle(GOLDEN_RAD);
-        let beside_it = match self.cluster {
-            4.. => golden,
-            few => Vec2::from_angle(std::f32::consts::TAU / few.max(1) as f32 * 0.35),
-        };
+        let beside_it = Vec2::from_angle(self.step());
         for k in 0..places {
             let along_share = (k as f32 + draws.unit()) / places as f32;
             // A leafy shoot ends in a leaf.
@@ -407,43 +411,119 @@ impl<'a> Twig<'a> {
             let along_share = if is_last { 1.0 } else { along_share };
             let t = self.from + (1.0 - self.from) * along_share;
             let (foot, along) = shoot.at(t);
-            let young = 1.0 - 0.3 * t * t * t;
             let across = along.any_orthonormal_vector();
             let beside = along.cross(across);
-            // Needles of one place fan out about it.
-            let mut turn = around;
+            let first = (before + k) * self.cluster;
+            let place = Place { foot, along, across, beside, turn: around, t, leaf_m, first };
             around = around.rotate(golden);
+            if self.has_fans() {
+                self.fan(&place, pose, draws, out);
+                continue;
+            }
+            let mut turn = place.turn;
             for nth in 0..self.cluster {
-                let mut radial = across * turn.x + beside * turn.y;
+                let radial = place.radial(turn);
                 turn = turn.rotate(beside_it);
-                if self.organ != Organ::Needle {
-                    // Broad leaves turn to the sides of their shoot.
-                    radial =
-                        (radial - pose.facing * 0.6 * radial.dot(pose.facing)).normalize_or(radial);
-                }
-                let spread = draws.between(self.opening[0], self.opening[1]);
-                let spread = spread * if is_last { AT_TIP } else { 1.0 - 0.25 * t };
-                let (sin, cos) = sin_cos(spread);
-                let heading = along * cos + radial * sin;
-                let heading = match self.organ {
-                    Organ::Needle => heading + pose.facing * 0.12,
-                    // Leaves hang a little from their petioles.
-                    _ => heading - Vec3::Z * draws.between(0.05, 0.45),
-                };
-                let heading = heading.normalize_or(along);
-                let light = pose.facing + radial * 0.25 + draws.jitter() * 0.35;
-                let facing = light - heading * light.dot(heading);
-                let facing = facing.normalize_or(heading.any_orthonormal_vector());
-                let size = leaf_m.x * young * draws.between(0.75, 1.1);
+                let leaf = self.blade(&place, radial, is_last, pose, draws);
                 let cell = self.leaf_cell(draws);
-                let leaf = Pose { base: foot, heading, facing, size_m: size, ..*pose };
                 match self.organ {
                     Organ::Needle => {
-                        let is_folded = self.is_folded((before + k) * self.cluster + nth);
+                        let is_folded = self.is_folded(first + nth);
                         needle(&leaf, leaf_m.y, is_folded, cell.0, out);
                     }
                     Organ::Leaf => self.leaf(&leaf, cell, draws, out),
                     Organ::Compound(count) => self.compound(&leaf, count, cell, draws, out),
+                }
+            }
+        }
+    }
+
+    /// How the next leaf of a place stands that leaves the shoot towards `radial`.
+    fn blade(
+        &self,
+        place: &Place,
+        radial: Vec3,
+        is_last: bool,
+        pose: &Pose,
+        draws: &mut Draws,
+    ) -> Pose {
+        let Place { foot, along, t, leaf_m, .. } = *place;
+        let radial = match self.organ {
+            Organ::Needle => radial,
+            // Broad leaves turn to the sides of their shoot.
+            _ => (radial - pose.facing * 0.6 * radial.dot(pose.facing)).normalize_or(radial),
+        };
+        let spread = draws.between(self.opening[0], self.opening[1]);
+        let spread = spread * if is_last { AT_TIP } else { 1.0 - 0.25 * t };
+        let (sin, cos) = sin_cos(spread);
+        let heading = along * cos + radial * sin;
+        let heading = match self.organ {
+            Organ::Needle => heading + pose.facing * 0.12,
+            // Leaves hang a little from their petioles.
+            _ => heading - Vec3::Z * draws.between(0.05, 0.45),
+        };
+        let heading = heading.normalize_or(along);
+        let light = pose.facing + radial * 0.25 + draws.jitter() * 0.35;
+        let facing = light - heading * light.dot(heading);
+        let facing = facing.normalize_or(heading.any_orthonormal_vector());
+        let young = 1.0 - 0.3 * t * t * t;
+        let size_m = leaf_m.x * young * draws.between(0.75, 1.1);
+        Pose { base: foot, heading, facing, size_m, ..*pose }
+    }
+
+    /// The angle from one needle or leaf of a place to the next, radians.
+    fn step(&self) -> f32 {
+        match self.cluster {
+            4.. => GOLDEN_RAD,
+            few => std::f32::consts::TAU / few.max(1) as f32 * 0.35,
+        }
+    }
+
+    /// The needles of a place, a triangle each, or two that meet in a ridge: neighbours share a corner of
+    /// their feet, which are laid end to end, each to the side on which they stay about the place.
+    fn fan(&self, place: &Place, pose: &Pose, draws: &mut Draws, out: &mut Piece) {
+        let cell = self.leaf_cell(draws).0;
+        let half = 0.5 * RHOMBUS * place.leaf_m.y.max(1e-5);
+        let (mut turn, step) = (place.turn, Vec2::from_angle(self.step()));
+        let mut feet: Vec<Vec3> = Vec::with_capacity(self.cluster + 1);
+        let mut needles: Vec<(Pose, Vec3)> = Vec::with_capacity(self.cluster);
+        for _ in 0..self.cluster {
+            let leaf = self.blade(place, place.radial(turn), false, pose, draws);
+            turn = turn.rotate(step);
+            let across = leaf.heading.cross(leaf.facing) * half;
+            let low = *feet.last().unwrap_or(&(place.foot - across));
+            let sides = [low + across * 2.0, low - across * 2.0];
+            let [there, back] = sides.map(|p| p.distance_squared(place.foot));
+            let high = sides[usize::from(back < there)];
+            if feet.is_empty() {
+                feet.push(low);
+            }
+            feet.push(high);
+            let leaf = Pose { base: low.midpoint(high), ..leaf };
+            // One side of all, so that one normal suits both needles of a corner.
+            let like = needles.last().map_or(leaf.facing, |n| n.1);
+            let front = if leaf.facing.dot(like) < 0.0 { -leaf.facing } else { leaf.facing };
+            needles.push((leaf, front));
+        }
+        let mut before: Option<u32> = None;
+        for (k, at) in feet.iter().enumerate() {
+            let beside = needles[k.saturating_sub(1)..].iter().take(2 - usize::from(k == 0));
+            let normal = beside.map(|n| n.1).sum();
+            let u = if k % 2 == 0 { 0.35 } else { 0.65 };
+            let corner = out.vertex(*at, normal, cell.uv(u, 0.4));
+            if let Some(before) = before.replace(corner) {
+                let (leaf, front) = &needles[k - 1];
+                let (low, high) = (feet[k - 1], *at);
+                let tip = out.vertex(leaf.tip(), *front, cell.uv(0.5, 0.95));
+                let is_front = (high - low).cross(leaf.tip() - low).dot(*front) > 0.0;
+                let [from, to] = if is_front { [before, corner] } else { [corner, before] };
+                if self.is_folded(place.first + k - 1) {
+                    let middle = low.midpoint(high) + *front * (0.6 * half);
+                    let ridge = out.vertex(middle, *front, cell.uv(0.5, 0.4));
+                    out.triangle([from, ridge, tip]);
+                    out.triangle([ridge, to, tip]);
+                } else {
+                    out.triangle([from, to, tip]);
                 }
             }
         }
@@ -558,7 +638,7 @@ fn needle(pose: &Pose, width_m: f32, is_folded: bool, cell: &Cell, out: &mut Pie
     let middle = pose.base + pose.heading * (0.4 * pose.size_m) - pose.facing * (0.6 * half);
     let ridge = pose.facing;
     let [right, left] = [0.5, -0.5].map(|lean| (ridge + across * lean).normalize_or(ridge));
-    let tip = (pose.base + pose.heading * pose.size_m, ridge, cell.uv(0.5, 0.95));
+    let tip = (pose.tip(), ridge, cell.uv(0.5, 0.95));
     if !is_folded {
         let right = (pose.base + across * half, right, cell.uv(0.65, 0.4));
         let left = (pose.base - across * half, left, cell.uv(0.35, 0.4));
@@ -574,6 +654,29 @@ fn needle(pose: &Pose, width_m: f32, is_folded: bool, cell: &Cell, out: &mut Pie
         ],
         [[0, 1, 2], [0, 2, 3]],
     );
+}
+
+/// Where a shoot bears needles or leaves.
+struct Place {
+    foot: Vec3,
+    /// Unit: the shoot's way, and two at right angles to it and each other.
+    along: Vec3,
+    across: Vec3,
+    beside: Vec3,
+    /// To which side the first leaf goes, as a point of the unit circle.
+    turn: Vec2,
+    /// Share of the shoot that lies before it.
+    t: f32,
+    /// Length and width of a leaf.
+    leaf_m: Vec2,
+    /// Number of its first leaf, of those of the twig.
+    first: usize,
+}
+
+impl Place {
+    fn radial(&self, turn: Vec2) -> Vec3 {
+        self.across * turn.x + self.beside * turn.y
+    }
 }
 
 /// A shoot of a twig, sinking towards its tip.

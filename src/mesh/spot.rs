@@ -362,6 +362,11 @@ pub struct Pose {
 }
 
 impl Pose {
+    /// Where it ends if it is straight.
+    pub fn tip(&self) -> Vec3 {
+        self.base + self.heading * self.size_m
+    }
+
     /// A card that stands for several twigs, and would hang into the ground, is raised out of it where
     /// half its length will do.
     pub fn lift(&mut self) {

@@ -23,7 +23,7 @@ use super::radii::{Pipes, radii};
 use super::scaffold::{Shoot, scaffold};
 use super::stage::births;
 use super::surroundings::{Space, Surroundings};
-use super::{NO_PARENT, Skeleton, polish};
+use super::{NO_PARENT, Skeleton, bend, polish};
 use crate::crown::Crown;
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
@@ -66,6 +66,8 @@ const YOUNG_NODES: f32 = 140.0;
 const YOUNG_INTERNODES: f32 = 8.0;
 /// Nodes at which a species' counts of whorls are meant.
 const FULL_NODES: f32 = 4000.0;
+/// Nodes from which on a tree is one seen from near, whose internodes are bent.
+const BENT_NODES: usize = 5_000;
 /// Nodes that a stem needs: a tree of few has fewer stems.
 const NODES_OF_STEM: usize = 24;
 /// Radius of the circle on which the stems of a stool stand, in their diameters, over their number: side by
@@ -667,6 +669,9 @@ impl<'a> Tree<'a> {
             let is_free = |i: usize| is_stem[i] || self.around.is_free(tree.position[i]);
             let keep: Vec<bool> = (0..tree.len()).map(is_free).collect();
             tree = tree.subset(&keep);
+        }
+        if self.max_nodes >= BENT_NODES {
+            tree = bend::bent(&tree, |at| self.around.is_none() || self.around.is_free(at));
         }
         tree.birth = births(&tree, &self.species.size);
         let pipes = Pipes::of_species(self.species, e.height_m);

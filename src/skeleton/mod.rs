@@ -1,6 +1,7 @@
 //! Species, and a crown if there is one, to a skeleton: L-system, turtle, space colonization,
 //! radii. Knows nothing of meshes.
 
+mod bend;
 pub mod cloud;
 pub mod colonize;
 pub mod decline;
