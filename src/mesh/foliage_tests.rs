@@ -129,6 +129,21 @@ fn a_larch_has_every_needle() {
     assert!(lo > 0.4 * length_m && hi < 1.2 * length_m, "{lo} to {hi}");
 }
 
+/// Needles of a triangle each take two corners, not three, where many spring from one place.
+#[test]
+fn needles_of_a_place_share_corners() {
+    for (name, most) in
+        [("larix_sibirica", 2.2), ("pinus_sibirica", 2.6), ("pinus_sylvestris", 2.6)]
+    {
+        let s = leaves(&grown(name), FoliageLevel::Geometry, Some(60_000));
+        let each = s.position.len() as f64 / s.triangles() as f64;
+        assert!(each < most, "{name}: {each} corners a triangle");
+        let mut used = vec![false; s.position.len()];
+        s.index.iter().for_each(|&i| used[i as usize] = true);
+        assert!(used.iter().all(|u| *u), "{name}: corners of no triangle");
+    }
+}
+
 /// Fewer, wider needles and leaves, and fewer, larger twigs, hide as much; until a crown needs more
 /// triangles than there are, which is told.
 #[test]

@@ -26,6 +26,10 @@ pub fn bent(tree: &Skeleton, may_stand: impl Fn(Vec3) -> bool) -> Skeleton {
         let (a, b) = (before.length(), after.length());
         (before.normalize_or_zero() * b + after.normalize_or_zero() * a).normalize_or_zero()
     };
+    // No lower and no higher than what has grown.
+    let all = (f32::INFINITY, f32::NEG_INFINITY);
+    let (low_m, high_m) =
+        tree.position.iter().skip(1).fold(all, |(l, h), p| (l.min(p.z), h.max(p.z)));
     let mut out = Skeleton::default();
     let mut new_id = vec![NO_PARENT; n];
     for i in 0..n {
@@ -46,8 +50,7 @@ pub fn bent(tree: &Skeleton, may_stand: impl Fn(Vec3) -> bool) -> Skeleton {
                 let s = 1.0 - t;
                 let aside = (start - chord) * (t * s * s) - (end - chord) * (t * t * s);
                 let mut at = from.lerp(to, t) + aside * length;
-                // No higher than the tree, no lower than its clearance.
-                at.z = at.z.clamp(from.z.min(to.z), from.z.max(to.z));
+                at.z = at.z.clamp(low_m, high_m);
                 if may_stand(at) {
                     parent = push(&mut out, tree, i, at, parent);
                 }
@@ -92,4 +95,63 @@ fn onward(tree: &Skeleton) -> Vec<Option<usize>> {
         }
     }
     onward
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One axis along so many points, with a branch from its middle.
+    fn branched(points: &[Vec3]) -> Skeleton {
+        let (n, middle) = (points.len() as u32, points.len() / 2);
+        let tip = points[middle] + Vec3::new(0.3, 0.4, -0.2);
+        let mut parent: Vec<u32> = (0..n).map(|i| i.checked_sub(1).unwrap_or(NO_PARENT)).collect();
+        parent.push(middle as u32);
+        let count = points.len() + 1;
+        let mut axis = vec![0; count];
+        axis[count - 1] = 1;
+        Skeleton {
+            position: points.iter().copied().chain([tip]).collect(),
+            parent,
+            radius_m: vec![0.01; count],
+            order: axis.iter().map(|&a| a as u8).collect(),
+            axis,
+            birth: vec![0; count],
+            dead: Vec::new(),
+        }
+    }
+
+    fn on_circle(steps: usize) -> Vec<Vec3> {
+        let at = |k: usize| (std::f32::consts::PI * k as f32 / steps as f32).sin_cos();
+        (0..=steps).map(|k| at(k)).map(|(s, c)| Vec3::new(1.0 - c, 0.0, s)).collect()
+    }
+
+    #[test]
+    fn nodes_stay_and_those_added_lie_on_the_curve() {
+        for steps in [5, 8, 12] {
+            let before = branched(&on_circle(steps));
+            let after = bent(&before, |_| true);
+            after.check().unwrap();
+            let kept = before.position.iter().filter(|p| after.position.contains(p)).count();
+            assert_eq!(kept, before.len());
+            assert!(after.len() > before.len(), "{steps}");
+            for (p, &axis) in after.position.iter().zip(&after.axis) {
+                let off = p.distance(Vec3::X) - 1.0;
+                // The curve's ends are straighter than the circle.
+                let is_inner = (0.8..=1.2).contains(&p.x) || before.position.contains(p);
+                assert!(axis != 0 || !is_inner || off.abs() < 0.02, "{steps}: {p} is {off} m off");
+                assert!((-1e-6..=1.0).contains(&p.z), "{p}");
+            }
+            assert_eq!(bent(&before, |_| false), before);
+        }
+    }
+
+    #[test]
+    fn straight_wood_and_that_of_fine_steps_stays_as_it_is() {
+        let straight: Vec<Vec3> = (0..6).map(|k| Vec3::new(0.1, 0.2, 1.0) * k as f32).collect();
+        for points in [straight, on_circle(60)] {
+            let tree = branched(&points);
+            assert_eq!(bent(&tree, |_| true), tree);
+        }
+    }
 }

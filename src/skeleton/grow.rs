@@ -9,7 +9,8 @@
 //!    L = L_apex − (α / L_apex)·r within the envelope.
 //! 3. Space colonization from the scaffold into the crown's own centres of mass and into samples
 //!    of the envelope where a scan sees nothing.
-//! 4. Axes, smoothing, hanging twigs; height and width brought to the target.
+//! 4. Axes, smoothing, hanging twigs; height and width brought to the target; curves, of a tree seen from
+//!    near.
 //! 5. Radii.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -46,7 +47,8 @@ pub enum Target<'a> {
 /// How finely a tree is grown.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Detail {
-    /// Bound on the nodes of the skeleton; about so many are used.
+    /// Bound on the nodes that grow; about so many are used. Where it is 5,000 or more, internodes are
+    /// bent, for which up to three nodes each are added.
     pub max_nodes: u32,
     /// Distance between attractors; from the crown's volume and `max_nodes` where `None`.
     pub attractor_spacing_m: Option<f32>,
@@ -66,7 +68,7 @@ const YOUNG_NODES: f32 = 140.0;
 const YOUNG_INTERNODES: f32 = 8.0;
 /// Nodes at which a species' counts of whorls are meant.
 const FULL_NODES: f32 = 4000.0;
-/// Nodes from which on a tree is one seen from near, whose internodes are bent.
+/// Nodes that may grow from which on internodes are bent: of trees of fewer triangles one sees no curves.
 const BENT_NODES: usize = 5_000;
 /// Nodes that a stem needs: a tree of few has fewer stems.
 const NODES_OF_STEM: usize = 24;

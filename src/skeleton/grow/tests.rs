@@ -52,6 +52,31 @@ fn every_species_reaches_its_height_and_width() {
     }
 }
 
+/// Turns of more than 35 degrees along wood that one sees, in a hundred metres.
+fn corners(s: &Skeleton) -> f32 {
+    let seen = |i: usize| s.radius_m[i] > 0.003 && s.parent[i] != NO_PARENT && s.parent[i] != 0;
+    let way = |i: usize| s.position[i] - s.position[s.parent[i] as usize];
+    let (mut length_m, mut count) = (0.0, 0);
+    for i in (0..s.len()).filter(|&i| seen(i)) {
+        length_m += way(i).length();
+        let p = s.parent[i] as usize;
+        let is_on = s.axis[i] == s.axis[p];
+        count += usize::from(is_on && way(i).angle_between(way(p)) > 35f32.to_radians());
+    }
+    100.0 * count as f32 / length_m
+}
+
+#[test]
+fn trees_seen_from_near_have_few_corners() {
+    for name in NAMES {
+        let height_m = species::load(name).unwrap().size.height_m;
+        let far = corners(&tree(name, height_m, BENT_NODES as u32 - 1, 1));
+        let near = corners(&tree(name, height_m, BENT_NODES as u32, 1));
+        eprintln!("{name}: {far} {near}");
+        assert!(near < 0.5 * far + 0.5, "{name}: {near} corners in 100 m, {far} before");
+    }
+}
+
 #[test]
 fn the_stem_has_its_diameter_at_breast_height() {
     for name in ["larix_sibirica", "picea_obovata", "pinus_sylvestris", "quercus_robur"] {
