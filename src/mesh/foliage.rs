@@ -201,8 +201,14 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
     let all = spots.len();
     let limit = if is_flat { MOST_ENLARGED_FLAT } else { MOST_ENLARGED_CARDS };
-    let by_cards = || wanted(&hull, f, atlas, all.min(most), all, share).clamp(1.0, limit);
-    let enlarge = twig.as_ref().map_or_else(by_cards, |t| t.scale);
+    let by_cards = |ids: &mut dyn Iterator<Item = usize>| {
+        let of = Cover { coverage: coverage(atlas, ids), kept: all.min(most), all, share };
+        wanted(&hull, f, &of).clamp(1.0, limit)
+    };
+    // By the pictures that most cards have.
+    let card_m = f.twig_length_m * by_cards(&mut (0..atlas.cells().len()));
+    let usual_m = usual_picture_m(atlas, card_m);
+    let enlarge = twig.as_ref().map_or_else(|| by_cards(&mut atlas.nearest(usual_m)), |t| t.scale);
     if let Some(twig) = &mut twig {
         twig.grow(enlarge);
     }
@@ -257,7 +263,9 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
                 let (mut pose, mut draws) = stand(k);
                 pose.lift();
                 // Pictures of one scale give way to those of the next little by little.
-                let cells = atlas.nearest(pose.size_m * draws.between(BLEND[0], BLEND[1]).exp());
+                let size_m = pose.size_m * draws.between(-BLEND, BLEND).exp();
+                let is_usual = (LIKE_USUAL[0]..LIKE_USUAL[1]).contains(&(size_m / usual_m));
+                let cells = atlas.nearest(if is_usual { usual_m } else { size_m });
                 let pick = draws.index(cells.clone().count());
                 let id = cells.clone().nth(pick).unwrap_or(0);
                 let fold = fold * draws.between(0.6, 1.3);
@@ -294,22 +302,49 @@ fn leaves_wood(skeleton: &Skeleton, is_meshed: &[bool], spot: &Spot) -> Vec3 {
     skeleton.position[at as usize]
 }
 
-/// Cards take the picture for one so much larger, natural logarithm: from the next fuller picture
-/// rather than from the next sparser one, so that leaves look too small rather than too large.
-const BLEND: [f32; 2] = [-0.15, 0.9];
+/// Cards take the picture for one so much larger or smaller, natural logarithm.
+const BLEND: f32 = 0.15;
+/// Most cards of a tree have pictures of one scale, so that their leaves are of one size: those between
+/// so many times the size that it is for.
+const LIKE_USUAL: [f32; 2] = [0.5, 1.6];
+/// It is that for cards so much larger: leaves look too small rather than too large.
+const FULLER: f32 = 1.1;
+
+/// The size for which the pictures of most cards are, whose own size is `card_m`.
+fn usual_picture_m(atlas: &Atlas, card_m: f32) -> f32 {
+    let nearest = atlas.nearest(card_m * FULLER).next();
+    nearest.map_or(card_m, |id| atlas.cells()[id].size_m).max(1e-6)
+}
 
 /// How much larger than a twig cards are, so that the leaves cover as much of the crown's hull as
 /// the species' do. Bare twigs keep the sum of their areas.
-fn wanted(hull: &Hull, f: &Leaves, atlas: &Atlas, kept: usize, all: usize, share: f32) -> f32 {
-    let cells = atlas.cells();
-    let coverage = cells.iter().map(|c| c.coverage).sum::<f32>() / cells.len() as f32;
-    let thinned = all as f32 / kept.max(1) as f32;
+fn wanted(hull: &Hull, f: &Leaves, of: &Cover) -> f32 {
+    let kept = of.kept.max(1) as f32;
     if f.is_bare() {
-        return thinned.sqrt();
+        return (of.all as f32 / kept).sqrt();
     }
     let twig = f.twig_length_m.max(1e-3);
-    let one = coverage.max(0.05) * twig * twig * 0.8;
-    let cover = share * f.kept.min(1.0) * f.cover.clamp(0.0, 1.0);
-    let wanted = cover * hull.area_sq_m() / (kept.max(1) as f32 * one);
+    let one = of.coverage.max(0.05) * twig * twig * SHOWN;
+    let cover = of.share * f.kept.min(1.0) * f.cover.clamp(0.0, 1.0);
+    let wanted = cover * hull.area_sq_m() / (kept * one);
     wanted.max(1.0).sqrt()
+}
+
+/// What a card shows over the opaque part of its picture, folded, sunk and seen from all sides: so that crowns
+/// cover as much as leaf by leaf.
+const SHOWN: f32 = 0.78;
+
+/// What cards are to cover: so many of all, for a share of the leaves, each opaque so far.
+struct Cover {
+    kept: usize,
+    all: usize,
+    share: f32,
+    coverage: f32,
+}
+
+/// Opaque share of cells, their mean.
+fn coverage(atlas: &Atlas, ids: &mut dyn Iterator<Item = usize>) -> f32 {
+    let (sum, count) =
+        ids.fold((0.0, 0.0f32), |(sum, n), id| (sum + atlas.cells()[id].coverage, n + 1.0));
+    sum / count.max(1.0)
 }

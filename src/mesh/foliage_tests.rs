@@ -3,6 +3,7 @@ use super::tests::SPECIES;
 use super::*;
 use crate::skeleton::{Detail, Target, grow};
 use crate::species::{self, own};
+use crate::texture::atlas::Cell;
 
 const LEVELS: [FoliageLevel; 4] =
     [FoliageLevel::Shell, FoliageLevel::Sparse, FoliageLevel::Cards, FoliageLevel::Geometry];
@@ -485,6 +486,36 @@ fn few_leaves_hang_on_through_the_winter() {
     }
 }
 
+/// On the cards of a tree seen from near: no leaf is half as long as its neighbour.
+#[test]
+fn leaves_on_cards_are_of_one_size() {
+    for name in
+        ["corylus_avellana", "salix_caprea", "populus_tremula", "pinus_sylvestris", "picea_abies"]
+    {
+        let species = species::load(name).unwrap();
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = grow(&species, target, Detail::HERO, Seed::new(1)).unwrap();
+        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let tree = build(&skeleton, &species, &atlas, &MeshOptions::HERO, Seed::new(1)).unwrap();
+        let s = &tree.foliage;
+        // Of every triangle, over the size that leaves have in nature.
+        let size = |t: &[u32]| {
+            let [a, b, c] = [0, 1, 2].map(|k| t[k] as usize);
+            let middle = (s.uv[a] + s.uv[b] + s.uv[c]) / 3.0;
+            let is_in = |c: &&Cell| middle.cmpge(c.min).all() && middle.cmple(c.max).all();
+            let cell = atlas.cells().iter().find(is_in).unwrap();
+            let sides = [(a, b), (b, c), (c, a)];
+            let m: f32 = sides.map(|(i, j)| s.position[i].distance(s.position[j])).iter().sum();
+            let uv: f32 = sides.map(|(i, j)| s.uv[i].distance(s.uv[j])).iter().sum();
+            m / uv * (cell.max.x - cell.min.x) / cell.size_m
+        };
+        let mut sizes: Vec<f32> = s.index.chunks_exact(3).map(size).collect();
+        sizes.sort_by(f32::total_cmp);
+        let [low, high] = [0.1, 0.9].map(|share| sizes[(share * sizes.len() as f32) as usize]);
+        assert!(low > 0.5 && high < 1.8 && high < 2.0 * low, "{name}: {low} to {high}");
+    }
+}
+
 /// Half of them at least, of what is looked at from near.
 #[test]
 fn leafy_twigs_hang_near_wood() {
@@ -494,7 +525,7 @@ fn leafy_twigs_hang_near_wood() {
         let species = species::load(name).unwrap();
         let target = Target::FromSpecies { height_m: None };
         let skeleton = grow(&species, target, Detail::HERO, Seed::new(1)).unwrap();
-        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let atlas = crate::texture::for_species(&species, 512, Seed::new(1)).atlas;
         let tree = build(&skeleton, &species, &atlas, &MeshOptions::HERO, Seed::new(1)).unwrap();
         let mut wood = Vec::new();
         for s in tree.woods() {

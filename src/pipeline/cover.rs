@@ -389,6 +389,7 @@ mod tests {
             let wanted = Wanted::of(&subject, &cards, TEST_SIDES, TEST_SAMPLES).unwrap();
             let seen = wanted.seen(whole.to_vec()).unwrap();
             let covers: Vec<f32> = seen.iter().map(Seen::mean).collect();
+            println!("{name}: {covers:.3?}");
             assert!(covers.iter().all(|c| (c - 1.0).abs() < 0.12), "{name}: {covers:?}");
         }
     }
