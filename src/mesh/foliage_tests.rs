@@ -539,7 +539,7 @@ fn leafy_twigs_hang_near_wood() {
             }
         }
         // A folded card has six corners.
-        let cards = tree.foliage.position.as_chunks::<6>().0.iter().step_by(20);
+        let cards = tree.foliage.position.as_chunks::<6>().0.iter().step_by(4);
         let mut gaps: Vec<f32> = cards
             .map(|card| {
                 let each = card.iter().flat_map(|p| wood.iter().map(|w| w.distance_squared(*p)));
