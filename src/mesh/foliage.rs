@@ -263,8 +263,10 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
                 let (mut pose, mut draws) = stand(k);
                 pose.lift();
                 // Pictures of one scale give way to those of the next little by little.
-                let size_m = pose.size_m * draws.between(-BLEND, BLEND).exp();
-                let is_usual = (LIKE_USUAL[0]..LIKE_USUAL[1]).contains(&(size_m / usual_m));
+                let [least, most] = if f.is_bare() { BLEND_BARE } else { BLEND };
+                let size_m = pose.size_m * draws.between(least, most).exp();
+                let is_like = (LIKE_USUAL[0]..LIKE_USUAL[1]).contains(&(size_m / usual_m));
+                let is_usual = is_like && !f.is_bare();
                 let cells = atlas.nearest(if is_usual { usual_m } else { size_m });
                 let pick = draws.index(cells.clone().count());
                 let id = cells.clone().nth(pick).unwrap_or(0);
@@ -302,9 +304,10 @@ fn leaves_wood(skeleton: &Skeleton, is_meshed: &[bool], spot: &Spot) -> Vec3 {
     skeleton.position[at as usize]
 }
 
-/// Cards take the picture for one so much larger or smaller, natural logarithm.
-const BLEND: f32 = 0.15;
-/// Most cards of a tree have pictures of one scale, so that their leaves are of one size: those between
+/// Cards take the picture for one so much larger or smaller, natural logarithm; bare ones rather a fuller one.
+const BLEND: [f32; 2] = [-0.15, 0.15];
+const BLEND_BARE: [f32; 2] = [-0.15, 0.9];
+/// Most cards of a leafy tree have pictures of one scale, so that their leaves are of one size: those between
 /// so many times the size that it is for.
 const LIKE_USUAL: [f32; 2] = [0.5, 1.6];
 /// It is that for cards so much larger: leaves look too small rather than too large.
