@@ -123,7 +123,7 @@ mod tests {
 
     fn on_circle(steps: usize) -> Vec<Vec3> {
         let at = |k: usize| (std::f32::consts::PI * k as f32 / steps as f32).sin_cos();
-        (0..=steps).map(|k| at(k)).map(|(s, c)| Vec3::new(1.0 - c, 0.0, s)).collect()
+        (0..=steps).map(at).map(|(s, c)| Vec3::new(1.0 - c, 0.0, s)).collect()
     }
 
     #[test]
