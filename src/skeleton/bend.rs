@@ -1,7 +1,7 @@
 //! Wood bends, it has no corners: nodes added to the internodes of a grown tree, on the curve that
 //! goes through all its nodes (cubic Hermite, tangents by the neighbours' distances as in
-//! Catmull and Rom's splines). Limit: what is left lies within [`OFF_M`] of that curve, or within a
-//! quarter of it where an internode would take more than [`MOST`] nodes.
+//! Catmull and Rom's splines). Limit: wood lies within [`OFF_M`] of that curve, or sixteen times as near
+//! as before where an internode would take more than [`MOST`] nodes.
 
 use glam::Vec3;
 
