@@ -201,14 +201,13 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
     let all = spots.len();
     let limit = if is_flat { MOST_ENLARGED_FLAT } else { MOST_ENLARGED_CARDS };
-    let by_cards = |ids: &mut dyn Iterator<Item = usize>| {
-        let of = Cover { coverage: coverage(atlas, ids), kept: all.min(most), all, share };
-        wanted(&hull, f, &of).clamp(1.0, limit)
-    };
+    let by_cards =
+        |coverage: f32| wanted(&hull, f, coverage, all.min(most), all, share).clamp(1.0, limit);
     // By the pictures that most cards have.
-    let card_m = f.twig_length_m * by_cards(&mut (0..atlas.cells().len()));
+    let card_m = f.twig_length_m * by_cards(coverage(atlas, 0..atlas.cells().len()));
     let usual_m = usual_picture_m(atlas, card_m);
-    let enlarge = twig.as_ref().map_or_else(|| by_cards(&mut atlas.nearest(usual_m)), |t| t.scale);
+    let of_usual = || by_cards(coverage(atlas, atlas.nearest(usual_m)));
+    let enlarge = twig.as_ref().map_or_else(of_usual, |t| t.scale);
     if let Some(twig) = &mut twig {
         twig.grow(enlarge);
     }
@@ -265,9 +264,9 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
                 // Pictures of one scale give way to those of the next little by little.
                 let [least, most] = if f.is_bare() { BLEND_BARE } else { BLEND };
                 let size_m = pose.size_m * draws.between(least, most).exp();
-                let is_like = (LIKE_USUAL[0]..LIKE_USUAL[1]).contains(&(size_m / usual_m));
-                let is_usual = is_like && !f.is_bare();
-                let cells = atlas.nearest(if is_usual { usual_m } else { size_m });
+                let like_usual = (LIKE_USUAL[0]..LIKE_USUAL[1]).contains(&(size_m / usual_m));
+                let takes_usual = like_usual && !f.is_bare();
+                let cells = atlas.nearest(if takes_usual { usual_m } else { size_m });
                 let pick = draws.index(cells.clone().count());
                 let id = cells.clone().nth(pick).unwrap_or(0);
                 let fold = fold * draws.between(0.6, 1.3);
@@ -319,34 +318,26 @@ fn usual_picture_m(atlas: &Atlas, card_m: f32) -> f32 {
     nearest.map_or(card_m, |id| atlas.cells()[id].size_m).max(1e-6)
 }
 
-/// How much larger than a twig cards are, so that the leaves cover as much of the crown's hull as
-/// the species' do. Bare twigs keep the sum of their areas.
-fn wanted(hull: &Hull, f: &Leaves, of: &Cover) -> f32 {
-    let kept = of.kept.max(1) as f32;
-    if f.is_bare() {
-        return (of.all as f32 / kept).sqrt();
-    }
-    let twig = f.twig_length_m.max(1e-3);
-    let one = of.coverage.max(0.05) * twig * twig * SHOWN;
-    let cover = of.share * f.kept.min(1.0) * f.cover.clamp(0.0, 1.0);
-    let wanted = cover * hull.area_sq_m() / (kept * one);
-    wanted.max(1.0).sqrt()
-}
-
 /// What a card shows over the opaque part of its picture, folded, sunk and seen from all sides: so that crowns
 /// cover as much as leaf by leaf.
 const SHOWN: f32 = 0.78;
 
-/// What cards are to cover: so many of all, for a share of the leaves, each opaque so far.
-struct Cover {
-    kept: usize,
-    all: usize,
-    share: f32,
-    coverage: f32,
+/// How much larger than a twig cards are, so that the leaves cover as much of the crown's hull as
+/// the species' do; `coverage`: opaque share of their pictures. Bare twigs keep the sum of their areas.
+fn wanted(hull: &Hull, f: &Leaves, coverage: f32, kept: usize, all: usize, share: f32) -> f32 {
+    let kept = kept.max(1) as f32;
+    if f.is_bare() {
+        return (all as f32 / kept).sqrt();
+    }
+    let twig = f.twig_length_m.max(1e-3);
+    let one = coverage.max(0.05) * twig * twig * SHOWN;
+    let cover = share * f.kept.min(1.0) * f.cover.clamp(0.0, 1.0);
+    let wanted = cover * hull.area_sq_m() / (kept * one);
+    wanted.max(1.0).sqrt()
 }
 
 /// Opaque share of cells, their mean.
-fn coverage(atlas: &Atlas, ids: &mut dyn Iterator<Item = usize>) -> f32 {
+fn coverage(atlas: &Atlas, ids: impl Iterator<Item = usize>) -> f32 {
     let (sum, count) =
         ids.fold((0.0, 0.0f32), |(sum, n), id| (sum + atlas.cells()[id].coverage, n + 1.0));
     sum / count.max(1.0)

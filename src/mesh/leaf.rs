@@ -5,7 +5,7 @@
 //! sprays; they open from it, sink under their weight and turn their upper side to the light as
 //! far as their heading allows; towards the tip of the shoot they are smaller. A needle is a
 //! folded blade of two triangles, a leaf a card of its own cell, a compound leaf a rachis with its
-//! leaflets.
+//! leaflets. Needles of a triangle each share corners with their neighbours of one place.
 //!
 //! There are as many twigs as it takes for them to hide of the crown what cards do; what a twig hides is
 //! measured on two of them. Every twig of a tree has the same number of triangles, so
@@ -424,7 +424,7 @@ impl<'a> Twig<'a> {
             for nth in 0..self.cluster {
                 let radial = place.radial(turn);
                 turn = turn.rotate(beside_it);
-                let leaf = self.blade(&place, radial, is_last, pose, draws);
+                let leaf = self.leaf_pose(&place, radial, is_last, pose, draws);
                 let cell = self.leaf_cell(draws);
                 match self.organ {
                     Organ::Needle => {
@@ -439,7 +439,7 @@ impl<'a> Twig<'a> {
     }
 
     /// How the next leaf of a place stands that leaves the shoot towards `radial`.
-    fn blade(
+    fn leaf_pose(
         &self,
         place: &Place,
         radial: Vec3,
@@ -488,7 +488,7 @@ impl<'a> Twig<'a> {
         let mut feet: Vec<Vec3> = Vec::with_capacity(self.cluster + 1);
         let mut needles: Vec<(Pose, Vec3)> = Vec::with_capacity(self.cluster);
         for _ in 0..self.cluster {
-            let leaf = self.blade(place, place.radial(turn), false, pose, draws);
+            let leaf = self.leaf_pose(place, place.radial(turn), false, pose, draws);
             turn = turn.rotate(step);
             let across = leaf.heading.cross(leaf.facing) * half;
             let low = *feet.last().unwrap_or(&(place.foot - across));

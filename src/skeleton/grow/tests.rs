@@ -72,7 +72,6 @@ fn trees_seen_from_near_have_few_corners() {
         let height_m = species::load(name).unwrap().size.height_m;
         let far = corners(&tree(name, height_m, BENT_NODES as u32 - 1, 1));
         let near = corners(&tree(name, height_m, BENT_NODES as u32, 1));
-        eprintln!("{name}: {far} {near}");
         assert!(near < 0.5 * far + 0.5, "{name}: {near} corners in 100 m, {far} before");
     }
 }
