@@ -38,6 +38,15 @@ impl Shape {
         }
     }
 
+    /// What it shows over the opaque part of its picture, sunk and seen from all sides: so that crowns
+    /// cover as much as leaf by leaf.
+    pub fn shown(self) -> f32 {
+        match self {
+            Shape::Folded { .. } | Shape::Flat => 0.78,
+            Shape::Crossed { .. } => 1.1,
+        }
+    }
+
     pub fn room(self) -> Room {
         let rows = self.rows();
         let (columns, sheets) = match self {

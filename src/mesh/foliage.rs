@@ -149,14 +149,21 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         return Ok(Foliage { surface, ..Foliage::default() });
     }
     let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);
-    let folded = Shape::of(f.shape, false);
+    let all = spots.len();
+    let enough =
+        |shape: Shape, coverage: f32| enough(&hull, f, shape.shown() * coverage, all, share);
+    // Cards of twigs' own size that hide as much as all leaves do.
+    let usual_m = usual_picture_m(atlas, f.twig_length_m);
+    let covered = coverage(atlas, atlas.nearest(usual_m));
+    let of_cards = |shape| all.min(enough(shape, covered).ceil() as usize);
     // Where there are triangles for all of them, folded ones.
+    let folded = Shape::of(f.shape, false);
     let has_stalks = !order.is_meshed.is_empty();
-    let is_crowded = folded.room().triangles * spots.len() > budget;
+    let is_crowded = folded.room().triangles * of_cards(folded) > budget;
     let is_flat = is_sparse || (order.is_flat || f.is_bare()) && is_crowded;
     // Finer cards where there are triangles for all of them; else rather more cards.
     let fine = Shape::of(f.shape, true);
-    let is_fine = order.detail && !is_flat && fine.room().triangles * spots.len() <= budget;
+    let is_fine = order.detail && !is_flat && fine.room().triangles * of_cards(fine) <= budget;
     let shape = match level {
         _ if is_flat => Shape::Flat,
         _ if is_fine => fine,
@@ -199,10 +206,11 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     }
     let most = twig.as_ref().map_or(budget / room.triangles.max(1), |t| t.count);
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
-    let all = spots.len();
+    let most = if twig.is_none() && model.is_none() { most.min(of_cards(shape)) } else { most };
     let limit = if is_flat { MOST_ENLARGED_FLAT } else { MOST_ENLARGED_CARDS };
-    let by_cards =
-        |coverage: f32| wanted(&hull, f, coverage, all.min(most), all, share).clamp(1.0, limit);
+    let by_cards = |coverage: f32| {
+        (enough(shape, coverage) / all.min(most).max(1) as f32).sqrt().clamp(1.0, limit)
+    };
     // By the pictures that most cards have.
     let card_m = f.twig_length_m * by_cards(coverage(atlas, 0..atlas.cells().len()));
     let usual_m = usual_picture_m(atlas, card_m);
@@ -318,22 +326,15 @@ fn usual_picture_m(atlas: &Atlas, card_m: f32) -> f32 {
     nearest.map_or(card_m, |id| atlas.cells()[id].size_m).max(1e-6)
 }
 
-/// What a card shows over the opaque part of its picture, folded, sunk and seen from all sides: so that crowns
-/// cover as much as leaf by leaf.
-const SHOWN: f32 = 0.78;
-
-/// How much larger than a twig cards are, so that the leaves cover as much of the crown's hull as
-/// the species' do; `coverage`: opaque share of their pictures. Bare twigs keep the sum of their areas.
-fn wanted(hull: &Hull, f: &Leaves, coverage: f32, kept: usize, all: usize, share: f32) -> f32 {
-    let kept = kept.max(1) as f32;
+/// How many cards as large as twigs cover as much of the crown's hull as the species' leaves do;
+/// `shown`: of a card's square. Of bare twigs, all.
+fn enough(hull: &Hull, f: &Leaves, shown: f32, all: usize, share: f32) -> f32 {
     if f.is_bare() {
-        return (all as f32 / kept).sqrt();
+        return all as f32;
     }
     let twig = f.twig_length_m.max(1e-3);
-    let one = coverage.max(0.05) * twig * twig * SHOWN;
     let cover = share * f.kept.min(1.0) * f.cover.clamp(0.0, 1.0);
-    let wanted = cover * hull.area_sq_m() / (kept * one);
-    wanted.max(1.0).sqrt()
+    cover * hull.area_sq_m() / (shown.max(0.03) * twig * twig)
 }
 
 /// Opaque share of cells, their mean.

@@ -393,4 +393,30 @@ mod tests {
             assert!(covers.iter().all(|c| (c - 1.0).abs() < 0.12), "{name}: {covers:?}");
         }
     }
+
+    /// Cards hide as much as the leaves of all twigs, also where there are triangles for more of them: no
+    /// more than 15 % beyond, no less than a fifth short.
+    #[test]
+    fn crowns_of_cards_are_as_full_as_their_leaves() {
+        let of = ["larix_sibirica", "pinus_sylvestris", "populus_tremula", "sorbus_aucuparia"];
+        for name in of {
+            let species = species::load(name).unwrap();
+            let seed = Seed::new(1);
+            let target = Target::FromSpecies { height_m: None };
+            let skeleton =
+                skeleton::grow(&species, target, detail(100_000, FoliageLevel::Cards), seed);
+            let (skeleton, textures) =
+                (skeleton.unwrap(), texture::for_species(&species, 512, seed));
+            let subject =
+                Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
+            let made = |triangles, level| {
+                subject.mesh(&WoodJob::default().options(triangles, level)).unwrap()
+            };
+            let whole = made(3_000_000, FoliageLevel::Geometry);
+            let cards = [5_000, 20_000, 100_000].map(|n| made(n, FoliageLevel::Cards));
+            let covers = shares(&subject, &whole, cards.to_vec()).unwrap();
+            println!("{name}: {covers:.3?}");
+            assert!(covers.iter().all(|c| (0.8..1.15).contains(c)), "{name}: {covers:?}");
+        }
+    }
 }
