@@ -9,7 +9,7 @@ use larix::mesh::{self, FoliageLevel, Junctions, MeshOptions, WindProfile};
 use larix::seed::Seed;
 use larix::skeleton::{Detail, Skeleton, Target, grow};
 use larix::species::{self, Species};
-use larix::texture::Atlas;
+use larix::texture::{self, Atlas};
 
 #[global_allocator]
 static ALLOCATOR: larix::heap::Counted = larix::heap::Counted;
@@ -52,6 +52,8 @@ fn main() {
     ];
     println!("{:46} {:>9} {:>9} {:>7}", "", "triangles", "ms", "M/s");
     for (tree, name) in SPECIES {
+        let atlas =
+            texture::for_species(&species::load(name).expect("built in"), 512, Seed::new(1)).atlas;
         for (kind, max_nodes, options) in kinds {
             let title = format!("{tree}, {kind}");
             if !only.iter().all(|o| title.contains(o.as_str())) {
@@ -59,15 +61,20 @@ fn main() {
             }
             let (species, skeleton) = grown(name, max_nodes);
             for wind in [None, Some(WindProfile::Unity)] {
-                measure(&title, &species, &skeleton, &MeshOptions { wind, ..options });
+                measure(&title, &species, &atlas, &skeleton, &MeshOptions { wind, ..options });
             }
         }
     }
 }
 
-fn measure(title: &str, species: &Species, skeleton: &Skeleton, options: &MeshOptions) {
-    let atlas = Atlas::whole(0.4);
-    let build = || mesh::build(skeleton, species, &atlas, options, Seed::new(1)).expect("wood");
+fn measure(
+    title: &str,
+    species: &Species,
+    atlas: &Atlas,
+    skeleton: &Skeleton,
+    options: &MeshOptions,
+) {
+    let build = || mesh::build(skeleton, species, atlas, options, Seed::new(1)).expect("wood");
     let triangles = build().triangles();
     let mut least = Duration::MAX;
     let start = Instant::now();

@@ -271,28 +271,32 @@ pub fn thinned(
         false => most as f64 / weights.iter().sum::<f64>().max(1e-9),
     };
     let layers = layers(most);
-    let mut around: Vec<(u64, u32)> = (0..)
+    // Layer, then turn, then number: the leader first.
+    const TURN_BITS: u32 = 30;
+    const NUMBER_BITS: u32 = 24;
+    const { assert!(MOST_SPOTS < 1 << NUMBER_BITS) };
+    let mut around: Vec<u64> = (0..)
         .zip(&spots)
-        .map(|(k, s): (u32, &Spot)| {
+        .map(|(k, s): (u64, &Spot)| {
             if s.at == hull.apex {
-                return (0, k);
+                return k;
             }
             let layer = 1 + (hull.share(s.at.z) * layers) as u64;
             let turn = (s.at - hull.centre).truncate().to_angle() + std::f32::consts::PI;
-            (layer << 32 | (turn * 1e8) as u64, k)
+            (layer << TURN_BITS | (turn * 1e8) as u64) << NUMBER_BITS | k
         })
         .collect();
     around.sort_unstable();
     let mut is_kept = vec![false; spots.len()];
     let (mut due, mut left) = (0.5, most);
-    for (_, k) in around {
-        let s = &spots[k as usize];
+    for key in around {
+        let k = (key & ((1 << NUMBER_BITS) - 1)) as usize;
         // The leader always.
-        due += if s.at == hull.apex { 1.0 } else { (weight(s) * rate).min(1.0) };
+        due += if spots[k].at == hull.apex { 1.0 } else { (weights[k] * rate).min(1.0) };
         if due >= 1.0 && left > 0 {
             due -= 1.0;
             left -= 1;
-            is_kept[k as usize] = true;
+            is_kept[k] = true;
         }
     }
     spots.into_iter().zip(is_kept).filter_map(|(s, is_kept)| is_kept.then_some(s)).collect()
