@@ -42,7 +42,8 @@ impl Shape {
     /// cover as much as leaf by leaf.
     pub fn shown(self) -> f32 {
         match self {
-            Shape::Folded { .. } | Shape::Flat => 0.78,
+            Shape::Folded { .. } => 0.75,
+            Shape::Flat => 0.78,
             Shape::Crossed { .. } => 1.1,
         }
     }

@@ -71,9 +71,11 @@ pub struct Order<'a> {
     pub level: FoliageLevel,
     /// Triangles it may take.
     pub budget: Option<usize>,
-    /// Of the skeleton's nodes, whether wood goes along them: cards have stalks from it. Empty where
-    /// they have none.
+    /// Of the skeleton's nodes, whether wood goes along them: cards hang near it. Empty where one does
+    /// not see what they hang from.
     pub is_meshed: &'a [bool],
+    /// Whether cards have stalks from wood.
+    pub has_stalks: bool,
     /// Cards of more rows.
     pub detail: bool,
     /// Cards of two triangles, so that there are more of them, where folded ones would not be all.
@@ -158,7 +160,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let of_cards = |shape| all.min(enough(shape, covered).ceil() as usize);
     // Where there are triangles for all of them, folded ones.
     let folded = Shape::of(f.shape, false);
-    let has_stalks = !order.is_meshed.is_empty();
+    let has_stalks = order.has_stalks;
     let is_crowded = folded.room().triangles * of_cards(folded) > budget;
     let is_flat = is_sparse || (order.is_flat || f.is_bare()) && is_crowded;
     // Finer cards where there are triangles for all of them; else rather more cards.
@@ -239,7 +241,14 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let stand = |k: usize| {
         let mut draws = seed.derive("card", kept[k].key).draws();
         let larger = larger_at(&kept[k]).max(enlarge.recip());
-        let mut pose = Pose::of(&kept[k], f, &hull, [enlarge, larger], &mut draws);
+        let mut pose = Pose::of(
+            &kept[k],
+            hangs_from(skeleton, order, &kept[k]),
+            f,
+            &hull,
+            [enlarge, larger],
+            &mut draws,
+        );
         if twig.is_some() || model.is_some() {
             pose.begin_on_shoot();
         }
@@ -298,6 +307,14 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
 pub fn has_stalks(species: &Species, options: &MeshOptions) -> bool {
     let is_own = species.own_picture.is_some() || species.own_model.is_some();
     options.has_near_cards() && !is_own && species.foliage.is_bare()
+}
+
+/// The wood to which a card is moved that is larger than a twig.
+fn hangs_from(skeleton: &Skeleton, order: &Order<'_>, spot: &Spot) -> Vec3 {
+    match order.is_meshed.get(spot.node() as usize) {
+        Some(false) if !order.has_stalks => leaves_wood(skeleton, order.is_meshed, spot),
+        _ => spot.at,
+    }
 }
 
 /// Where the shoots on which a twig stands leave wood that is meshed.

@@ -49,7 +49,7 @@ pub fn fruit(skeleton: &Skeleton, order: &Order<'_>) -> Surface {
     spots.truncate(most);
     let emit = |k: usize, out: &mut Piece| {
         let mut draws = seed.derive("fruit", spots[k].key).draws();
-        let pose = Pose::of(&spots[k], &stand, &hull, [1.0; 2], &mut draws);
+        let pose = Pose::of(&spots[k], spots[k].at, &stand, &hull, [1.0; 2], &mut draws);
         stamp::emit(model, &pose, stamp::BENT_FRUIT, out);
     };
     fill(spots.len(), room, emit, order.wind.map(|wind| (wind, spots.as_slice())))

@@ -141,7 +141,8 @@ pub struct TreeMesh {
     pub leaf_cover: f32,
     /// How such leaves stand for all of them; `None` elsewhere.
     pub stand_in: Option<StandIn>,
-    /// Of the skeleton's nodes, whether wood goes along them; empty where leaves hide that.
+    /// Of the skeleton's nodes, whether wood goes along them; empty where one does not see what leaves
+    /// hang from.
     pub is_meshed: Vec<bool>,
 }
 
@@ -424,7 +425,7 @@ pub fn build(
         return Err(Error::new(format!("a skeleton of {} nodes has no wood", skeleton.len()))
             .remedy("give the species a greater height"));
     }
-    let is_meshed = if foliage::has_stalks(species, options) { made.is_meshed } else { Vec::new() };
+    let is_meshed = if options.has_near_cards() { made.is_meshed } else { Vec::new() };
     let beside = Beside { triangles, is_meshed: &is_meshed };
     let mut order = order(species, atlas, options, beside, wind.as_ref(), seed);
     let fruit = fruit::fruit(skeleton, &order);
@@ -493,6 +494,7 @@ fn order<'a>(
         level: options.foliage,
         budget: options.triangle_budget.map(|b| b.saturating_sub(beside.triangles)),
         is_meshed: beside.is_meshed,
+        has_stalks: foliage::has_stalks(species, options),
         detail: options.detail,
         is_flat: options.is_flat(),
         twigs: options.twigs,

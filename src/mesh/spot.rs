@@ -422,9 +422,11 @@ impl Pose {
 
     /// Off the shoot by phyllotaxis, drawn down (or up) by the species' droop, turned to the light
     /// as far as its heading allows.
-    /// `enlarge`: for twigs left out; `larger`: how much more than that.
+    /// `from`: where what it stands for leaves wood that shows. `enlarge`: for twigs left out; `larger`: how
+    /// much more than that.
     pub fn of(
         spot: &Spot,
+        from: Vec3,
         f: &Foliage,
         hull: &Hull,
         [enlarge, larger]: [f32; 2],
@@ -456,6 +458,9 @@ impl Pose {
         let length_m = |enlarge| (hull.twig_m(spot.at, twig_m, enlarge) * larger).min(most_m);
         let size_m = length_m(enlarge);
         let reach_m = length_m(enlarge.min(BOUGH_FROM));
+        // What it is longer than a twig lies towards wood.
+        let nearer = (from - spot.at).clamp_length_max((size_m - length_m(1.0)).max(0.0));
+        let inward_m = (INWARD * (size_m - reach_m) - nearer.length()).max(0.0);
         // The outer part sinks under its weight, except where it stands.
         let sag = if f.droop >= 0.0 { draws.between(SAG[0], SAG[1]) } else { 0.0 };
         // What would hang into the ground lies on it.
@@ -471,7 +476,7 @@ impl Pose {
         let facing = facing.try_normalize().unwrap_or_else(|| heading.any_orthonormal_vector());
         let facing = Quat::from_axis_angle(heading, roll) * facing;
         Pose {
-            base: spot.at - heading * (STALK * size_m + INWARD * (size_m - reach_m)),
+            base: spot.at + nearer - heading * (STALK * size_m + inward_m),
             heading,
             facing,
             size_m,

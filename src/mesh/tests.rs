@@ -643,6 +643,7 @@ fn speed() {
         atlas: &atlas,
         level,
         is_meshed: &[],
+        has_stalks: false,
         budget: None,
         detail: true,
         twigs: TwigsAs::Merged,
