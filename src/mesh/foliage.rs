@@ -155,8 +155,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let enough =
         |shape: Shape, coverage: f32| enough(&hull, f, shape.shown() * coverage, all, share);
     // Cards of twigs' own size that hide as much as all leaves do.
-    let usual_m = usual_picture_m(atlas, f.twig_length_m);
-    let covered = coverage(atlas, atlas.nearest(usual_m));
+    let covered = covered_by_twigs(atlas, f);
     let of_cards = |shape| all.min(enough(shape, covered).ceil() as usize);
     // Where there are triangles for all of them, folded ones.
     let folded = Shape::of(f.shape, false);
@@ -303,6 +302,32 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     Ok(Foliage { surface, twigs: Vec::new(), twig_scale: enlarge, cover, stand_in })
 }
 
+/// Triangles that the cards of a leafy tree seen from near take though they may take `most`; `None` where
+/// that may be all of them.
+pub fn taken_by_cards(
+    skeleton: &Skeleton,
+    species: &Species,
+    atlas: &Atlas,
+    options: &MeshOptions,
+    most: usize,
+) -> Option<usize> {
+    let f = &species.foliage;
+    let is_other = species.own_model.is_some() || species.own_fruit.is_some();
+    if !options.has_near_cards() || f.is_bare() || is_other {
+        return None;
+    }
+    let hull = Hull::around(skeleton, &skeleton.bears_leaves(f.bearing_radius_m))?;
+    let f = &f.within(hull.longest_twig_m());
+    let covered = covered_by_twigs(atlas, f);
+    let share = options.leaf_share.clamp(0.0, 1.0);
+    let taken = |shape: Shape| {
+        let cards = enough(&hull, f, shape.shown() * covered, usize::MAX, share);
+        shape.room().triangles * cards.ceil() as usize
+    };
+    let shapes = [true, false].map(|fine| Shape::of(f.shape, fine));
+    shapes.into_iter().skip(usize::from(!options.detail)).map(taken).find(|taken| *taken <= most)
+}
+
 /// Whether the cards of bare twigs have stalks from the wood that is meshed, which no leaves hide.
 pub fn has_stalks(species: &Species, options: &MeshOptions) -> bool {
     let is_own = species.own_picture.is_some() || species.own_model.is_some();
@@ -352,6 +377,11 @@ fn enough(hull: &Hull, f: &Leaves, shown: f32, all: usize, share: f32) -> f32 {
     let twig = f.twig_length_m.max(1e-3);
     let cover = share * f.kept.min(1.0) * f.cover.clamp(0.0, 1.0);
     cover * hull.area_sq_m() / (shown.max(0.03) * twig * twig)
+}
+
+/// Opaque share of the pictures for cards as large as twigs.
+fn covered_by_twigs(atlas: &Atlas, f: &Leaves) -> f32 {
+    coverage(atlas, atlas.nearest(usual_picture_m(atlas, f.twig_length_m)))
 }
 
 /// Opaque share of cells, their mean.

@@ -556,3 +556,19 @@ fn leafy_twigs_hang_near_wood() {
         assert!(half_m < most_m, "{name}: half the twigs are {half_m} m and more from wood");
     }
 }
+
+#[test]
+fn wood_has_what_cards_leave_over() {
+    for name in ["corylus_avellana", "larix_sibirica"] {
+        let species = species::load(name).unwrap();
+        let target = Target::FromSpecies { height_m: None };
+        let detail = Detail { max_nodes: 30_000, attractor_spacing_m: None };
+        let skeleton = grow(&species, target, detail, Seed::new(1)).unwrap();
+        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let options = MeshOptions { triangle_budget: Some(100_000), ..MeshOptions::HERO };
+        let tree = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
+        let [wood, all] = [tree.wood_triangles(), tree.triangles()];
+        let is_within = all <= 100_000 && tree.foliage.triangles() < 50_000;
+        assert!(is_within && wood > 48_000, "{name}: {wood} of {all}");
+    }
+}

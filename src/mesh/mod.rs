@@ -412,11 +412,17 @@ pub fn build(
     }
     let seed = seed.derive("mesh", 0);
     let level = options.foliage;
-    let wood_budget = options.triangle_budget.map(|b| match level {
-        FoliageLevel::None => b,
-        _ if species.foliage.is_bare() => (b as f32 * WOOD_SHARE_BARE) as usize,
-        _ if options.is_flat() => (b as f32 * WOOD_SHARE_FLAT) as usize,
-        _ => (b as f32 * WOOD_SHARE) as usize,
+    let wood_budget = options.triangle_budget.map(|b| {
+        let of = |share: f32| (b as f32 * share) as usize;
+        let usual = match level {
+            FoliageLevel::None => b,
+            _ if species.foliage.is_bare() => of(WOOD_SHARE_BARE),
+            _ if options.is_flat() => of(WOOD_SHARE_FLAT),
+            _ => of(WOOD_SHARE),
+        };
+        // What cards leave over is for more branches.
+        let taken = foliage::taken_by_cards(skeleton, species, atlas, options, b - usual);
+        taken.map_or(usual, |taken| b - taken)
     });
     let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
     let made = wood::wood(skeleton, options, wood_budget, species, wind.as_ref(), seed);
