@@ -164,3 +164,46 @@ fn a_leader_keeps_the_bark_of_its_stem() {
     let white_m = tree.upper_wood.position.iter().map(|p| p.z).fold(0.0, f32::max);
     assert!(white_m > stem_m, "white to {white_m} m of {stem_m} m");
 }
+
+/// It ends in tongues; chips of a few facets above them would look stuck on.
+#[test]
+fn old_bark_leaves_no_chips() {
+    for (name, seed) in
+        ["betula_pendula", "pinus_sylvestris"].iter().flat_map(|n| (1..=8).map(move |s| (n, s)))
+    {
+        let s = species::load(name).unwrap();
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = grow(&s, target, Detail::HERO, Seed::new(seed)).unwrap();
+        let tree =
+            build(&skeleton, &s, &Atlas::whole(0.4), &MeshOptions::HERO, Seed::new(seed)).unwrap();
+        let old = &tree.wood;
+        let mut place = HashMap::new();
+        let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
+        let of: Vec<usize> = (old.position.iter())
+            .map(|p| {
+                let next = place.len();
+                *place.entry(key(*p)).or_insert(next)
+            })
+            .collect();
+        let mut piece: Vec<usize> = (0..place.len()).collect();
+        let root = |piece: &[usize], mut k: usize| {
+            while piece[k] != k {
+                k = piece[k];
+            }
+            k
+        };
+        for t in old.index.chunks_exact(3) {
+            let [a, b, c] = [0, 1, 2].map(|k| of[t[k] as usize]);
+            for (a, b) in [(a, b), (b, c)] {
+                let (a, b) = (root(&piece, a), root(&piece, b));
+                piece[a.max(b)] = a.min(b);
+            }
+        }
+        let mut triangles: HashMap<usize, usize> = HashMap::new();
+        for t in old.index.chunks_exact(3) {
+            *triangles.entry(root(&piece, of[t[0] as usize])).or_default() += 1;
+        }
+        let chips = triangles.values().filter(|n| **n < 6).count();
+        assert_eq!(chips, 0, "{name}, seed {seed}: {triangles:?}");
+    }
+}

@@ -351,6 +351,12 @@ impl MeshOptions {
         self.foliage == FoliageLevel::Cards && !self.is_flat()
     }
 
+    /// As rough as a budget asks, however round wood was to be.
+    pub fn roughened(self) -> MeshOptions {
+        let tolerance_m = self.tolerance_m.max(MeshOptions::HERO.tolerance_m);
+        MeshOptions { tolerance_m, sagitta_m: f32::INFINITY, ..self }
+    }
+
     /// One of many trees in a forest.
     pub const FOREST: MeshOptions = MeshOptions {
         tolerance_m: 0.004,

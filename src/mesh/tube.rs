@@ -333,7 +333,7 @@ impl<'a> Bark<'a> {
                             .map(|c| corners_in(i, c, slots, &mut surface[c.bark()], &mut luck))
                     });
                     let [low, high] = [0, 1].map(|r| (&rings[i - 1 + r], blended.share[r]));
-                    limits.band([i - 1, i], rings, &mut luck);
+                    limits.band([i - 1, i], blended.share, rings, &mut luck);
                     let field = |k: u32| {
                         let limit = limits.at(k);
                         [low.1 - limit[0], high.1 - limit[1]]

@@ -164,13 +164,13 @@ impl Luck {
     /// Share of a bark from which on a place has it, 0…1: one reaches into the other in tongues and
     /// leaves islands. `turn`: part of a full turn around the ring.
     pub fn limit(&mut self, turn: f32, ring: &Ring) -> f32 {
-        limit(turn, self.waves(ring))
+        limit(turn, self.waves(ring), heights(ring.sides))
     }
 
     /// Turns of the waves at a ring's first corner.
     fn waves(&mut self, ring: &Ring) -> Vec4 {
         const PHASE: Vec4 = Vec4::new(1.0, 2.3, 4.1, 5.2);
-        const RISE: Vec4 = Vec4::new(0.25, -0.9, 0.4, 2.7);
+        const RISE: Vec4 = Vec4::new(0.25, -0.6, 0.9, -1.4);
         // Girths along the tube; few where it is thin.
         let is_folded = ring.girth < FOLDED_GIRTH[1];
         let along = ring.v / if is_folded { 0.25 } else { ring.repeats };
@@ -178,10 +178,21 @@ impl Luck {
     }
 }
 
-fn limit(turn: f32, waves: Vec4) -> f32 {
-    const HIGH: Vec4 = Vec4::new(0.16, 0.15, 0.1, 0.12);
-    const AROUND: Vec4 = Vec4::new(2.0, 5.0, 11.0, 7.0);
-    (0.5 + HIGH.dot(sine(AROUND * turn + waves))).clamp(0.001, 0.999)
+/// Waves around a ring.
+const AROUND: Vec4 = Vec4::new(2.0, 3.0, 5.0, 11.0);
+
+/// Heights of the waves at a ring of so many corners: what is too fine for them would leave chips of single
+/// facets.
+fn heights(sides: u32) -> Vec4 {
+    const HIGH: Vec4 = Vec4::new(0.16, 0.12, 0.14, 0.1);
+    /// Corners a wave, from none of it to all.
+    const SEEN: [f32; 2] = [2.5, 3.5];
+    let corners = Vec4::splat(sides as f32) / AROUND;
+    HIGH * ((corners - SEEN[0]) / (SEEN[1] - SEEN[0])).clamp(Vec4::ZERO, Vec4::ONE)
+}
+
+fn limit(turn: f32, waves: Vec4, heights: Vec4) -> f32 {
+    (0.5 + heights.dot(sine(AROUND * turn + waves))).clamp(0.001, 0.999)
 }
 
 /// The limits at the corners of the rings of one band of a tube, the first of each again at the end.
@@ -199,14 +210,39 @@ impl Limits {
         self.ring = usize::MAX;
     }
 
-    /// Those of a band between two rings of as many sides; bands come from the foot up.
-    pub fn band(&mut self, [low, high]: [usize; 2], rings: &[Ring], luck: &mut Luck) {
+    /// Those of a band between two rings of as many sides, with the shares of the second bark at them;
+    /// bands come from the foot up.
+    pub fn band(
+        &mut self,
+        [low, high]: [usize; 2],
+        share: [f32; 2],
+        rings: &[Ring],
+        luck: &mut Luck,
+    ) {
         std::mem::swap(&mut self.below, &mut self.above);
         if self.ring != low || self.below.len() != rings[low].sides as usize + 1 {
             Self::fill(&mut self.below, &rings[low], rings[high].sides, luck);
         }
         Self::fill(&mut self.above, &rings[high], rings[high].sides, luck);
+        self.join(share);
         self.ring = high;
+    }
+
+    /// A corner that differs from those beside and below it goes with them: it would be a chip.
+    fn join(&mut self, share: [f32; 2]) {
+        let sides = self.above.len().saturating_sub(1);
+        for k in 0..sides {
+            let beside = [(k + sides - 1) % sides, k + 1].map(|k| self.above[k]);
+            let is_second = share[1] >= self.above[k];
+            let is_alone = beside.iter().all(|limit| (share[1] >= *limit) != is_second)
+                && (share[0] >= self.below[k]) != is_second;
+            if is_alone {
+                self.above[k] = 0.5 * (beside[0] + beside[1]);
+            }
+        }
+        if sides > 0 {
+            self.above[sides] = self.above[0];
+        }
     }
 
     /// Of the lower ring and the upper one.
@@ -215,9 +251,9 @@ impl Limits {
     }
 
     fn fill(limits: &mut Vec<f32>, ring: &Ring, sides: u32, luck: &mut Luck) {
-        let waves = luck.waves(ring);
+        let (waves, heights) = (luck.waves(ring), heights(sides));
         limits.clear();
-        limits.extend((0..sides).map(|k| limit(k as f32 / sides as f32, waves)));
+        limits.extend((0..sides).map(|k| limit(k as f32 / sides as f32, waves, heights)));
         limits.extend(limits.first().copied());
     }
 }

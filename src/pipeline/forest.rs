@@ -624,7 +624,7 @@ fn build_meshes(
                     ..job.wood.options(plan.triangles, job.foliage)
                 };
                 if plan.is_rough {
-                    options.sagitta_m = f32::INFINITY;
+                    options = options.roughened();
                 }
                 let crown = &survey.trees[m.exemplar].crown;
                 let seed = job.survey.seed.derive("mesh", crown.key);

@@ -79,7 +79,7 @@ pub fn fewest(
     let finest = Finest::of(subject, options, most)?;
     let found = finest.reached(options, &ladder, tolerance_m)?;
     let Some(k) = found.iter().rposition(Reached::is_within) else {
-        let rough = |n: usize| MeshOptions { sagitta_m: f32::INFINITY, ..options(n) };
+        let rough = |n: usize| options(n).roughened();
         let freed = finest.reached(&rough, &[most], tolerance_m)?[0];
         let is_worse = freed.rms_m >= found[0].rms_m && found[0].made <= most;
         return Ok(if is_worse { found[0] } else { Reached { is_rough: true, ..freed } });
@@ -246,6 +246,11 @@ mod tests {
         assert_eq!((got.triangles, got.is_within()), (300, false));
         outcome(&[got], &mut warnings);
         assert!(warnings[0].contains("1 of 1 models would take more than 300"), "{warnings:?}");
+        // However round wood is to be.
+        let round =
+            |n: usize| MeshOptions { tolerance_m: 1e-5, sagitta_m: 1e-5, ..mesh_options(n) };
+        let got = super::fewest(&subject, &round, 300, 1e-5).unwrap();
+        assert!(got.is_rough && got.made <= 300 && got.rms_m < 0.5, "{got:?}");
         let mut warnings = Vec::new();
         let got = fewest(100_000, 0.001).unwrap();
         outcome(&[got], &mut warnings);

@@ -222,7 +222,7 @@ fn stand(
     let mut meshes = run.stage("mesh", |warnings| {
         let mut options = MeshOptions { wind: job.levels.wind, ..options(triangles) };
         if is_rough {
-            options.sagitta_m = f32::INFINITY;
+            options = options.roughened();
         }
         // Wood fitted to a cloud stays where it is.
         let height_m = job.cloud.is_none().then(|| skeleton.height_m());
