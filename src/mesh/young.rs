@@ -161,7 +161,8 @@ impl Luck {
             .get_or_insert_with(|| self.seed.derive("bark", self.key).draws().between(0.0, TAU))
     }
 
-    /// Share of a bark from which on a place has it, 0…1: one reaches into the other in tongues. `turn`: part of a full turn around the ring.
+    /// Share of a bark from which on a place has it, 0…1: one reaches into the other in tongues.
+    /// `turn`: part of a full turn around the ring.
     pub fn limit(&mut self, turn: f32, ring: &Ring) -> f32 {
         limit(turn, self.waves(ring), heights(ring.sides))
     }
