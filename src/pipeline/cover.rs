@@ -285,15 +285,38 @@ mod tests {
     const TEST_SIDES: usize = 7;
     const TEST_SAMPLES: usize = 400;
 
+    /// A tree, and what it takes to mesh it.
+    struct Grown {
+        skeleton: Skeleton,
+        species: Species,
+        textures: TreeTextures,
+    }
+
+    impl Grown {
+        /// For so many triangles, with pictures of so many pixels.
+        fn new(name: &str, height_m: Option<f32>, triangles: usize, picture_px: u32) -> Grown {
+            let species = species::load(name).unwrap();
+            let target = Target::FromSpecies { height_m };
+            let detail = detail(triangles, FoliageLevel::Cards);
+            let skeleton = skeleton::grow(&species, target, detail, Seed::new(1)).unwrap();
+            let textures = texture::for_species(&species, picture_px, Seed::new(1));
+            Grown { skeleton, species, textures }
+        }
+
+        fn subject(&self) -> Subject<'_> {
+            let Grown { skeleton, species, textures } = self;
+            Subject { skeleton, species, textures, seed: Seed::new(1) }
+        }
+
+        fn mesh(&self, triangles: usize, level: FoliageLevel) -> TreeMesh {
+            self.subject().mesh(&WoodJob::default().options(triangles, level)).unwrap()
+        }
+    }
+
     /// What each coarser form covers over what the finest does: sides, then above.
     fn covers(name: &str, triangles: usize) -> Vec<Seen> {
-        let species = species::load(name).unwrap();
-        let seed = Seed::new(1);
-        let target = Target::FromSpecies { height_m: None };
-        let detail = detail(triangles, FoliageLevel::Cards);
-        let skeleton = skeleton::grow(&species, target, detail, seed).unwrap();
-        let textures = texture::for_species(&species, 256, seed);
-        let subject = Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
+        let grown = Grown::new(name, None, triangles, 256);
+        let subject = grown.subject();
         let options = WoodJob::default().options(triangles, FoliageLevel::Cards);
         let mut all = levels::meshes(&subject, &options, SHARES.len(), None).unwrap();
         let shares = (0..SHARES.len()).map(|k| levels::share(triangles, k));
@@ -338,27 +361,11 @@ mod tests {
     fn trees_of_few_triangles_are_as_full() {
         let names = ["larix_sibirica", "abies_sibirica", "betula_pendula", "quercus_robur"];
         for (name, triangles) in names.into_iter().flat_map(|n| [(n, 2_000), (n, 5_000)]) {
-            let species = species::load(name).unwrap();
-            let seed = Seed::new(1);
-            let textures = texture::for_species(&species, 512, seed);
-            let target = Target::FromSpecies { height_m: None };
-            let grown = |triangles| {
-                let detail = detail(triangles, FoliageLevel::Cards);
-                skeleton::grow(&species, target, detail, seed).unwrap()
-            };
-            let skeletons = [20_000, triangles].map(grown);
-            let [fine, few] = [0, 1].map(|k| Subject {
-                skeleton: &skeletons[k],
-                species: &species,
-                textures: &textures,
-                seed,
-            });
-            let made = |subject: &Subject<'_>, triangles| {
-                subject.mesh(&WoodJob::default().options(triangles, FoliageLevel::Cards)).unwrap()
-            };
-            let finest = made(&fine, 20_000);
-            let wanted = Wanted::of(&fine, &finest, TEST_SIDES, TEST_SAMPLES).unwrap();
-            let seen = &wanted.seen(vec![made(&few, triangles)]).unwrap()[0];
+            let [fine, few] = [20_000, triangles].map(|n| Grown::new(name, None, n, 512));
+            let finest = fine.mesh(20_000, FoliageLevel::Cards);
+            let wanted = Wanted::of(&fine.subject(), &finest, TEST_SIDES, TEST_SAMPLES).unwrap();
+            let few = few.mesh(triangles, FoliageLevel::Cards);
+            let seen = &wanted.seen(vec![few]).unwrap()[0];
             let told = format!("{name} {triangles}: {:.3} {:.3?}", seen.mean(), seen.heights);
             println!("{told}");
             assert!((seen.mean() - 1.0).abs() < 0.3, "{told}");
@@ -371,22 +378,11 @@ mod tests {
     #[test]
     fn leaf_by_leaf_a_crown_covers_as_much_as_with_cards() {
         for name in ["larix_sibirica", "picea_obovata", "betula_pendula", "tilia_cordata"] {
-            let species = species::load(name).unwrap();
-            let seed = Seed::new(1);
-            let target = Target::FromSpecies { height_m: Some(15.0) };
-            let skeleton =
-                skeleton::grow(&species, target, detail(20_000, FoliageLevel::Cards), seed);
-            let (skeleton, textures) =
-                (skeleton.unwrap(), texture::for_species(&species, 512, seed));
-            let subject =
-                Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
-            let made = |triangles, level| {
-                subject.mesh(&WoodJob::default().options(triangles, level)).unwrap()
-            };
-            let cards = made(20_000, FoliageLevel::Cards);
-            let whole = [500_000, 3_000_000].map(|n| made(n, FoliageLevel::Geometry));
+            let grown = Grown::new(name, Some(15.0), 20_000, 512);
+            let cards = grown.mesh(20_000, FoliageLevel::Cards);
+            let whole = [500_000, 3_000_000].map(|n| grown.mesh(n, FoliageLevel::Geometry));
             assert!(whole.iter().all(|tree| tree.leaf_cover > 0.999));
-            let wanted = Wanted::of(&subject, &cards, TEST_SIDES, TEST_SAMPLES).unwrap();
+            let wanted = Wanted::of(&grown.subject(), &cards, TEST_SIDES, TEST_SAMPLES).unwrap();
             let seen = wanted.seen(whole.to_vec()).unwrap();
             let covers: Vec<f32> = seen.iter().map(Seen::mean).collect();
             println!("{name}: {covers:.3?}");
@@ -400,21 +396,10 @@ mod tests {
     fn crowns_of_cards_are_as_full_as_their_leaves() {
         let of = ["larix_sibirica", "pinus_sylvestris", "populus_tremula", "sorbus_aucuparia"];
         for name in of {
-            let species = species::load(name).unwrap();
-            let seed = Seed::new(1);
-            let target = Target::FromSpecies { height_m: None };
-            let skeleton =
-                skeleton::grow(&species, target, detail(100_000, FoliageLevel::Cards), seed);
-            let (skeleton, textures) =
-                (skeleton.unwrap(), texture::for_species(&species, 512, seed));
-            let subject =
-                Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
-            let made = |triangles, level| {
-                subject.mesh(&WoodJob::default().options(triangles, level)).unwrap()
-            };
-            let whole = made(3_000_000, FoliageLevel::Geometry);
-            let cards = [5_000, 20_000, 100_000].map(|n| made(n, FoliageLevel::Cards));
-            let covers = shares(&subject, &whole, cards.to_vec()).unwrap();
+            let grown = Grown::new(name, None, 100_000, 512);
+            let whole = grown.mesh(3_000_000, FoliageLevel::Geometry);
+            let cards = [5_000, 20_000, 100_000].map(|n| grown.mesh(n, FoliageLevel::Cards));
+            let covers = shares(&grown.subject(), &whole, cards.to_vec()).unwrap();
             println!("{name}: {covers:.3?}");
             assert!(covers.iter().all(|c| (0.8..1.15).contains(c)), "{name}: {covers:?}");
         }
