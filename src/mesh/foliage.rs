@@ -95,6 +95,7 @@ pub struct Order<'a> {
 #[derive(Debug, PartialEq)]
 pub struct Foliage {
     pub surface: Surface,
+    pub is_hull: bool,
     pub twigs: Vec<Twigs>,
     pub twig_scale: f32,
     pub cover: f32,
@@ -106,6 +107,7 @@ impl Default for Foliage {
     fn default() -> Foliage {
         Foliage {
             surface: Surface::default(),
+            is_hull: false,
             twigs: Vec::new(),
             twig_scale: 0.0,
             cover: 1.0,
@@ -144,11 +146,11 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     if level == FoliageLevel::Shell && !f.is_bare() {
         let margin_m = 0.5 * f.twig_length_m.min(hull.half.max_element());
         let most = budget.min(MOST_SHELL);
-        let mut surface = shell::shell(&spots, &hull, margin_m, atlas.shade(), most);
+        let mut surface = shell::shell(&spots, &hull, margin_m, most);
         if let Some(wind) = order.wind {
             wind.whole_tree(&mut surface);
         }
-        return Ok(Foliage { surface, ..Foliage::default() });
+        return Ok(Foliage { surface, is_hull: true, ..Foliage::default() });
     }
     let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);
     let all = spots.len();
@@ -299,7 +301,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     };
     let stand_in = twig.as_ref().map(Twig::stands_in);
     let cover = twig.map_or(1.0, |t| t.cover);
-    Ok(Foliage { surface, twigs: Vec::new(), twig_scale: enlarge, cover, stand_in })
+    Ok(Foliage { surface, twig_scale: enlarge, cover, stand_in, ..Foliage::default() })
 }
 
 /// Triangles that the cards of a leafy tree seen from near take though they may take `most`; `None` where

@@ -123,6 +123,8 @@ pub struct TreeMesh {
     pub twig_wood: Surface,
     /// Empty for a bare tree, and where [`TreeMesh::twigs`] are its leaves.
     pub foliage: Surface,
+    /// Whether the foliage is a closed hull of the crown, without pictures of leaves.
+    pub is_hull: bool,
     /// Leaves as twigs in many places; empty unless asked for.
     pub twigs: Vec<Twigs>,
     /// Cones, berries or catkins of the user's own; empty where the species has none.
@@ -442,8 +444,7 @@ pub fn build(
     let mut order = order(species, atlas, options, beside, wind.as_ref(), seed);
     let fruit = fruit::fruit(skeleton, &order);
     order.budget = order.budget.map(|b| b.saturating_sub(fruit.triangles()));
-    let foliage::Foliage { surface: foliage, twigs, twig_scale, cover: leaf_cover, stand_in } =
-        foliage::foliage(skeleton, &order)?;
+    let leaves = foliage::foliage(skeleton, &order)?;
     let [wood, upper_wood, twig_wood] = made.surface;
     let wood::Count { axes, without: unmeshed_axes, sagitta: (sagitta_m, sagitta_sides) } =
         made.count;
@@ -451,16 +452,17 @@ pub fn build(
         wood,
         upper_wood,
         twig_wood,
-        foliage,
-        twigs,
+        foliage: leaves.surface,
+        is_hull: leaves.is_hull,
+        twigs: leaves.twigs,
         fruit,
         axes,
         unmeshed_axes,
         sagitta_m,
         sagitta_sides,
-        twig_scale,
-        leaf_cover,
-        stand_in,
+        twig_scale: leaves.twig_scale,
+        leaf_cover: leaves.cover,
+        stand_in: leaves.stand_in,
         is_meshed,
     })
 }

@@ -119,7 +119,8 @@ impl Scheme {
         };
         let (low, wide, top) = (self.h1_m, self.h4_m, self.h4_m + self.h2_m);
         let crown = [(0.0, low), (self.r4_m, low), (self.r3_m, wide), (0.0, top)];
-        TreeMesh { wood, upper_wood, foliage: turned(&crown, n), ..TreeMesh::default() }
+        let foliage = turned(&crown, n);
+        TreeMesh { wood, upper_wood, foliage, is_hull: true, ..TreeMesh::default() }
     }
 }
 

@@ -14,8 +14,8 @@ use super::spot::{Hull, Spot};
 const WITHIN: f32 = 0.9;
 
 /// A closed hull of about `budget` triangles at most, 48 at least; `margin_m` is how far twigs
-/// reach beyond their places, `uv` an opaque spot of the leaf picture.
-pub fn shell(spots: &[Spot], hull: &Hull, margin_m: f32, uv: Vec2, budget: usize) -> Surface {
+/// reach beyond their places.
+pub fn shell(spots: &[Spot], hull: &Hull, margin_m: f32, budget: usize) -> Surface {
     let (sectors, rings) = match budget {
         400.. => (16usize, 12usize),
         160..400 => (10, 8),
@@ -96,6 +96,6 @@ pub fn shell(spots: &[Spot], hull: &Hull, margin_m: f32, uv: Vec2, budget: usize
         *n = n.normalize_or((*p - hull.centre).normalize_or(Vec3::Z));
     }
     (0..8).find(|_| !straighten(&position, &mut normal, &index, 0));
-    let uv = vec![uv; position.len()];
+    let uv = vec![Vec2::ZERO; position.len()];
     Surface { position, normal, uv, index, ..Surface::default() }
 }

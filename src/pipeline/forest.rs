@@ -23,7 +23,7 @@ use crate::lod::Kind;
 use crate::lod::collision::collision;
 use crate::mesh::{FoliageLevel, Junctions, MeshOptions, Surface, TreeMesh, Twigs};
 use crate::raster::{Image, Picture};
-use crate::render::{self, Camera, RenderOptions};
+use crate::render::{self, Camera, RenderOptions, linear_from_srgb};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scene::sharing::{Build, Model, share};
 use crate::scene::turn;
@@ -793,6 +793,8 @@ pub struct Look {
     upper_bark: u32,
     twig_bark: u32,
     leaf: u32,
+    /// Of hulls: one colour.
+    crown: u32,
     /// The leaf's where there is none.
     fruit: u32,
 }
@@ -806,16 +808,23 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         textures.bark_twig.map_or(upper_bark, |t| add_bark(scene, &format!("{stem}_bark_twig"), t));
     let name = format!("{stem}_leaf");
     let is_plain = (textures.leaf.width(), textures.leaf.height()) == (1, 1);
+    let crown_variants = textures.leaf_variants.iter().map(|v| Variant {
+        name: v.name.to_owned(),
+        base_color: v.crown.map(linear_from_srgb),
+        base_color_texture: None,
+    });
+    let crown_variants = crown_variants.collect();
     let (base_color, leaf) = colour(scene, &name, textures.leaf);
     let alpha = if leaf.is_some() { Alpha::Mask { cutoff: 0.5 } } else { Alpha::Opaque };
     let normals = textures.leaf_normal;
     let normal_texture =
         normals.map(|i| add_texture(scene, &format!("{name}_normal"), i, Colorspace::Raw));
-    let variants = textures.leaf_variants.into_iter().map(|(variant, image)| {
-        let (base_color, base_color_texture) = colour(scene, &format!("{name}_{variant}"), image);
-        Variant { name: variant.to_owned(), base_color, base_color_texture }
+    let variants = textures.leaf_variants.into_iter().map(|v| {
+        let (base_color, base_color_texture) = colour(scene, &format!("{name}_{}", v.name), v.leaf);
+        Variant { name: v.name.to_owned(), base_color, base_color_texture }
     });
     let variants = variants.collect();
+    let translucency = if species.foliage.is_bare() { 0.0 } else { LEAF_TRANSLUCENCY };
     scene.materials.push(Material {
         name,
         base_color,
@@ -826,23 +835,30 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         variants,
         roughness: 0.65,
         specular: LEAF_SPECULAR,
-        translucency: if species.foliage.is_bare() { 0.0 } else { LEAF_TRANSLUCENCY },
+        translucency,
         alpha,
         double_sided: true,
     });
     let leaf = scene.materials.len() as u32 - 1;
+    scene.materials.push(Material {
+        name: format!("{stem}_crown"),
+        base_color: textures.crown.map(linear_from_srgb),
+        base_color_texture: None,
+        normal_texture: None,
+        orm_texture: None,
+        relief: None,
+        variants: crown_variants,
+        roughness: 0.65,
+        specular: LEAF_SPECULAR,
+        translucency,
+        alpha: Alpha::Opaque,
+        double_sided: false,
+    });
+    let crown = scene.materials.len() as u32 - 1;
     let own = species.own_fruit.as_deref();
     let fruit =
         own.map_or(leaf, |model| add_fruit(scene, &format!("{stem}_fruit"), model, is_plain));
-    Look { bark, upper_bark, twig_bark, leaf, fruit }
-}
-
-/// Of the opaque pixels.
-fn mean_colour(picture: &Picture) -> [u8; 4] {
-    let opaque = || picture.data.iter().filter(|p| p[3] >= 128);
-    let count = opaque().count().max(1) as u64;
-    let mean = |k: usize| (opaque().map(|p| u64::from(p[k])).sum::<u64>() / count) as u8;
-    [mean(0), mean(1), mean(2), 255]
+    Look { bark, upper_bark, twig_bark, leaf, crown, fruit }
 }
 
 /// The material of a user's own cones; `is_plain`: in their mean colour.
@@ -850,7 +866,7 @@ fn add_fruit(scene: &mut Scene, name: &str, model: &own::Model, is_plain: bool) 
     let picture = &model.picture;
     let is_cut = picture.data.iter().any(|p| p[3] < 128);
     let picture = match is_plain {
-        true => Picture::filled(1, 1, mean_colour(picture)),
+        true => Picture::filled(1, 1, picture.mean_colour()),
         false => picture.clone(),
     };
     let (base_color, base_color_texture) = colour(scene, name, picture.into());
@@ -877,12 +893,17 @@ fn add_fruit(scene: &mut Scene, name: &str, model: &own::Model, is_plain: bool) 
 
 /// The same look, with leaves in a colour of their own; `number`: of the model.
 fn tinted(scene: &mut Scene, look: Look, tint: [f32; 3], number: u32) -> Look {
-    let leaf = scene.materials.get(look.leaf as usize).filter(|_| tint != [1.0; 3]);
-    let Some(leaf) = leaf.cloned() else { return look };
-    let name = format!("{}_{number:02}", leaf.name);
-    let base_color = std::array::from_fn(|k| leaf.base_color[k] * tint[k]);
-    scene.materials.push(Material { name, base_color, ..leaf });
-    Look { leaf: scene.materials.len() as u32 - 1, ..look }
+    if tint == [1.0; 3] {
+        return look;
+    }
+    let mut of = |material: u32| {
+        let Some(own) = scene.materials.get(material as usize).cloned() else { return material };
+        let name = format!("{}_{number:02}", own.name);
+        let base_color = std::array::from_fn(|k| own.base_color[k] * tint[k]);
+        scene.materials.push(Material { name, base_color, ..own });
+        scene.materials.len() as u32 - 1
+    };
+    Look { leaf: of(look.leaf), crown: of(look.crown), ..look }
 }
 
 fn add_texture(scene: &mut Scene, name: &str, image: Image, colorspace: Colorspace) -> u32 {
@@ -895,12 +916,8 @@ fn colour(scene: &mut Scene, name: &str, image: Image) -> ([f32; 3], Option<u32>
     if (image.width(), image.height()) != (1, 1) {
         return ([1.0; 3], Some(add_texture(scene, name, image, Colorspace::Srgb)));
     }
-    let linear = |v: u8| match f32::from(v) / 255.0 {
-        s if s <= 0.040_45 => s / 12.92,
-        s => ((s + 0.055) / 1.055).powf(2.4),
-    };
     let [r, g, b, _] = image.picture().at(0, 0);
-    ([r, g, b].map(linear), None)
+    ([r, g, b].map(linear_from_srgb), None)
 }
 
 fn add_bark(scene: &mut Scene, name: &str, bark: BarkTextures) -> u32 {
@@ -974,7 +991,7 @@ pub(super) fn parts_of(mesh: TreeMesh, look: Look) -> Vec<Part> {
         part("wood", mesh.wood, look.bark),
         part("upper_wood", mesh.upper_wood, look.upper_bark),
         part("twig_wood", mesh.twig_wood, look.twig_bark),
-        part("foliage", mesh.foliage, look.leaf),
+        part("foliage", mesh.foliage, if mesh.is_hull { look.crown } else { look.leaf }),
         part("fruit", mesh.fruit, look.fruit),
     ]
 }

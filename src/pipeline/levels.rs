@@ -18,7 +18,6 @@ use crate::scene::{
     Variant,
 };
 use crate::species::Species;
-use crate::texture::Atlas;
 use crate::work::{self, Work};
 
 /// Which forms are made of a model beside the finest.
@@ -117,9 +116,9 @@ fn coarsest(
     subject: &Subject<'_>,
     options: &MeshOptions,
 ) -> Result<TreeMesh> {
-    let Subject { skeleton, species, textures, .. } = subject;
+    let Subject { skeleton, species, .. } = subject;
     let crown_base_m = skeleton.crown_base_m() * factor;
-    let mut scheme = scheme(finest, crown_base_m, species, &textures.atlas)?;
+    let mut scheme = scheme(finest, crown_base_m, species)?;
     if let Some(profile) = options.wind {
         let height_m = finest.bounds().1.z;
         let TreeMesh { wood, upper_wood, foliage, .. } = &mut scheme;
@@ -270,14 +269,8 @@ pub fn tell_fruitless<'a>(
     }
 }
 
-/// A tree as two cones and a cylinder (P18), in the mean colour of its leaves; the cylinder alone
-/// for a bare one.
-fn scheme(
-    tree: &TreeMesh,
-    crown_base_m: f32,
-    species: &Species,
-    atlas: &Atlas,
-) -> Result<TreeMesh> {
+/// A tree as two cones and a cylinder (P18); the cylinder alone for a bare one.
+fn scheme(tree: &TreeMesh, crown_base_m: f32, species: &Species) -> Result<TreeMesh> {
     const SIDES: u32 = 8;
     let size = &species.size;
     let height_m = tree.bounds().1.z.max(0.01);
@@ -304,7 +297,6 @@ fn scheme(
             (p.z, uv.y) = (foot_m, foot_m);
         }
     }
-    mesh.foliage.uv.fill(atlas.shade());
     if tree.foliage.is_empty() {
         mesh.foliage = Surface::default();
     }
@@ -585,6 +577,7 @@ mod tests {
     use crate::mesh::FoliageLevel;
     use crate::seed::Seed;
     use crate::skeleton::{self, Target};
+    use crate::texture::LeafVariant;
 
     /// What a level plane cuts out of closed wood: the diameter of a circle of that area, and its middle.
     fn section(tree: &TreeMesh, z: f32) -> (f32, Vec2) {
@@ -652,6 +645,32 @@ mod tests {
         assert!(4 * sum(&other, 1) < 3 * sum(&own, 1) && sum(&other, 0) == sum(&own, 0));
         scene.prune();
         scene.validate().unwrap();
+    }
+
+    /// Pictures of leaves are for leaves.
+    #[test]
+    fn a_hull_has_a_colour_and_no_picture() {
+        let species = crate::species::load("betula_pendula").unwrap();
+        let mut textures = crate::texture::for_species(&species, 64, Seed::new(1));
+        let (leaf, crown) = (textures.leaf.clone(), [90, 40, 0]);
+        textures.leaf_variants.push(LeafVariant { name: "autumn", leaf, crown });
+        let hulls = [FoliageLevel::Shell, FoliageLevel::Cards].map(|level| {
+            let mut trees = tree_of(("betula_pendula", 2_000, 2_000), |subject, options| {
+                let options = MeshOptions { foliage: level, ..*options };
+                meshes(subject, &options, SHARES.len() + 1, None)
+            });
+            if level == FoliageLevel::Shell { trees.remove(0) } else { trees.pop().unwrap() }
+        });
+        for (k, tree) in hulls.into_iter().enumerate() {
+            let scene = super::super::forest::model_scene(&species, vec![tree], textures.clone());
+            let part = scene.prototypes[0].parts.iter().find(|p| p.name == "foliage").unwrap();
+            let material = &scene.materials[part.material as usize];
+            assert_eq!(material.name, "Betula_pendula_crown", "{k}");
+            assert_eq!(material.base_color, textures.crown.map(linear_from_srgb), "{k}");
+            assert_eq!(material.textures().count(), 0, "{k}");
+            assert_eq!((material.alpha, material.double_sided), (Alpha::Opaque, false), "{k}");
+            assert_eq!(material.variants[0].base_color, crown.map(linear_from_srgb), "{k}");
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use crate::scene::ValidScene;
 use crate::seed::Seed;
 use crate::species::Species;
 use crate::species::state::{Condition, Season, State};
-use crate::texture::{self, TreeTextures, stored};
+use crate::texture::{self, LeafVariant, TreeTextures, stored};
 
 /// The same pictures, to the byte, with or without a cache; none where they are to be 0 pixels wide.
 ///
@@ -47,7 +47,7 @@ pub(super) fn leaf_variants(
     size_px: u32,
     seed: Seed,
     cache: &Cache,
-) -> Result<Vec<(&'static str, Image)>> {
+) -> Result<Vec<LeafVariant>> {
     const SEASONS: [(&str, Season); 3] =
         [("spring", Season::Spring), ("summer", Season::Summer), ("autumn", Season::Autumn)];
     const CONDITIONS: [(&str, Condition); 4] = [
@@ -70,7 +70,8 @@ pub(super) fn leaf_variants(
             look.foliage.kept = own.kept;
         }
         if look.foliage != own && look.foliage.kept == own.kept {
-            variants.push((name, leaf(&look, size_px, seed, cache)?));
+            let crown = texture::crown_colour(&look);
+            variants.push(LeafVariant { name, leaf: leaf(&look, size_px, seed, cache)?, crown });
         }
     }
     Ok(variants)
@@ -120,17 +121,17 @@ mod tests {
         let (state, cache) = (State::default(), Cache::off());
         let own = texture::leaf(&species, 64, Seed::new(1));
         let variants = leaf_variants(&species, state, 64, Seed::new(1), &cache).unwrap();
-        let names: Vec<_> = variants.iter().map(|v| v.0).collect();
+        let names: Vec<_> = variants.iter().map(|v| v.name).collect();
         let all = ["spring", "autumn", "weakened", "strongly_weakened", "dying", "fresh_dead"];
         assert_eq!(names, all);
-        for (name, image) in &variants {
+        for LeafVariant { name, leaf: image, .. } in &variants {
             assert_ne!(*image, own, "{name}");
             let alpha = |i: &Image| i.picture().data.iter().map(|p| p[3]).collect::<Vec<_>>();
             assert_eq!(alpha(image), alpha(&own), "{name}: the same leaves");
         }
         let spruce = crate::species::load("picea_abies").unwrap();
         let variants = leaf_variants(&spruce, state, 64, Seed::new(1), &cache).unwrap();
-        assert!(variants.iter().all(|v| v.0 != "autumn"), "an evergreen has no autumn");
+        assert!(variants.iter().all(|v| v.name != "autumn"), "an evergreen has no autumn");
         let dead = State { condition: Condition::OldDead, ..state };
         let variants = leaf_variants(&spruce, dead, 64, Seed::new(1), &cache).unwrap();
         assert!(variants.is_empty(), "no picture of leaves that are not there");

@@ -41,6 +41,14 @@ impl Picture {
         Picture { width, height, data: vec![colour; width as usize * height as usize] }
     }
 
+    /// Of the opaque pixels.
+    pub fn mean_colour(&self) -> [u8; 4] {
+        let opaque = || self.data.iter().filter(|p| p[3] >= 128);
+        let count = opaque().count().max(1) as u64;
+        let mean = |k: usize| (opaque().map(|p| u64::from(p[k])).sum::<u64>() / count) as u8;
+        [mean(0), mean(1), mean(2), 255]
+    }
+
     pub fn at(&self, x: u32, y: u32) -> [u8; 4] {
         self.data[(y * self.width + x) as usize]
     }

@@ -159,17 +159,15 @@ pub struct Atlas {
     leaves: Vec<Cell>,
     wood: Vec2,
     fill: Vec2,
-    shade: Vec2,
 }
 
 impl Atlas {
     /// `leaves`: cells of single leaves or needles, that grow up like twigs; `plain`: places in
-    /// the middle of plain bark, of the leaves' mean colour and of that in the crown's shade. `None`
-    /// without cells of both.
-    pub fn new(cells: Vec<Cell>, leaves: Vec<Cell>, plain: [Vec2; 3]) -> Option<Self> {
+    /// the middle of plain bark and of the leaves' mean colour. `None` without cells of both.
+    pub fn new(cells: Vec<Cell>, leaves: Vec<Cell>, plain: [Vec2; 2]) -> Option<Self> {
         let has_both = !cells.is_empty() && !leaves.is_empty();
-        let [wood, fill, shade] = plain;
-        has_both.then_some(Atlas { cells, leaves, wood, fill, shade })
+        let [wood, fill] = plain;
+        has_both.then_some(Atlas { cells, leaves, wood, fill })
     }
 
     /// One cell that fills the picture, which shows `size_m` metres.
@@ -188,8 +186,7 @@ impl Atlas {
     /// One cell, for twig and leaf.
     pub fn of_one(cell: Cell) -> Self {
         let middle = Vec2::splat(0.5);
-        let [wood, fill, shade] = [middle; 3];
-        Atlas { cells: vec![cell.clone()], leaves: vec![cell], wood, fill, shade }
+        Atlas { cells: vec![cell.clone()], leaves: vec![cell], wood: middle, fill: middle }
     }
 
     /// With a cell of its own for single leaves.
@@ -199,7 +196,7 @@ impl Atlas {
 
     /// With the mean colour of the leaves at `fill`.
     pub fn filled_at(self, fill: Vec2) -> Self {
-        Atlas { fill, shade: fill, ..self }
+        Atlas { fill, ..self }
     }
 
     pub fn leaves(&self) -> &[Cell] {
@@ -214,12 +211,6 @@ impl Atlas {
     /// Texture coordinates of the leaves' mean colour, opaque around.
     pub fn fill(&self) -> Vec2 {
         self.fill
-    }
-
-    /// The same of leaves as a whole crown shows them, that throw shadows on each other: for hulls,
-    /// which throw none on themselves. As [`Atlas::fill`] where the picture is the user's.
-    pub fn shade(&self) -> Vec2 {
-        self.shade
     }
 
     pub fn cells(&self) -> &[Cell] {

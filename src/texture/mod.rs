@@ -34,8 +34,20 @@ pub struct TreeTextures {
     pub atlas: Atlas,
     /// Normals for it, as [`BarkTextures::normal`]; only of a user's own model that has some.
     pub leaf_normal: Option<Image>,
-    /// The same twigs in other colours, by name.
-    pub leaf_variants: Vec<(&'static str, Image)>,
+    /// Colour, sRGB, of the leaves as a whole crown shows them.
+    pub crown: [u8; 3],
+    /// The same twigs in other colours.
+    pub leaf_variants: Vec<LeafVariant>,
+}
+
+/// Other colours of a species' leaves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LeafVariant {
+    pub name: &'static str,
+    /// As [`TreeTextures::leaf`].
+    pub leaf: Image,
+    /// As [`TreeTextures::crown`].
+    pub crown: [u8; 3],
 }
 
 impl TreeTextures {
@@ -114,6 +126,7 @@ pub fn for_species(species: &Species, size_px: u32, seed: Seed) -> TreeTextures 
         leaf: leaf.into(),
         leaf_normal: own_normals(species),
         atlas,
+        crown: crown_colour(species),
         leaf_variants: Vec::new(),
     };
     work::count(Work::TexturePixels, textures.pixels());
@@ -139,8 +152,24 @@ pub fn plain(species: &Species) -> TreeTextures {
         leaf_normal: None,
         atlas: Atlas::whole(species.foliage.twig_length_m)
             .with_leaf(twig::plain_leaf(&species.foliage)),
+        crown: crown_colour(species),
         leaf_variants: Vec::new(),
     }
+}
+
+/// Light of a crown over that of a leaf, seen from all sides under sun and sky: leaves shade each
+/// other, which a hull's don't.
+const SHADED: f32 = 0.55;
+
+/// The colour of a hull of leaves, sRGB.
+pub fn crown_colour(species: &Species) -> [u8; 3] {
+    let own = species.own_model.as_ref().map(|model| &model.picture);
+    let own = own.or(species.own_picture.as_deref());
+    let [r, g, b] = own.map_or(species.foliage.colour, |p| {
+        let [r, g, b, _] = p.mean_colour();
+        [r, g, b]
+    });
+    [r, g, b].map(|c| (f32::from(c) * SHADED.powf(1.0 / 2.2)) as u8)
 }
 
 /// The leaf picture of [`for_species`] alone.

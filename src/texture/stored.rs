@@ -64,6 +64,7 @@ struct Head {
     upper: Option<BarkHead>,
     twig: Option<BarkHead>,
     has_leaf_normal: bool,
+    crown: [u8; 3],
 }
 
 #[derive(Serialize, Deserialize)]
@@ -111,6 +112,7 @@ impl TreeTextures {
             upper: self.bark_upper.as_ref().map(BarkHead::of),
             twig: self.bark_twig.as_ref().map(BarkHead::of),
             has_leaf_normal: self.leaf_normal.is_some(),
+            crown: self.crown,
         };
         let of_bark = |b: &BarkTextures| {
             [Some(b.colour.clone()), b.normal.clone(), b.orm.clone(), b.height.clone()]
@@ -140,6 +142,7 @@ impl TreeTextures {
             leaf,
             leaf_normal,
             atlas: head.atlas,
+            crown: head.crown,
             leaf_variants: Vec::new(),
         })
     }

@@ -120,28 +120,18 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
     (picture, atlas)
 }
 
-/// Light of a crown over that of a leaf, seen from all sides under sun and sky: leaves shade each other.
-const SHADED: f32 = 0.55;
-
-/// The last eighth of the picture, half bark, a quarter the leaves' mean colour and a quarter that in
-/// shade; their middles.
-fn plain(picture: &mut Picture, species: &Species, quarter: u32) -> [Vec2; 3] {
+/// The last eighth of the picture, half bark and half the leaves' mean colour; their middles.
+fn plain(picture: &mut Picture, species: &Species, quarter: u32) -> [Vec2; 2] {
     let bark = &species.bark;
     let wood = twig_colour(bark).map(|c| c as u8);
-    let shaded = species.foliage.colour.map(|c| (f32::from(c) * SHADED.powf(1.0 / 2.2)) as u8);
     let side = quarter / 2;
     for y in 0..side {
         for x in 0..side {
-            let [r, g, b] = match (x < side / 2, y < side / 2) {
-                (true, _) => wood,
-                (false, true) => shaded,
-                (false, false) => species.foliage.colour,
-            };
+            let [r, g, b] = if x < side / 2 { wood } else { species.foliage.colour };
             picture.set(quarter + side + x, side - 1 - y, [r, g, b, 255]);
         }
     }
-    [(PLAIN, 2.0), (3.0 * PLAIN, 3.0), (3.0 * PLAIN, 1.0)]
-        .map(|(s, t)| Vec2::new(0.75 + s, 0.75 + t * PLAIN))
+    [1.0, 3.0].map(|s| Vec2::new(0.75 + s * PLAIN, 0.75 + 2.0 * PLAIN))
 }
 
 /// Colour of twigs, darker than that of branches where the species names none.
