@@ -13,7 +13,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::card::{self, Shape};
-use super::leaf::{StandIn, Twig};
+use super::leaf::{StandIn, Twig, USUAL_CARDS};
 use super::piece::{Piece, fill};
 use super::spot::{Hull, Pose, Spot, spots, stance, thinned};
 use super::twigs::Twigs;
@@ -23,7 +23,7 @@ use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
-use crate::species::model::Foliage as Leaves;
+use crate::species::model::{Foliage as Leaves, youth};
 use crate::texture::Atlas;
 
 /// What stands for the leaves, from nothing to every one of them.
@@ -158,7 +158,16 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         |shape: Shape, coverage: f32| enough(&hull, f, shape.shown() * coverage, all, share);
     // Cards of twigs' own size that hide as much as all leaves do.
     let covered = covered_by_twigs(atlas, f);
-    let of_cards = |shape| all.min(enough(shape, covered).ceil() as usize);
+    // Leaf by leaf a young tree has all its twigs: no fewer cards than hide as much.
+    let young = youth(hull.apex.z);
+    let least_sq_m = match young > 0.0 && !f.is_bare() {
+        true => young * all.min(USUAL_CARDS) as f32 * Twig::counts_sq_m(f, atlas),
+        false => 0.0,
+    };
+    let of_cards = |shape: Shape| {
+        let least = least_sq_m / card_sq_m(f, shape.shown() * covered);
+        all.min(enough(shape, covered).max(least).ceil() as usize)
+    };
     // Where there are triangles for all of them, folded ones.
     let folded = Shape::of(f.shape, false);
     let has_stalks = order.has_stalks;
@@ -226,7 +235,8 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         let height = at_heights(hull.share(s.at.z));
         height.iter().zip(order.larger).map(|(share, larger)| share * larger).sum::<f32>()
     };
-    let mut kept = thinned(spots, &hull, most, enlarge, f.twig_length_m, twig.is_some());
+    let keeps_tips = twig.is_some() || young > 0.0;
+    let mut kept = thinned(spots, &hull, most, enlarge, f.twig_length_m, keeps_tips);
     // Fewer twigs rather than smaller ones than the species'.
     kept.retain(|s| {
         let size = enlarge * larger_at(s);
@@ -319,6 +329,9 @@ pub fn taken_by_cards(
         return None;
     }
     let hull = Hull::around(skeleton, &skeleton.bears_leaves(f.bearing_radius_m))?;
+    if youth(hull.apex.z) > 0.0 {
+        return None;
+    }
     let f = &f.within(hull.longest_twig_m());
     let covered = covered_by_twigs(atlas, f);
     let share = options.leaf_share.clamp(0.0, 1.0);
@@ -376,9 +389,13 @@ fn enough(hull: &Hull, f: &Leaves, shown: f32, all: usize, share: f32) -> f32 {
     if f.is_bare() {
         return all as f32;
     }
-    let twig = f.twig_length_m.max(1e-3);
     let cover = share * f.kept.min(1.0) * f.cover.clamp(0.0, 1.0);
-    cover * hull.area_sq_m() / (shown.max(0.03) * twig * twig)
+    cover * hull.area_sq_m() / card_sq_m(f, shown)
+}
+
+/// What a card as large as a twig shows, `shown` of its square.
+fn card_sq_m(f: &Leaves, shown: f32) -> f32 {
+    shown.max(0.03) * f.twig_length_m.max(1e-3).powi(2)
 }
 
 /// Opaque share of the pictures for cards as large as twigs.

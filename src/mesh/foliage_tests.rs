@@ -2,6 +2,7 @@ use super::foliage::{Order, foliage};
 use super::tests::SPECIES;
 use super::*;
 use crate::skeleton::{Detail, Target, grow};
+use crate::species::model::youth;
 use crate::species::{self, own};
 use crate::texture::atlas::Cell;
 
@@ -209,6 +210,53 @@ fn a_shell_is_closed_and_holds_the_crown() {
         let ((a, b), (c, d)) = (s.bounds(), cards.bounds());
         let size = (d - c) / (b - a);
         assert!(size.min_element() > 0.7 && size.max_element() < 1.7, "{name}: {size}");
+    }
+}
+
+/// From its tip down no part of it is bare that is longer than a twentieth of the tree.
+#[test]
+fn a_young_tree_has_leaves_up_its_leader() {
+    let names = ["larix_sibirica", "picea_abies", "betula_pendula"];
+    for (name, height_m) in names.into_iter().flat_map(|n| [0.5f32, 1.0, 1.8].map(|h| (n, h))) {
+        let mut tree = grown_to(name, Some(height_m));
+        tree.1.foliage = tree.1.foliage.at_height(height_m);
+        let stem = tree.0.axes().swap_remove(0).nodes;
+        let stem: Vec<Vec3> = stem.iter().map(|&i| tree.0.position[i as usize]).collect();
+        let near = |p: Vec3| stem.iter().any(|s| s.distance(p) < 0.1 * height_m);
+        for level in [FoliageLevel::Cards, FoliageLevel::Geometry] {
+            let s = leaves(&tree, level, Some(20_000));
+            let corners = s.index.chunks_exact(3);
+            let corners = corners.map(|t| [0, 1, 2].map(|k| s.position[t[k] as usize]));
+            let spans = corners.filter(|t| near((t[0] + t[1] + t[2]) / 3.0));
+            let spans = spans.map(|t| t.map(|p| p.z));
+            let mut spans: Vec<[f32; 2]> = spans
+                .map(|z| {
+                    [z.into_iter().fold(f32::MAX, f32::min), z.into_iter().fold(0.0, f32::max)]
+                })
+                .collect();
+            spans.sort_by(|a, b| b[1].total_cmp(&a[1]));
+            let mut low = stem[stem.len() - 1].z;
+            let until = (1.0 - 0.3 * youth(height_m)) * low;
+            let mut gap = 0.0f32;
+            for [from, to] in spans.into_iter().filter(|span| span[1] > until) {
+                gap = gap.max(low - to);
+                low = low.min(from);
+            }
+            let told = format!("{name} {height_m} {level:?}: {gap} above {low}");
+            assert!(low < until && gap < 0.05 * height_m, "{told}");
+        }
+    }
+}
+
+/// The leader's tip stands, however much twigs hang.
+#[test]
+fn a_leader_stands() {
+    for name in ["larix_sibirica", "picea_abies", "betula_pendula"] {
+        let tree = grown(name);
+        let highest = |of: &[Vec3]| of.iter().copied().reduce(|a, b| if b.z > a.z { b } else { a });
+        let s = leaves(&tree, FoliageLevel::Cards, Some(20_000));
+        let way = highest(&s.position).unwrap() - highest(&tree.0.position).unwrap();
+        assert!(way.z > 1.5 * way.truncate().length(), "{name}: {way}");
     }
 }
 

@@ -41,7 +41,7 @@ const MOST_PLACES: f32 = 4_000.0;
 const SEEN: f32 = 0.6;
 /// Twigs of the species' size that there are at least, where there is room: the cards of a tree of
 /// 20,000 triangles.
-const USUAL_CARDS: usize = 3_200;
+pub const USUAL_CARDS: usize = 3_200;
 /// Power of a twig's length, over the usual, by which its leaves are smaller.
 const YOUNG_LEAF: f32 = 0.75;
 /// Opening of a shoot's last leaf over that of the others.
@@ -254,6 +254,11 @@ impl<'a> Twig<'a> {
             twig.cover = (hidden_sq_m / goal_sq_m.max(1e-12)).min(1.0);
         }
         twig
+    }
+
+    /// What one twig of the species counts for of the leaves' area in summer.
+    pub fn counts_sq_m(foliage: &'a Foliage, atlas: &'a Atlas) -> f32 {
+        Twig::new(foliage, atlas, 1, 0.0, usize::MAX).hides_sq_m() / SEEN
     }
 
     /// Widens leaves by up to a factor of their area until the twig hides so much; gives what it does.

@@ -23,6 +23,8 @@ pub struct Spot {
     /// Count along the axis, for phyllotaxis.
     pub turn: u32,
     pub is_tip: bool,
+    /// The twig at the apex, and those that clothe a young tree's leader: they stand, and always stay.
+    pub is_leader: bool,
     pub key: u64,
 }
 
@@ -66,6 +68,11 @@ const LEAST_WEIGHT: f32 = 0.35;
 const TIP_WEIGHT: f32 = 4.0;
 /// Length of a twig over half that of the crown, at most.
 const MOST_OF_CROWN: f32 = 0.6;
+/// The leader of a young tree has leaves of its own over so much of the tree's height, in twigs along
+/// it that begin so much of their length apart.
+const CLOTHED: f32 = 0.4;
+const APART: f32 = 0.6;
+const MOST_CLOTHING: u32 = 64;
 
 impl Hull {
     /// Around the nodes at the ends of the shoots that bear leaves; `None` for none.
@@ -206,6 +213,7 @@ pub fn spots(
                     shoot,
                     turn,
                     is_tip: false,
+                    is_leader: false,
                     key: (u64::from(i) << KEY_BITS) | c as u64,
                 });
                 turn += 1;
@@ -217,12 +225,56 @@ pub fn spots(
                     shoot,
                     turn,
                     is_tip: true,
+                    is_leader: b == hull.apex,
                     key: (u64::from(i) << KEY_BITS) | ((1 << KEY_BITS) - 1),
                 });
             }
         }
+        if axis.order == 0 {
+            clothe(skeleton, axis, f, bears, hull, &mut out);
+        }
     }
     out
+}
+
+/// Twigs along the leader of a young tree, which no branches hide, from its tip down.
+fn clothe(
+    skeleton: &Skeleton,
+    axis: &Axis,
+    f: &Foliage,
+    bears: &[bool],
+    hull: &Hull,
+    out: &mut Vec<Spot>,
+) {
+    let lowest_m = hull.apex.z * (1.0 - CLOTHED * youth(hull.apex.z));
+    let twig_m = f.twig_length_m.max(1e-3);
+    let apart_m = |at: Vec3| APART * hull.twig_m(at, twig_m, 1.0);
+    // Not the apex, where twigs are longer.
+    let mut due_m = apart_m(hull.apex - 1e-3 * Vec3::Z);
+    let mut count = 0;
+    for &i in axis.nodes.iter().rev() {
+        let Some(parent) = skeleton.parent_of(i).filter(|_| bears[i as usize]) else { return };
+        let (tip, foot) = (skeleton.position[i as usize], skeleton.position[parent as usize]);
+        let step = foot - tip;
+        let run_m = step.length();
+        while due_m < run_m {
+            let at = tip + step * (due_m / run_m);
+            if at.z < lowest_m || count == MOST_CLOTHING {
+                return;
+            }
+            count += 1;
+            out.push(Spot {
+                at,
+                shoot: (-step).normalize_or(Vec3::Z),
+                turn: count,
+                is_tip: true,
+                is_leader: true,
+                key: (u64::from(i) << KEY_BITS) | u64::from((1 << KEY_BITS) - 1 - count),
+            });
+            due_m += apart_m(at);
+        }
+        due_m -= run_m;
+    }
 }
 
 /// Layers of a crown in which so many twigs are spread evenly: about as far apart as the twigs around.
@@ -278,7 +330,7 @@ pub fn thinned(
     let mut around: Vec<u64> = (0..)
         .zip(&spots)
         .map(|(k, s): (u64, &Spot)| {
-            if s.at == hull.apex {
+            if s.is_leader {
                 return k;
             }
             let layer = 1 + (hull.share(s.at.z) * layers) as u64;
@@ -291,8 +343,8 @@ pub fn thinned(
     let (mut due, mut left) = (0.5, most);
     for key in around {
         let k = (key & ((1 << NUMBER_BITS) - 1)) as usize;
-        // The leader always.
-        due += if spots[k].at == hull.apex { 1.0 } else { (weights[k] * rate).min(1.0) };
+        let is_leader = key >> NUMBER_BITS == 0;
+        due += if is_leader { 1.0 } else { (weights[k] * rate).min(1.0) };
         if due >= 1.0 && left > 0 {
             due -= 1.0;
             left -= 1;
@@ -449,6 +501,7 @@ impl Pose {
         let beyond = (enlarge / BOUGH_FROM - 1.0).clamp(0.0, 2.0);
         heading += draws.direction() * 0.14 + outward * (0.2 + 0.3 * beyond);
         let droop = (f.droop * draws.between(0.7, 1.15)).clamp(-0.95, 0.95);
+        let droop = if spot.is_leader { droop.min(0.0) } else { droop };
         heading = heading.normalize_or(shoot);
         heading = (heading * (1.0 - droop.abs()) - Vec3::Z * droop).normalize_or(heading);
         let roll = draws.between(-stance.roll, stance.roll);

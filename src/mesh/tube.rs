@@ -218,8 +218,8 @@ impl<'a> Bark<'a> {
 
     /// Room for so many triangles in each bark; what stays free is given back at the end.
     pub fn reserve(&mut self, triangles: usize) {
-        // Large trees have six vertices to seven triangles.
-        let vertices = triangles / 7 * 6;
+        // Large trees have six vertices to seven triangles, or somewhat more.
+        let vertices = triangles / 8 * 7;
         let Bark { surface, young, .. } = self;
         for (_, s) in surface.iter_mut().enumerate().filter(|(k, _)| young.is_there(*k)) {
             s.position.reserve(vertices);

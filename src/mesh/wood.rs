@@ -260,7 +260,7 @@ impl Planner<'_> {
             work;
         let sides = Sides::new(tolerance_m, self.stem);
         pieces.simplify(self.chains, &sides, (cut_m, self.is_bare), self.least);
-        bark.reserve((self.triangles(pieces, &sides) * 1.1) as usize);
+        bark.reserve((self.triangles(pieces, &sides) * 1.2) as usize);
         let count_of = self.chains.chain.len() as u32;
         let Some(root) = (0..count_of).find(|&c| !pieces.of(c).is_empty()) else {
             return Count::default();

@@ -404,4 +404,20 @@ mod tests {
             assert!(covers.iter().all(|c| (0.8..1.15).contains(c)), "{name}: {covers:?}");
         }
     }
+
+    /// … and of saplings, which have few twigs, not much less.
+    #[test]
+    fn saplings_of_cards_have_all_their_twigs() {
+        for name in ["larix_sibirica", "betula_pendula", "pinus_sylvestris", "picea_abies"] {
+            for height_m in [0.5, 1.0] {
+                let mut grown = Grown::new(name, Some(height_m), 20_000, 512);
+                grown.species.foliage = grown.species.foliage.at_height(height_m);
+                let whole = grown.mesh(1_000_000, FoliageLevel::Geometry);
+                let cards = grown.mesh(20_000, FoliageLevel::Cards);
+                let cover = shares(&grown.subject(), &whole, vec![cards]).unwrap()[0];
+                println!("{name} {height_m}: {cover:.3}");
+                assert!((0.6..1.15).contains(&cover), "{name} {height_m}: {cover}");
+            }
+        }
+    }
 }
