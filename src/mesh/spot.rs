@@ -69,7 +69,7 @@ const TIP_WEIGHT: f32 = 4.0;
 /// Length of a twig over half that of the crown, at most.
 const MOST_OF_CROWN: f32 = 0.6;
 /// The leader of a young tree has leaves of its own over so much of the tree's height, in twigs along
-/// it that begin so much of their length apart.
+/// it that begin so much of their length apart, and no more than so many.
 const CLOTHED: f32 = 0.4;
 const APART: f32 = 0.6;
 const MOST_CLOTHING: u32 = 64;
@@ -269,6 +269,7 @@ fn clothe(
                 turn: count,
                 is_tip: true,
                 is_leader: true,
+                // Counted down from the tip's, which no twig beside the shoot comes to.
                 key: (u64::from(i) << KEY_BITS) | u64::from((1 << KEY_BITS) - 1 - count),
             });
             due_m += apart_m(at);

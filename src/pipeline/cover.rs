@@ -13,7 +13,7 @@ use std::array;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::forest::{Look, empty_scene, parts_of};
+use super::model::{Look, empty_scene, parts_of};
 use crate::diagnostic::Result;
 use crate::lod::Cover;
 use crate::mesh::{self, HEIGHTS, MeshOptions, TreeMesh};
@@ -405,7 +405,7 @@ mod tests {
         }
     }
 
-    /// … and of saplings, which have few twigs, not much less.
+    /// … and of saplings, which have few twigs, three fifths at least.
     #[test]
     fn saplings_of_cards_have_all_their_twigs() {
         for name in ["larix_sibirica", "betula_pendula", "pinus_sylvestris", "picea_abies"] {

@@ -5,7 +5,8 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::cover::{self, Subject};
-use super::forest::{Look, coarser, parts_of};
+use super::forest::coarser;
+use super::model::{Look, parts_of};
 use crate::diagnostic::Result;
 use crate::lod::{self, Silhouettes, Views, impostor};
 use crate::mesh::{FoliageLevel, MeshOptions, Surface, TreeMesh, WindProfile, p18};
@@ -662,7 +663,7 @@ mod tests {
             if level == FoliageLevel::Shell { trees.remove(0) } else { trees.pop().unwrap() }
         });
         for (k, tree) in hulls.into_iter().enumerate() {
-            let scene = super::super::forest::model_scene(&species, vec![tree], textures.clone());
+            let scene = super::super::model::model_scene(&species, vec![tree], textures.clone());
             let part = scene.prototypes[0].parts.iter().find(|p| p.name == "foliage").unwrap();
             let material = &scene.materials[part.material as usize];
             assert_eq!(material.name, "Betula_pendula_crown", "{k}");

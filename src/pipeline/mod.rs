@@ -14,6 +14,7 @@ pub mod left_out;
 pub mod levels;
 mod light;
 pub mod measure;
+pub mod model;
 pub mod paint;
 pub mod rules;
 pub mod sheet;

@@ -140,7 +140,7 @@ mod tests {
     #[test]
     fn materials_have_names_of_their_own_with_pictures_and_without() {
         use crate::frame::Frame;
-        use crate::pipeline::forest::add_materials;
+        use crate::pipeline::model::add_materials;
         use crate::scene::Scene;
         let frame = Frame::local(glam::DVec3::ZERO);
         for (size_px, barks) in [(0, 2), (64, 3 + 3)] {

@@ -10,7 +10,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::cover::Subject;
-use super::forest::model_scene;
+use super::model::model_scene;
 use crate::diagnostic::Result;
 use crate::lod::{Silhouettes, Views};
 use crate::mesh::{FoliageLevel, MAX_SIDES, MeshOptions, TreeMesh};

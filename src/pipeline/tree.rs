@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec2, Vec3};
 
 use super::cover::Subject;
-use super::forest::{WoodJob, add_materials, prototype};
+use super::forest::WoodJob;
 use super::levels::{self, LevelsJob};
 use super::light;
+use super::model::{add_materials, prototype};
 use super::paint::{leaf_variants, paint};
 use super::tolerance;
 use crate::cache::Cache;

@@ -3,8 +3,9 @@
 use glam::{DVec3, Vec2, Vec3};
 
 use super::super::super::cover::Subject;
-use super::super::super::forest::{mesh_options, model_scene};
+use super::super::super::forest::mesh_options;
 use super::super::super::levels::bounds;
+use super::super::super::model::model_scene;
 use super::unrefused;
 use crate::diagnostic::Result;
 use crate::lod::{Silhouettes, Views};

@@ -2,8 +2,8 @@
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::super::super::forest::model_scene;
 use super::super::super::landscape::DETAIL;
+use super::super::super::model::model_scene;
 use super::super::convergence::{empty_cloud, push};
 use super::unrefused;
 use crate::diagnostic::{Error, Result};
