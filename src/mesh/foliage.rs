@@ -246,7 +246,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         let cover = if twig.is_some() { 0.0 } else { 1.0 };
         return Ok(Foliage { cover, ..Foliage::default() });
     }
-    let outlines: Vec<_> = atlas.cells().iter().map(|c| c.outline(shape.rows())).collect();
+    let outlines = atlas.outlines(shape.rows());
     let fold = stance(f.shape).fold;
     let wind = order.wind.map(|wind| (wind, kept.as_slice()));
     let stand = |k: usize| {

@@ -107,7 +107,7 @@ impl Organ {
 pub struct Twig<'a> {
     foliage: &'a Foliage,
     atlas: &'a Atlas,
-    outlines: Vec<Vec<Row>>,
+    outlines: &'a [Vec<Row>],
     organ: Organ,
     build: Build,
     /// Needles of a light twig that are folded all the same.
@@ -188,7 +188,7 @@ impl<'a> Twig<'a> {
         let mut twig = Twig {
             foliage,
             atlas,
-            outlines: outlines(atlas, organ.blade(Build::Full)),
+            outlines: atlas.leaf_outlines(organ.blade(Build::Full).rows()),
             organ,
             build: Build::Full,
             folded: 0,
@@ -224,7 +224,7 @@ impl<'a> Twig<'a> {
         if each >= full {
             twig.build = Build::Full;
         } else {
-            twig.outlines = outlines(atlas, organ.blade(Build::Light));
+            twig.outlines = atlas.leaf_outlines(organ.blade(Build::Light).rows());
             let (whole, wood) = (twig.room().triangles, twig.wood_room().triangles);
             let fewest = LEAST_SHARE[usize::from(!is_needle)];
             let share = each.saturating_sub(wood) as f32 / (whole - wood).max(1) as f32;
@@ -605,11 +605,6 @@ impl<'a> Twig<'a> {
 fn area(outline: &[Row]) -> f32 {
     let wide = |r: &Row| r.right - r.left;
     outline.windows(2).map(|w| 0.5 * (w[1].t - w[0].t) * (wide(&w[0]) + wide(&w[1]))).sum()
-}
-
-/// Of the leaves of an atlas.
-fn outlines(atlas: &Atlas, shape: Shape) -> Vec<Vec<Row>> {
-    atlas.leaves().iter().map(|c| c.outline(shape.rows())).collect()
 }
 
 /// Sine and cosine of an angle of 0…1.6 within 1e-6: Taylor's series.

@@ -297,6 +297,38 @@ fn rate(weights: &[f64], most: f64) -> f64 {
     rate
 }
 
+/// The numbers of spots around the crown, layer by layer: the leader's first. Those of one direction and
+/// layer in their order.
+fn around(spots: &[Spot], hull: &Hull, layers: f32) -> Vec<u32> {
+    const TURNS: usize = 512;
+    let place = |s: &Spot| {
+        if s.is_leader {
+            return 0;
+        }
+        let layer = 1 + (hull.share(s.at.z) * layers) as usize;
+        // As angles do it grows around, from 0 to 4, without a root.
+        let away = (s.at - hull.centre).truncate();
+        let x = away.x / (away.x.abs() + away.y.abs()).max(1e-9);
+        let turn = if away.y < 0.0 { 3.0 + x } else { 1.0 - x };
+        layer * TURNS + ((turn * (TURNS / 4) as f32) as usize).min(TURNS - 1)
+    };
+    let places: Vec<u32> = spots.iter().map(|s| place(s) as u32).collect();
+    // Sorted by counting.
+    let mut next = vec![0; (layers as usize + 2) * TURNS];
+    places.iter().for_each(|&p| next[p as usize] += 1);
+    let mut before = 0;
+    for n in &mut next {
+        (*n, before) = (before, before + *n);
+    }
+    let mut out = vec![0; spots.len()];
+    for (k, &p) in (0..).zip(&places) {
+        let slot = &mut next[p as usize];
+        out[*slot as usize] = k;
+        *slot += 1;
+    }
+    out
+}
+
 /// About `most` of the spots, in their order, evenly over heights and directions: those deep inside the
 /// crown go first, but of a young one, which casts no shade; where twigs, `twig_m` long as a rule, are
 /// small more stay, so that a spire is as full at its tip, and a shrub at its foot, as between.
@@ -323,29 +355,11 @@ pub fn thinned(
         true => rate(&weights, most as f64),
         false => most as f64 / weights.iter().sum::<f64>().max(1e-9),
     };
-    let layers = layers(most);
-    // Layer, then turn, then number: the leader first.
-    const TURN_BITS: u32 = 30;
-    const NUMBER_BITS: u32 = 24;
-    const { assert!(MOST_SPOTS < 1 << NUMBER_BITS) };
-    let mut around: Vec<u64> = (0..)
-        .zip(&spots)
-        .map(|(k, s): (u64, &Spot)| {
-            if s.is_leader {
-                return k;
-            }
-            let layer = 1 + (hull.share(s.at.z) * layers) as u64;
-            let turn = (s.at - hull.centre).truncate().to_angle() + std::f32::consts::PI;
-            (layer << TURN_BITS | (turn * 1e8) as u64) << NUMBER_BITS | k
-        })
-        .collect();
-    around.sort_unstable();
     let mut is_kept = vec![false; spots.len()];
     let (mut due, mut left) = (0.5, most);
-    for key in around {
-        let k = (key & ((1 << NUMBER_BITS) - 1)) as usize;
-        let is_leader = key >> NUMBER_BITS == 0;
-        due += if is_leader { 1.0 } else { (weights[k] * rate).min(1.0) };
+    for k in around(&spots, hull, layers(most)) {
+        let k = k as usize;
+        due += if spots[k].is_leader { 1.0 } else { (weights[k] * rate).min(1.0) };
         if due >= 1.0 && left > 0 {
             due -= 1.0;
             left -= 1;

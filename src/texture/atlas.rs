@@ -1,5 +1,7 @@
 //! Where the twigs lie in a leaf picture: what a texture tells a mesh. No pixels, no triangles.
 
+use std::sync::OnceLock;
+
 use glam::Vec2;
 use serde::{Deserialize, Serialize};
 
@@ -152,6 +154,30 @@ fn area(rows: &[Row]) -> f32 {
     rows.windows(2).map(|w| 0.5 * (w[1].t - w[0].t) * (width(&w[0]) + width(&w[1]))).sum()
 }
 
+/// Outlines of some cells by the number of rows, found when first asked for: trees by the hundred share
+/// one picture. They follow from the cells, and tell no two atlases apart.
+#[derive(Debug, Default)]
+struct Outlines([OnceLock<Vec<Vec<Row>>>; BANDS + 1]);
+
+impl Outlines {
+    fn of(&self, cells: &[Cell], count: usize) -> &[Vec<Row>] {
+        let count = count.clamp(2, BANDS);
+        self.0[count].get_or_init(|| cells.iter().map(|c| c.outline(count)).collect())
+    }
+}
+
+impl Clone for Outlines {
+    fn clone(&self) -> Outlines {
+        Outlines::default()
+    }
+}
+
+impl PartialEq for Outlines {
+    fn eq(&self, _: &Outlines) -> bool {
+        true
+    }
+}
+
 /// The twigs of one leaf picture, never empty.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Atlas {
@@ -159,6 +185,10 @@ pub struct Atlas {
     leaves: Vec<Cell>,
     wood: Vec2,
     fill: Vec2,
+    #[serde(skip)]
+    outlines: Outlines,
+    #[serde(skip)]
+    leaf_outlines: Outlines,
 }
 
 impl Atlas {
@@ -167,7 +197,7 @@ impl Atlas {
     pub fn new(cells: Vec<Cell>, leaves: Vec<Cell>, plain: [Vec2; 2]) -> Option<Self> {
         let has_both = !cells.is_empty() && !leaves.is_empty();
         let [wood, fill] = plain;
-        has_both.then_some(Atlas { cells, leaves, wood, fill })
+        has_both.then(|| Atlas::with(cells, leaves, wood, fill))
     }
 
     /// One cell that fills the picture, which shows `size_m` metres.
@@ -186,12 +216,17 @@ impl Atlas {
     /// One cell, for twig and leaf.
     pub fn of_one(cell: Cell) -> Self {
         let middle = Vec2::splat(0.5);
-        Atlas { cells: vec![cell.clone()], leaves: vec![cell], wood: middle, fill: middle }
+        Atlas::with(vec![cell.clone()], vec![cell], middle, middle)
+    }
+
+    fn with(cells: Vec<Cell>, leaves: Vec<Cell>, wood: Vec2, fill: Vec2) -> Self {
+        let [outlines, leaf_outlines] = Default::default();
+        Atlas { cells, leaves, wood, fill, outlines, leaf_outlines }
     }
 
     /// With a cell of its own for single leaves.
     pub fn with_leaf(self, leaf: Cell) -> Self {
-        Atlas { leaves: vec![leaf], ..self }
+        Atlas { leaves: vec![leaf], leaf_outlines: Outlines::default(), ..self }
     }
 
     /// With the mean colour of the leaves at `fill`.
@@ -201,6 +236,11 @@ impl Atlas {
 
     pub fn leaves(&self) -> &[Cell] {
         &self.leaves
+    }
+
+    /// [`Cell::outline`] of each of [`Atlas::leaves`].
+    pub fn leaf_outlines(&self, count: usize) -> &[Vec<Row>] {
+        self.leaf_outlines.of(&self.leaves, count)
     }
 
     /// Texture coordinates of plain bark.
@@ -215,6 +255,11 @@ impl Atlas {
 
     pub fn cells(&self) -> &[Cell] {
         &self.cells
+    }
+
+    /// [`Cell::outline`] of each of [`Atlas::cells`].
+    pub fn outlines(&self, count: usize) -> &[Vec<Row>] {
+        self.outlines.of(&self.cells, count)
     }
 
     /// Ids of the cells whose scale is nearest to a card of `size_m`, by ratio; never empty.
