@@ -60,6 +60,8 @@ pub struct Impostor {
 pub const CUTOFF: f32 = 0.5;
 /// Samples along a side of a texel.
 const PER_TEXEL: usize = 3;
+/// Samples of a view that are drawn at a time, at least.
+const BAND: usize = 1 << 18;
 /// Greatest factor on alpha, and how often its range is halved to find the right one.
 const MOST_GAIN: f32 = 64.0;
 const HALVINGS: u32 = 10;
@@ -327,17 +329,19 @@ impl Frame {
         let sample_m = texel_m / n as f32;
         let window = Window { centre, forward, sample_m, size: [width * n, height * n] };
         let [right, up] = capture::sides(forward);
-        let sample = of.sitter.portrait(of.model, &window)?;
         let axes = |v: Vec3| Vec3::new(v.dot(right), v.dot(up), -v.dot(forward));
-        let place = |i: usize| {
-            let (x, y) = (i % (width * n), i / (width * n));
-            let across = (x as f32 + 0.5 - 0.5 * (width * n) as f32) * sample_m;
-            let above = (0.5 * (height * n) as f32 - 0.5 - y as f32) * sample_m;
-            centre + right * across + up * above - forward * sample[i].before_m
-        };
-        let texel = (0..width * height)
-            .into_par_iter()
-            .map(|i| {
+        // Bands small enough for the processor's cache, and no more of them than a model's vertices, which
+        // each lays out anew, are worth.
+        let least = BAND.max(of.sitter.vertices(of.model));
+        let rows = least.div_ceil(width * n * n);
+        let band = |first: usize, sample: &[Texel]| -> Vec<Baked> {
+            let place = |i: usize| {
+                let (x, y) = (i % (width * n), first + i / (width * n));
+                let across = (x as f32 + 0.5 - 0.5 * (width * n) as f32) * sample_m;
+                let above = (0.5 * (height * n) as f32 - 0.5 - y as f32) * sample_m;
+                centre + right * across + up * above - forward * sample[i].before_m
+            };
+            let texel = |i: usize| {
                 let corner = i / width * n * width * n + i % width * n;
                 let seen = (0..n * n)
                     .map(|k| corner + k / n * width * n + k % n)
@@ -362,20 +366,23 @@ impl Frame {
                     alpha: count as f32 / (n * n) as f32,
                     light,
                 }
-            })
-            .collect();
+            };
+            (0..sample.len() / (n * n)).map(texel).collect()
+        };
+        let texel = of.sitter.portrait(of.model, &window, rows * n, band)?.concat();
         let mut frame = Frame { size: [width, height], texel };
         match facing {
             Facing::Own => frame.face_the_eye(),
             // The stem's root is the origin.
             Facing::Round => frame.round(-centre.dot(right) / texel_m + 0.5 * width as f32),
         }
-        for t in frame.texel.iter_mut().filter(|t| t.alpha > 0.0) {
+        let before = light::before(-forward);
+        frame.texel.par_iter_mut().filter(|t| t.alpha > 0.0).for_each(|t| {
             let normal = right * t.normal.x + up * t.normal.y - forward * t.normal.z;
-            let on_sheet = light::on_sheet(normal, -forward).max(1e-3);
+            let on_sheet = light::on_sheet(normal, &before).max(1e-3);
             let brighter = (t.light / on_sheet).min(BRIGHTER);
             (t.albedo, t.leaves) = (t.albedo * brighter, t.leaves * brighter);
-        }
+        });
         Ok(frame)
     }
 

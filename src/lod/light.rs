@@ -74,11 +74,15 @@ impl Sky {
     }
 }
 
-/// Light on a sheet that shows what looks to this side and faces along `normal` (unit both), over
-/// that on open, level ground. What comes from behind does not reach it.
-pub(super) fn on_sheet(normal: Vec3, side: Vec3) -> f32 {
-    let before = (0..DIRECTIONS).map(direction).filter(|d| d.dot(side) > 0.0);
-    before.map(|d| lit(normal.dot(d), 0.0)).sum::<f32>() * (2.0 / DIRECTIONS as f32)
+/// The directions of the sky, unit, on one side of a sheet.
+pub(super) fn before(side: Vec3) -> Vec<Vec3> {
+    (0..DIRECTIONS).map(direction).filter(|d| d.dot(side) > 0.0).collect()
+}
+
+/// Light on a sheet that has this sky [`before`] it and faces along `normal` (unit), over that on open,
+/// level ground. What comes from behind does not reach it.
+pub(super) fn on_sheet(normal: Vec3, before: &[Vec3]) -> f32 {
+    before.iter().map(|d| lit(normal.dot(*d), 0.0)).sum::<f32>() * (2.0 / DIRECTIONS as f32)
 }
 
 /// Share of light at this cosine that is given back. A leaf is one of many about it that face all
@@ -161,13 +165,17 @@ mod tests {
 
     #[test]
     fn a_sheet_gets_what_comes_from_before_it() {
-        assert!((on_sheet(Vec3::Z, Vec3::Z) - 1.0).abs() < 0.01);
+        assert!((on_sheet(Vec3::Z, &before(Vec3::Z)) - 1.0).abs() < 0.01);
         for k in 0..8 {
             let (s, c) = (k as f32 * 0.7).sin_cos();
             let out = Vec3::new(c, s, 0.0);
             // Half of the sky, at right angles to the ground.
-            assert!((on_sheet(out, out) - 0.5).abs() < 0.03, "{k} {}", on_sheet(out, out));
-            assert!((on_sheet(Vec3::Z, out) - 0.5).abs() < 0.03);
+            assert!(
+                (on_sheet(out, &before(out)) - 0.5).abs() < 0.03,
+                "{k} {}",
+                on_sheet(out, &before(out))
+            );
+            assert!((on_sheet(Vec3::Z, &before(out)) - 0.5).abs() < 0.03);
         }
     }
 }

@@ -77,7 +77,12 @@ fn a_window_shows_the_block_where_it_is() {
     let (parts, materials) = (part(block(1.0, 10.0)), red());
     let sitter = Sitter::new(&[&parts], &materials, &[]);
     let window = Window { centre: Vec3::Z * 5.0, forward: Vec3::Y, sample_m: 0.25, size: [16, 48] };
-    let texels = sitter.portrait(0, &window).unwrap();
+    let whole =
+        |window, rows| sitter.portrait(0, &window, rows, |first, texels| (first, texels.to_vec()));
+    let bands = whole(window, 7).unwrap();
+    assert_eq!(bands.iter().map(|b| b.0).collect::<Vec<_>>(), [0, 7, 14, 21, 28, 35, 42]);
+    let texels = bands.into_iter().map(|b| b.1).collect::<Vec<_>>().concat();
+    assert_eq!(texels, whole(window, 1_000).unwrap()[0].1, "however many rows at a time");
     let seen = texels.iter().filter(|t| t.is_seen()).count();
     assert_eq!(seen, 8 * 40, "2 m by 10 m");
     for t in texels.iter().filter(|t| t.is_seen()) {
@@ -85,8 +90,8 @@ fn a_window_shows_the_block_where_it_is() {
         assert!((t.normal + Vec3::Y).length() < 1e-5);
         assert_eq!(t.albedo, [0.5, 0.1, 0.1]);
     }
-    assert!(sitter.portrait(0, &Window { size: [0, 8], ..window }).is_err());
-    assert!(sitter.portrait(0, &Window { forward: Vec3::ZERO, ..window }).is_err());
+    assert!(whole(Window { size: [0, 8], ..window }, 7).is_err());
+    assert!(whole(Window { forward: Vec3::ZERO, ..window }, 7).is_err());
 }
 
 #[test]
@@ -101,7 +106,7 @@ fn an_impostor_covers_what_the_model_covers_in_its_colour() {
         if kind == Kind::Cross {
             // Lit, it is as bright as the face that it shows; under what is transparent too, for
             // mip levels.
-            let open = light::on_sheet(-Vec3::Y, -Vec3::Y);
+            let open = light::on_sheet(-Vec3::Y, &light::before(-Vec3::Y));
             let linear = |c: u8| ((f32::from(c) / 255.0 + 0.055) / 1.055).powf(2.4);
             let mut mean = Vec3::ZERO;
             for (x, y) in (0..got.normal.height)
@@ -111,7 +116,7 @@ fn an_impostor_covers_what_the_model_covers_in_its_colour() {
                 let [nx, ny, nz, _] = got.normal.at(x / 2, y / 2).map(part);
                 let normal = Vec3::new(nx, -nz, ny).normalize();
                 let [r, g, ..] = got.colour.at(x, y).map(linear);
-                let lit = light::on_sheet(normal, -Vec3::Y) / open;
+                let lit = light::on_sheet(normal, &light::before(-Vec3::Y)) / open;
                 assert!((r * lit - 0.5).abs() < 0.06 && (g * lit - 0.1).abs() < 0.02, "{r} {lit}");
                 mean += Vec3::new(r * lit, g * lit, 1.0);
             }

@@ -2,6 +2,7 @@
 //! silhouette, for measuring. Every triangle is drawn, whatever its size.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::draw::{Canvas, Sample, Scratch, Stage};
 use super::texture::Purpose;
@@ -134,16 +135,37 @@ impl<'a> Sitter<'a> {
         vertices.map(|v| v.position.distance_squared(from)).fold(0.0, f32::max).sqrt()
     }
 
-    /// Colour, normal and depth of every sample, row 0 on top.
+    /// Vertices of a model.
+    pub fn vertices(&self, model: u32) -> usize {
+        let items = self.stage.items.iter().filter(|item| item.place == model + 1);
+        items.map(|item| self.stage.meshes[item.mesh as usize].vertex.len()).sum()
+    }
+
+    /// Colour, normal and depth of every sample, `rows` at a time from the top: what `of` makes of a
+    /// band, given its first row.
     ///
     /// # Errors
     /// A window of no size, or of more samples than 16,384 along a side.
-    pub fn portrait(&self, model: u32, window: &Window) -> Result<Vec<Texel>> {
+    pub fn portrait<T: Send>(
+        &self,
+        model: u32,
+        window: &Window,
+        rows: usize,
+        of: impl Fn(usize, &[Texel]) -> T + Sync,
+    ) -> Result<Vec<T>> {
         let eye = window.eye()?;
-        let mut texel = vec![Texel::NOTHING; eye.width * eye.height];
-        let mut canvas = Portrait { texel: &mut texel, forward: window.forward };
-        self.draw(model, &eye, &mut canvas);
-        Ok(texel)
+        let rows = rows.clamp(1, eye.height);
+        let list = self.stage.list_whole(&eye, model + 1, rows);
+        let band = |(scratch, texel): &mut (Scratch, Vec<Texel>), band: usize| {
+            let first = band * rows;
+            texel.clear();
+            texel.resize(eye.width * rows.min(eye.height - first), Texel::NOTHING);
+            let mut canvas = Portrait { texel, forward: window.forward };
+            self.stage.draw_band(&eye, &list, band, scratch, &mut canvas);
+            of(first, texel)
+        };
+        let bands = (0..eye.height.div_ceil(rows)).into_par_iter();
+        Ok(bands.map_init(Default::default, band).collect())
     }
 
     /// Whether each sample shows anything, row 0 on top.
@@ -170,7 +192,7 @@ impl<'a> Sitter<'a> {
     }
 
     fn draw<C: Canvas + ?Sized>(&self, model: u32, eye: &camera::View, canvas: &mut C) {
-        let list = self.stage.list_whole(eye, model + 1);
+        let list = self.stage.list_whole(eye, model + 1, eye.height);
         self.stage.draw_band(eye, &list, 0, &mut Scratch::default(), canvas);
     }
 }

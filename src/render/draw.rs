@@ -165,6 +165,19 @@ pub(super) struct DrawList {
     rows_per_band: usize,
 }
 
+impl DrawList {
+    fn sorted(draws: Vec<Draw>, view: &View, rows_per_band: usize) -> DrawList {
+        let mut bands = vec![Vec::new(); view.height.div_ceil(rows_per_band)];
+        for (i, d) in draws.iter().enumerate() {
+            let last = (d.rows[1] - 1) / rows_per_band;
+            for band in &mut bands[d.rows[0] / rows_per_band..=last] {
+                band.push(i as u32);
+            }
+        }
+        DrawList { draws, bands, rows_per_band }
+    }
+}
+
 impl Stage<'_> {
     /// Bounds of an item in the scene.
     pub fn bounds(&self, item: &Item) -> (Vec3, Vec3) {
@@ -183,22 +196,14 @@ impl Stage<'_> {
             draws = self.draws(view, Some(card_samples));
         }
         draws.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.item.cmp(&b.item)));
-        let mut bands = vec![Vec::new(); view.height.div_ceil(rows_per_band)];
-        for (i, d) in draws.iter().enumerate() {
-            let last = (d.rows[1] - 1) / rows_per_band;
-            for band in &mut bands[d.rows[0] / rows_per_band..=last] {
-                band.push(i as u32);
-            }
-        }
-        DrawList { draws, bands, rows_per_band }
+        DrawList::sorted(draws, view, rows_per_band)
     }
 
-    /// Lists what is in one place, every triangle of it, as one band.
-    pub fn list_whole(&self, view: &View, place: u32) -> DrawList {
+    /// Lists what is in one place, every triangle of it.
+    pub fn list_whole(&self, view: &View, place: u32, rows_per_band: usize) -> DrawList {
         let mut draws = self.draws(view, None);
         draws.retain(|d| self.items[d.item as usize].place == place);
-        let bands = vec![(0..draws.len() as u32).collect()];
-        DrawList { draws, bands, rows_per_band: view.height }
+        DrawList::sorted(draws, view, rows_per_band)
     }
 
     /// `card_samples`: how small cards may become before some are left out; `None`: nothing is.
