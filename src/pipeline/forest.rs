@@ -219,10 +219,10 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     let mut rows = Vec::new();
     let forms = job.forms();
     if !forms.is_empty() {
-        run.stage("levels", |_| {
+        run.stage("levels", |warnings| {
             levels::add(&mut scene, coarse, &looks, &forms, job.sheet_px())?;
             rows = levels::rows(&scene);
-            Ok(((), levels::outcome(&rows, scene.prototypes.len())))
+            Ok(((), levels::outcome(&rows, scene.prototypes.len(), warnings)))
         })?;
     }
     let mut chosen = None;

@@ -561,14 +561,44 @@ pub fn rows(scene: &Scene) -> Vec<Row> {
     rows
 }
 
-/// The outcome of the stage that made these forms: the worst error of any.
-pub fn outcome(rows: &[Row], models: usize) -> Outcome {
+/// The outcome of the stage that made these forms: the worst error of any. Warns of forms that are much
+/// farther from the finest than a coarser one: a viewer that goes by error never shows them.
+pub fn outcome(rows: &[Row], models: usize, warnings: &mut Vec<String>) -> Outcome {
+    let needless: Vec<&[Row]> =
+        rows.chunk_by(|a, b| a.model == b.model).filter(|of| !overtaken(of).is_empty()).collect();
+    if let Some(&first) = needless.first() {
+        let names: Vec<&str> = overtaken(first).iter().map(|r| &r.level[..]).collect();
+        let others = match needless.len() - 1 {
+            0 => String::new(),
+            n => format!(", and so it is with {n} more"),
+        };
+        warnings.push(format!(
+            "{}: a coarser form is much nearer to the finest than {}{others}; give more --triangles, or \
+             fewer --lods",
+            first[0].model,
+            names.join(", "),
+        ));
+    }
     let worst = rows.iter().map(|r| r.silhouette_worst_m).fold(0.0, f32::max);
     Outcome::items(models, "models", rows.len(), "forms").error(ErrorMeasure::new(
         "worst silhouette",
         worst.into(),
         "m",
     ))
+}
+
+/// Of a model's forms from fine to coarse, those that are much farther from the finest than a coarser mesh,
+/// by both measures. Impostors, which are pictures, are nearer than most meshes.
+fn overtaken(of: &[Row]) -> Vec<&Row> {
+    const MUCH: f32 = 0.6;
+    let meshes = || of.iter().filter(|row| row.level != IMPOSTOR);
+    let is_overtaken = |(k, row): (usize, &Row)| {
+        meshes().skip(k + 1).any(|coarser| {
+            coarser.silhouette_worst_m < MUCH * row.silhouette_worst_m
+                && coarser.silhouette_rms_m < MUCH * row.silhouette_rms_m
+        })
+    };
+    meshes().enumerate().filter(|&of| is_overtaken(of)).map(|(_, row)| row).collect()
 }
 
 #[cfg(test)]
@@ -579,6 +609,41 @@ mod tests {
     use crate::seed::Seed;
     use crate::skeleton::{self, Target};
     use crate::texture::LeafVariant;
+
+    #[test]
+    fn forms_that_no_viewer_shows_are_told() {
+        let row = |model: &str, level: &str, worst: f32, rms: f32| Row {
+            model: model.into(),
+            level: level.into(),
+            triangles: 0,
+            silhouette_worst_m: worst,
+            silhouette_rms_m: rms,
+        };
+        let sound = [
+            row("oak_02", "LOD0", 0.0, 0.0),
+            row("oak_02", "LOD1", 1.0, 0.1),
+            row("oak_02", "LOD2", 0.9, 0.2),
+            row("oak_02", IMPOSTOR, 0.1, 0.01),
+        ];
+        let mut told = Vec::new();
+        outcome(&sound, 1, &mut told);
+        assert!(told.is_empty(), "{told:?}");
+        let rows = [
+            row("oak_01", "LOD0", 0.0, 0.0),
+            row("oak_01", "LOD1", 4.0, 0.7),
+            row("oak_01", "LOD2", 7.6, 1.8),
+            row("oak_01", "LOD3", 8.7, 3.1),
+            row("oak_01", "LOD4", 3.2, 0.7),
+        ];
+        outcome(&[&rows[..], &sound].concat(), 2, &mut told);
+        assert_eq!(
+            told,
+            [
+                "oak_01: a coarser form is much nearer to the finest than LOD2, LOD3; give more --triangles, \
+              or fewer --lods"
+            ]
+        );
+    }
 
     /// What a level plane cuts out of closed wood: the diameter of a circle of that area, and its middle.
     fn section(tree: &TreeMesh, z: f32) -> (f32, Vec2) {

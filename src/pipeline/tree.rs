@@ -260,10 +260,10 @@ fn stand(
     });
     let mut rows = Vec::new();
     if !job.levels.is_empty() {
-        run.stage("levels", |_| {
+        run.stage("levels", |warnings| {
             levels::add(&mut scene, vec![coarse], &[look], &job.levels, job.texture_px)?;
             rows = levels::rows(&scene);
-            Ok(((), levels::outcome(&rows, 1)))
+            Ok(((), levels::outcome(&rows, 1, warnings)))
         })?;
     }
     if let Some(side_px) = job.levels.lightmap_px {

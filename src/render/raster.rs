@@ -16,6 +16,8 @@ pub(super) struct Rect {
 
 const SUBSAMPLES: f32 = 256.0;
 const HALF: i64 = 128;
+/// Samples across a triangle up to which each is looked at.
+const NARROW: i32 = 8;
 
 /// Calls `each(x, y, weights)` for every sample of `rect` whose middle the triangle covers;
 /// weights belong to the corners in the order given. Corners must be within 2^20 samples of 0.
@@ -56,10 +58,25 @@ pub(super) fn fill(corner: [Vec2; 3], rect: Rect, mut each: impl FnMut(i32, i32,
     let (mut ra, ax, ay, at) = edge(b, c);
     let (mut rb, bx, by, bt) = edge(c, a);
     let (mut rc, cx, cy, ct) = edge(a, b);
+    // Of wide triangles a row's ends are found by division, of narrow ones by looking.
+    let is_wide = x1 - x0 > NARROW;
     for y in y0..=y1 {
         let (mut ea, mut eb, mut ec) = (ra, rb, rc);
+        let (mut from, mut to) = (x0, x1);
+        if is_wide {
+            let mut ends = (0, i64::from(x1 - x0));
+            for (value, step, least) in [(ra, ax, at), (rb, bx, bt), (rc, cx, ct)] {
+                narrow(value, step, least, &mut ends);
+            }
+            if ends.0 > ends.1 {
+                (ra, rb, rc) = (ra + ay, rb + by, rc + cy);
+                continue;
+            }
+            (ea, eb, ec) = (ea + ax * ends.0, eb + bx * ends.0, ec + cx * ends.0);
+            (from, to) = (x0 + ends.0 as i32, x0 + ends.1 as i32);
+        }
         let mut was_inside = false;
-        for x in x0..=x1 {
+        for x in from..=to {
             if ea >= at && eb >= bt && ec >= ct {
                 was_inside = true;
                 let wa = ea as f32 * inv_area;
@@ -76,6 +93,19 @@ pub(super) fn fill(corner: [Vec2; 3], rect: Rect, mut each: impl FnMut(i32, i32,
         ra += ay;
         rb += by;
         rc += cy;
+    }
+}
+
+/// Draws in the ends of a row, in samples from its first, to where `value`, which grows by `step` each
+/// sample, is `least` or more. Ends that cross hold none.
+fn narrow(value: i64, step: i64, least: i64, (first, last): &mut (i64, i64)) {
+    let short = least - value;
+    if step > 0 {
+        *first = (*first).max((short + step - 1).div_euclid(step));
+    } else if step < 0 {
+        *last = (*last).min((-short).div_euclid(-step));
+    } else if short > 0 {
+        *last = -1;
     }
 }
 
@@ -141,6 +171,30 @@ mod tests {
             out.push((x, y));
         });
         out
+    }
+
+    proptest! {
+        /// Whether a sample is covered does not depend on how wide its triangle, or what is seen of it, is.
+        #[test]
+        fn wide_triangles_cover_what_narrow_windows_of_them_show(
+            at in proptest::array::uniform6(-30.0f32..30.0),
+        ) {
+            let corner = [0, 2, 4].map(|i| Vec2::new(at[i], at[i + 1]));
+            let seen = |rect: Rect| {
+                let mut out = Vec::new();
+                fill(corner, rect, |x, y, w| out.push((y, x, w.map(f32::to_bits))));
+                out
+            };
+            let rect = Rect { x0: -30, y0: -30, x1: 30, y1: 30 };
+            let strip = |x: i32| Rect { x0: x, x1: x + NARROW, ..rect };
+            let mut strips: Vec<_> =
+                (rect.x0..rect.x1).step_by(NARROW as usize).flat_map(|x| seen(strip(x))).collect();
+            strips.retain(|s| s.1 < rect.x1);
+            strips.sort_unstable();
+            let mut whole = seen(rect);
+            whole.sort_unstable();
+            prop_assert_eq!(whole, strips);
+        }
     }
 
     #[test]
