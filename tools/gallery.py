@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
-"""Renders contact sheets: states.jpg, bark.jpg, twigs.jpg, lods.jpg and species.jpg of output/gallery.
+"""Renders contact sheets: states.jpg, bark.jpg, twigs.jpg, lods.jpg, saplings.jpg and species.jpg of
+output/gallery.
 
     tools/gallery.py -o output/gallery [--larix target/release/larix] [--only bark]
 
 Of all species, states: three seeds in leaf and bare, autumn, and the conditions III and VI; bark: the
 stem at its foot, at a quarter and at 0.7 of the height, as close as two metres; twigs: the edge of the
-crown with every leaf and needle, as close as a metre; lods: LOD0 to LOD4 and the cross impostor. Of some, species: the program's own sheets. Needs Pillow beside Blender, which
-tools/contact_sheet.py needs too.
+crown with every leaf and needle, as close as a metre; lods: LOD0 to LOD4 and the cross impostor;
+saplings: of half a metre to four metres, each as large as the next. Of some, species: the program's own
+sheets. Needs Pillow beside Blender, which tools/contact_sheet.py needs too.
 """
 
 import argparse
@@ -32,6 +34,7 @@ STATES = [
 ]
 SHEETS = ["larix_sibirica", "picea_obovata", "betula_pendula", "quercus_robur"]
 STATE_PX, BARK_PX, TWIGS_PX, LEVEL_PX, SHEET_PX = 240, 230, 400, 270, 600
+SAPLINGS_M, SAPLING_PX = [0.5, 1, 2, 4], 300
 BARK_AT, BARK_M = [0.02, 0.25, 0.7], 2.0
 TWIGS_M = 1.0
 WIDTH_PX = 1600
@@ -60,6 +63,16 @@ def states(larix, name, folder):
     return sheet(files, folder / f"{name}.png", *options)
 
 
+def beside(pictures):
+    """Pictures of one height left to right, without a gap."""
+    whole = Image.new("RGB", (sum(p.width for p in pictures), pictures[0].height))
+    x = 0
+    for picture in pictures:
+        whole.paste(picture, (x, 0))
+        x += picture.width
+    return whole
+
+
 def bark(larix, name, folder):
     file = folder / f"{name}.glb"
     run(larix, "tree", name, "--bare", "--texture", 2048, "-o", file, "--quiet")
@@ -68,12 +81,7 @@ def bark(larix, name, folder):
         sheet([file], folder / f"{name}_{k}.png", *options, "--at", at)
         for k, at in enumerate(BARK_AT)
     ]
-    whole = Image.new("RGB", (sum(p.width for p in places), BARK_PX))
-    x = 0
-    for place in places:
-        whole.paste(place, (x, 0))
-        x += place.width
-    return whole
+    return beside(places)
 
 
 def facts(file):
@@ -100,6 +108,16 @@ def levels(larix, name, folder):
     steps = [f"LOD{k}" for k in range(1, 5)] + ["impostor"]
     files = [file] + [file.with_name(f"{name}_{step}.glb") for step in steps]
     return sheet(files, folder / f"{name}.png", "--columns", len(files), "--height", LEVEL_PX)
+
+
+def saplings(larix, name, folder):
+    parts = []
+    for height in SAPLINGS_M:
+        file = folder / f"{name}_{height}.glb"
+        run(larix, "tree", name, "--height", height, "--texture", 512, "-o", file, "--quiet")
+        options = ["--columns", 1, "--height", SAPLING_PX, "--samples", 24]
+        parts.append(sheet([file], folder / f"{name}_{height}.png", *options))
+    return beside(parts)
 
 
 def own_sheet(larix, name, folder):
@@ -148,7 +166,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
     parser.add_argument("--larix", type=Path, default=ROOT / "target/release/larix")
-    parser.add_argument("--only", choices=["states", "bark", "twigs", "lods", "species"])
+    parser.add_argument("--only", choices=["states", "bark", "twigs", "lods", "saplings", "species"])
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     listed = run(args.larix, "species", "list", "--quiet").split()
@@ -158,6 +176,7 @@ def main():
         ("bark", bark, names),
         ("twigs", twigs, names),
         ("lods", levels, names),
+        ("saplings", saplings, names),
         ("species", own_sheet, SHEETS),
     ]
     for kind, draw, of in kinds:

@@ -2,7 +2,6 @@ use super::foliage::{Order, foliage};
 use super::tests::SPECIES;
 use super::*;
 use crate::skeleton::{Detail, Target, grow};
-use crate::species::model::youth;
 use crate::species::{self, own};
 use crate::texture::atlas::Cell;
 
@@ -213,11 +212,11 @@ fn a_shell_is_closed_and_holds_the_crown() {
     }
 }
 
-/// From its tip down no part of it is bare that is longer than a twentieth of the tree.
+/// Of its upper three tenths no part is bare that is longer than a twentieth of the tree.
 #[test]
 fn a_young_tree_has_leaves_up_its_leader() {
     let names = ["larix_sibirica", "picea_abies", "betula_pendula"];
-    for (name, height_m) in names.into_iter().flat_map(|n| [0.5f32, 1.0, 1.8].map(|h| (n, h))) {
+    for (name, height_m) in names.into_iter().flat_map(|n| [0.5f32, 1.0, 2.0].map(|h| (n, h))) {
         let mut tree = grown_to(name, Some(height_m));
         tree.1.foliage = tree.1.foliage.at_height(height_m);
         let stem = tree.0.axes().swap_remove(0).nodes;
@@ -236,7 +235,7 @@ fn a_young_tree_has_leaves_up_its_leader() {
                 .collect();
             spans.sort_by(|a, b| b[1].total_cmp(&a[1]));
             let mut low = stem[stem.len() - 1].z;
-            let until = (1.0 - 0.3 * youth(height_m)) * low;
+            let until = 0.7 * low;
             let mut gap = 0.0f32;
             for [from, to] in spans.into_iter().filter(|span| span[1] > until) {
                 gap = gap.max(low - to);

@@ -246,7 +246,9 @@ fn clothe(
     hull: &Hull,
     out: &mut Vec<Spot>,
 ) {
-    let lowest_m = hull.apex.z * (1.0 - CLOTHED * youth(hull.apex.z));
+    // Up to two metres whole, less up to three.
+    let share = CLOTHED * (2.0 * youth(hull.apex.z)).min(1.0);
+    let lowest_m = hull.apex.z * (1.0 - share);
     let twig_m = f.twig_length_m.max(1e-3);
     let apart_m = |at: Vec3| APART * hull.twig_m(at, twig_m, 1.0);
     // Not the apex, where twigs are longer.
@@ -297,10 +299,13 @@ fn rate(weights: &[f64], most: f64) -> f64 {
     rate
 }
 
-/// The numbers of spots around the crown, layer by layer: the leader's first. Those of one direction and
-/// layer in their order.
-fn around(spots: &[Spot], hull: &Hull, layers: f32) -> Vec<u32> {
-    const TURNS: usize = 512;
+/// The numbers of spots around the crown, layer by layer: the leader's first. Layers and the directions in
+/// each are about as many as leave one of `most` spots to each; those of one place in their order.
+fn around(spots: &[Spot], hull: &Hull, most: usize) -> Vec<u32> {
+    const MOST_TURNS: f32 = 1_024.0;
+    let layers = layers(most);
+    let turns = (most as f32 / layers).clamp(4.0, MOST_TURNS).ceil();
+    let in_layer = turns as usize;
     let place = |s: &Spot| {
         if s.is_leader {
             return 0;
@@ -310,11 +315,11 @@ fn around(spots: &[Spot], hull: &Hull, layers: f32) -> Vec<u32> {
         let away = (s.at - hull.centre).truncate();
         let x = away.x / (away.x.abs() + away.y.abs()).max(1e-9);
         let turn = if away.y < 0.0 { 3.0 + x } else { 1.0 - x };
-        layer * TURNS + ((turn * (TURNS / 4) as f32) as usize).min(TURNS - 1)
+        layer * in_layer + ((turn * 0.25 * turns) as usize).min(in_layer - 1)
     };
     let places: Vec<u32> = spots.iter().map(|s| place(s) as u32).collect();
     // Sorted by counting.
-    let mut next = vec![0; (layers as usize + 2) * TURNS];
+    let mut next = vec![0; (layers as usize + 2) * in_layer];
     places.iter().for_each(|&p| next[p as usize] += 1);
     let mut before = 0;
     for n in &mut next {
@@ -357,7 +362,7 @@ pub fn thinned(
     };
     let mut is_kept = vec![false; spots.len()];
     let (mut due, mut left) = (0.5, most);
-    for k in around(&spots, hull, layers(most)) {
+    for k in around(&spots, hull, most) {
         let k = k as usize;
         due += if spots[k].is_leader { 1.0 } else { (weights[k] * rate).min(1.0) };
         if due >= 1.0 && left > 0 {
