@@ -316,6 +316,19 @@ mod tests {
     }
 
     #[test]
+    fn outlines_that_are_kept_are_those_of_the_cells() {
+        let atlas = Atlas::whole(0.4);
+        let whole = atlas.leaf_outlines(3).to_vec();
+        assert_eq!(whole, [atlas.leaves()[0].outline(3)]);
+        assert_eq!(atlas.outlines(0), [atlas.cells()[0].outline(2)], "two rows at least");
+        let mut leaf = atlas.leaves()[0].clone();
+        leaf.reach = [[0.3, 0.6]; BANDS];
+        let other = atlas.with_leaf(leaf.clone());
+        assert_eq!(other.leaf_outlines(3), [leaf.outline(3)]);
+        assert_ne!(other.leaf_outlines(3), whole);
+    }
+
+    #[test]
     fn an_empty_cell_still_has_an_outline_with_area() {
         let mut cell = Atlas::whole(0.4).cells()[0].clone();
         cell.reach = [[0.5, 0.5]; BANDS];
