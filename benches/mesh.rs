@@ -52,13 +52,16 @@ fn main() {
     ];
     println!("{:46} {:>9} {:>9} {:>7}", "", "triangles", "ms", "M/s");
     for (tree, name) in SPECIES {
+        let title = |kind: &str| format!("{tree}, {kind}");
+        let is_asked = |kind: &str| only.iter().all(|o| title(kind).contains(o.as_str()));
+        let asked: Vec<_> = kinds.iter().filter(|k| is_asked(k.0)).collect();
+        if asked.is_empty() {
+            continue;
+        }
         let atlas =
             texture::for_species(&species::load(name).expect("built in"), 512, Seed::new(1)).atlas;
-        for (kind, max_nodes, options) in kinds {
-            let title = format!("{tree}, {kind}");
-            if !only.iter().all(|o| title.contains(o.as_str())) {
-                continue;
-            }
+        for &(kind, max_nodes, options) in asked {
+            let title = title(kind);
             let (species, skeleton) = grown(name, max_nodes);
             for wind in [None, Some(WindProfile::Unity)] {
                 measure(&title, &species, &atlas, &skeleton, &MeshOptions { wind, ..options });

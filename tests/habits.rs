@@ -50,7 +50,7 @@ fn measured(s: &Skeleton) -> Habit<f32> {
     let height_m = s.height_m();
     // Stems of a stool all begin at the root; their branches are what others call first order.
     let axes = s.axes();
-    let is_stem = |axis: u32| axis == 0 || axes[axis as usize].base == Some(0);
+    let is_stem = |axis: u32| axis == 0 || axes.of(axis).base == Some(0);
     let of_stem: Vec<bool> = s.axis.iter().map(|&a| is_stem(a)).collect();
     let twigs: Vec<usize> = (1..s.len()).filter(|&i| !of_stem[i]).collect();
     let base_m = quantile(twigs.iter().map(|&i| s.position[i].z).collect(), 0.02);

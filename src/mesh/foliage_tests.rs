@@ -219,7 +219,7 @@ fn a_young_tree_has_leaves_up_its_leader() {
     for (name, height_m) in names.into_iter().flat_map(|n| [0.5f32, 1.0, 2.0].map(|h| (n, h))) {
         let mut tree = grown_to(name, Some(height_m));
         tree.1.foliage = tree.1.foliage.at_height(height_m);
-        let stem = tree.0.axes().swap_remove(0).nodes;
+        let stem = tree.0.axes().of(0).nodes.to_vec();
         let stem: Vec<Vec3> = stem.iter().map(|&i| tree.0.position[i as usize]).collect();
         let near = |p: Vec3| stem.iter().any(|s| s.distance(p) < 0.1 * height_m);
         for level in [FoliageLevel::Cards, FoliageLevel::Geometry] {

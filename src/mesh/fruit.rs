@@ -34,7 +34,7 @@ pub fn fruit(skeleton: &Skeleton, order: &Order<'_>) -> Surface {
         droop: fruit.droop,
         ..leaves.clone()
     };
-    let mut spots = spots(skeleton, &skeleton.axes(), &stand, &bears, &hull);
+    let mut spots = spots(skeleton, &stand, &bears, &hull);
     spots.retain(|s| !s.is_tip && s.at.z >= from_m);
     let room = stamp::room(model);
     let budget = order.budget.map_or(MOST_TRIANGLES, |b| (b as f32 * SHARE) as usize);

@@ -176,21 +176,16 @@ impl Hull {
 
 /// Every place for a twig, in the order of axes and from base to tip: where twigs are shorter, they
 /// are as much closer. `bears`: which nodes end a shoot with leaves.
-pub fn spots(
-    skeleton: &Skeleton,
-    axes: &[Axis],
-    f: &Foliage,
-    bears: &[bool],
-    hull: &Hull,
-) -> Vec<Spot> {
+pub fn spots(skeleton: &Skeleton, f: &Foliage, bears: &[bool], hull: &Hull) -> Vec<Spot> {
     let length: f32 = (0..skeleton.len() as u32)
         .filter(|&i| bears[i as usize])
         .map(|i| skeleton.internode_m(i))
         .sum();
     // Never more than the limit, however dense the species.
     let per_m = f.twigs_per_m.clamp(0.01, 200.0).min(MOST_SPOTS as f32 / length.max(1e-3));
-    let mut out = Vec::with_capacity((length * per_m) as usize + axes.len());
-    for axis in axes {
+    let axes = skeleton.axes();
+    let mut out = Vec::with_capacity((length * per_m) as usize + axes.iter().len());
+    for axis in axes.iter() {
         let count = axis.nodes.len();
         let mut due = 0.5;
         let mut turn = (axis.nodes.first().copied().unwrap_or(0)) % 89;
@@ -205,7 +200,7 @@ pub fn spots(
             let first = due;
             let per_m = per_m / hull.tapered(b, f.twig_length_m.max(1e-3));
             due += run * per_m;
-            let twigs = due.floor().max(0.0) as usize;
+            let twigs = due as usize;
             for c in 0..twigs {
                 let t = ((c as f32 + 1.0 - first) / (run * per_m).max(1e-9)).clamp(0.0, 1.0);
                 out.push(Spot {
@@ -231,7 +226,7 @@ pub fn spots(
             }
         }
         if axis.order == 0 {
-            clothe(skeleton, axis, f, bears, hull, &mut out);
+            clothe(skeleton, &axis, f, bears, hull, &mut out);
         }
     }
     out

@@ -65,7 +65,8 @@ fn dried(s: &Skeleton, share: f32, wood: &Decline, seed: Seed) -> Skeleton {
     let base_m = s.crown_base_m();
     let crown_m = (s.height_m() - base_m).max(1e-6);
     let mut branches = Vec::new();
-    for axis in s.axes() {
+    let axes = s.axes();
+    for axis in axes.iter() {
         let of_limb = wood.by_ends && axis.order == 1;
         let begins = match axis.order {
             1 if of_limb => axis.nodes.get(axis.nodes.len() / 2),
@@ -213,7 +214,7 @@ mod tests {
             assert!(dry > before && dry < 0.9, "{condition:?}: {dry}");
             before = dry;
             let axes = s.axes();
-            let is_limb = |axis: &&Axis| axis.order == 1 && axis.nodes.len() > 2;
+            let is_limb = |axis: &Axis| axis.order == 1 && axis.nodes.len() > 2;
             let limbs: Vec<_> = axes.iter().filter(is_limb).collect();
             assert!(limbs.iter().all(|limb| !s.dead[limb.nodes[0] as usize]), "they live");
             let ends = limbs.iter().map(|limb| limb.nodes[limb.nodes.len() - 1] as usize);

@@ -46,38 +46,35 @@ pub struct Skeleton {
     pub dead: Vec<bool>,
 }
 
-/// The children of every node in one flat list, in the order of their ids.
+/// Numbers from 0 on in groups: one flat list, in their order.
 #[derive(Debug, Clone)]
-pub struct Children {
+struct Groups {
     start: Vec<u32>,
     list: Vec<u32>,
 }
 
-impl Children {
-    /// `parent` may hold [`NO_PARENT`]; ids out of range are left out.
-    pub fn new(parent: &[u32]) -> Self {
-        let mut start = vec![0u32; parent.len() + 1];
-        for &p in parent {
-            if let Some(count) = start.get_mut(p as usize + 1).filter(|_| p != NO_PARENT) {
-                *count += 1;
-            }
+impl Groups {
+    /// `group` of each; those of `count` or more are in none.
+    fn new(group: &[u32], count: usize) -> Groups {
+        let mut start = vec![0u32; count + 1];
+        for &g in group.iter().filter(|&&g| (g as usize) < count) {
+            start[g as usize + 1] += 1;
         }
         for i in 1..start.len() {
             start[i] += start[i - 1];
         }
         let mut next = start.clone();
-        let mut list = vec![0u32; start.last().copied().unwrap_or(0) as usize];
-        for (i, &p) in parent.iter().enumerate() {
-            if p != NO_PARENT && (p as usize) < parent.len() {
-                list[next[p as usize] as usize] = i as u32;
-                next[p as usize] += 1;
-            }
+        let mut list = vec![0u32; start[count] as usize];
+        for (i, &g) in (0..).zip(group).filter(|(_, g)| (**g as usize) < count) {
+            let slot = &mut next[g as usize];
+            list[*slot as usize] = i;
+            *slot += 1;
         }
-        Children { start, list }
+        Groups { start, list }
     }
 
-    pub fn of(&self, node: u32) -> &[u32] {
-        let i = node as usize;
+    fn of(&self, group: u32) -> &[u32] {
+        let i = group as usize;
         match (self.start.get(i), self.start.get(i + 1)) {
             (Some(&a), Some(&b)) => &self.list[a as usize..b as usize],
             _ => &[],
@@ -85,15 +82,55 @@ impl Children {
     }
 }
 
+/// The children of every node, in the order of their ids.
+#[derive(Debug, Clone)]
+pub struct Children(Groups);
+
+impl Children {
+    /// `parent` may hold [`NO_PARENT`]; ids out of range are left out.
+    pub fn new(parent: &[u32]) -> Self {
+        Children(Groups::new(parent, parent.len()))
+    }
+
+    pub fn of(&self, node: u32) -> &[u32] {
+        self.0.of(node)
+    }
+}
+
 /// One axis: a chain of nodes from base to tip.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Axis {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Axis<'a> {
     /// The node of the parent axis it springs from; `None` for the stem.
     pub base: Option<u32>,
-    /// Its own nodes, from base to tip; never empty.
-    pub nodes: Vec<u32>,
+    /// Its own nodes, from base to tip; of a sound skeleton never empty.
+    pub nodes: &'a [u32],
     /// Branching order.
     pub order: u8,
+}
+
+/// The axes of a skeleton.
+#[derive(Debug, Clone)]
+pub struct Axes<'a> {
+    skeleton: &'a Skeleton,
+    nodes: Groups,
+    count: u32,
+}
+
+impl Axes<'_> {
+    pub fn of(&self, axis: u32) -> Axis<'_> {
+        let nodes = self.nodes.of(axis);
+        let first = nodes.first().copied();
+        Axis {
+            base: first.and_then(|i| self.skeleton.parent_of(i)),
+            nodes,
+            order: first.map_or(0, |i| self.skeleton.order[i as usize]),
+        }
+    }
+
+    /// In the order of their ids.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = Axis<'_>> + Clone {
+        (0..self.count).map(|k| self.of(k))
+    }
 }
 
 impl Skeleton {
@@ -114,19 +151,9 @@ impl Skeleton {
         Children::new(&self.parent)
     }
 
-    /// The axes in the order of their ids.
-    pub fn axes(&self) -> Vec<Axis> {
-        let count = self.axis.iter().max().map_or(0, |&m| m as usize + 1);
-        let mut axes = vec![Axis { base: None, nodes: Vec::new(), order: 0 }; count];
-        for i in 0..self.len() {
-            let axis = &mut axes[self.axis[i] as usize];
-            if axis.nodes.is_empty() {
-                axis.base = self.parent_of(i as u32);
-                axis.order = self.order[i];
-            }
-            axis.nodes.push(i as u32);
-        }
-        axes
+    pub fn axes(&self) -> Axes<'_> {
+        let count = self.axis.iter().max().map_or(0, |&most| most + 1);
+        Axes { skeleton: self, nodes: Groups::new(&self.axis, count as usize), count }
     }
 
     /// How many stems spring from the root. Of a stool several do, whose root carries them all and is as
@@ -313,8 +340,9 @@ mod tests {
         assert_eq!(s.children().of(1), &[2, 3]);
         assert_eq!(s.children().of(3), &[] as &[u32]);
         let axes = s.axes();
-        assert_eq!(axes[0], Axis { base: None, nodes: vec![0, 1, 2], order: 0 });
-        assert_eq!(axes[1], Axis { base: Some(1), nodes: vec![3], order: 1 });
+        assert_eq!(axes.of(0), Axis { base: None, nodes: &[0, 1, 2], order: 0 });
+        assert_eq!(axes.of(1), Axis { base: Some(1), nodes: &[3], order: 1 });
+        assert_eq!(axes.iter().count(), 2);
         assert_eq!(s.length_m(), 3.0);
         assert_eq!(s.height_m(), 2.0);
         assert_eq!(s.bears_leaves(0.15), vec![false, false, true, true]);
