@@ -23,7 +23,7 @@ use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
-use crate::species::model::{Foliage as Leaves, youth};
+use crate::species::model::Foliage as Leaves;
 use crate::texture::Atlas;
 
 /// What stands for the leaves, from nothing to every one of them.
@@ -159,7 +159,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     // Cards of twigs' own size that hide as much as all leaves do.
     let covered = covered_by_twigs(atlas, f);
     // Leaf by leaf a young tree has all its twigs: no fewer cards than hide as much.
-    let young = youth(hull.apex.z);
+    let young = hull.young;
     let least_sq_m = match young > 0.0 && !f.is_bare() {
         true => young * all.min(USUAL_CARDS) as f32 * Twig::counts_sq_m(f, atlas),
         false => 0.0,
@@ -329,7 +329,7 @@ pub fn taken_by_cards(
         return None;
     }
     let hull = Hull::around(skeleton, &skeleton.bears_leaves(f.bearing_radius_m))?;
-    if youth(hull.apex.z) > 0.0 {
+    if hull.young > 0.0 {
         return None;
     }
     let f = &f.within(hull.longest_twig_m());

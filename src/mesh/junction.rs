@@ -44,7 +44,7 @@ pub struct Branch {
     /// Middle and half length of the foot along the parent.
     arc_m: f32,
     half_m: f32,
-    /// Angle of the middle from the frame's normal, and half width as an angle.
+    /// Angle of the middle from the frame's normal, −π…π, and half width as an angle.
     turn: f32,
     half_turn: f32,
     start: Start,
@@ -559,7 +559,7 @@ pub fn mask(facet: u32, facets: u32, sides: u32) -> u64 {
 fn block(b: &Branch, arc_m: f32, sides: u32, taken: u64, is_empty: bool) -> Option<Hole> {
     let n = sides as i32;
     let per_turn = sides as f32 / TAU;
-    let x = b.turn.rem_euclid(TAU) * per_turn;
+    let x = if b.turn < 0.0 { b.turn + TAU } else { b.turn } * per_turn;
     let half = b.half_turn * per_turn;
     let most = (n / 2).max(1);
     let reach = half + ROOM_AROUND;

@@ -44,8 +44,12 @@ pub struct Hull {
     pub apex: Vec3,
     /// How far the crown's top reaches sideways for each metre below the apex.
     pub tip_slope: f32,
+    /// How young it is, by [`youth`].
+    pub young: f32,
     /// Half the crown's width in layers of one thickness, from its foot to its apex.
     half_width_m: [f32; LAYERS],
+    /// Inverses of `half`.
+    per_half: Vec3,
 }
 
 const LAYERS: usize = 24;
@@ -86,9 +90,9 @@ impl Hull {
         let in_top = places().filter(|p| p.z >= apex.z - top_m);
         let reach_m = in_top.map(|p| (p - apex).truncate().length()).fold(0.0, f32::max);
         let mut layers = [None; LAYERS];
+        let per_m = LAYERS as f32 / (hi.z - lo.z).max(1e-6);
         for p in places() {
-            let share = (p.z - lo.z) / (hi.z - lo.z).max(1e-6);
-            let layer = &mut layers[((share * LAYERS as f32) as usize).min(LAYERS - 1)];
+            let layer = &mut layers[(((p.z - lo.z) * per_m) as usize).min(LAYERS - 1)];
             let p = p.truncate();
             let (low, high) = layer.unwrap_or((p, p));
             *layer = Some((p.min(low), p.max(high)));
@@ -101,13 +105,10 @@ impl Hull {
         }
         let centre =
             Vec3::new(0.5 * (lo.x + hi.x), 0.5 * (lo.y + hi.y), lo.z + 0.35 * (hi.z - lo.z));
-        Some(Hull {
-            centre,
-            half: ((hi - lo) * Vec3::new(0.5, 0.5, 0.65)).max(Vec3::splat(0.05)),
-            apex,
-            tip_slope: (reach_m / top_m).max(YOUNG_SLOPE * youth(apex.z)),
-            half_width_m,
-        })
+        let half = ((hi - lo) * Vec3::new(0.5, 0.5, 0.65)).max(Vec3::splat(0.05));
+        let young = youth(apex.z);
+        let tip_slope = (reach_m / top_m).max(YOUNG_SLOPE * young);
+        Some(Hull { centre, half, apex, tip_slope, young, half_width_m, per_half: half.recip() })
     }
 
     /// The same without a spire: nothing is shorter near its leader.
@@ -126,26 +127,26 @@ impl Hull {
             return LEADER;
         }
         let room_m = (self.apex.z - at.z) * self.tip_slope;
-        let tip = TIP_TWIG + (YOUNG_TIP - TIP_TWIG) * youth(self.apex.z);
-        (room_m / twig_m + tip).min(1.0)
+        let tip = TIP_TWIG + (YOUNG_TIP - TIP_TWIG) * self.young;
+        if room_m > twig_m { 1.0 } else { (room_m / twig_m + tip).min(1.0) }
     }
 
     /// Unit direction outwards at a place, and how far out that is (1 at the hull).
     pub fn outward(&self, p: Vec3) -> (Vec3, f32) {
-        let q = (p - self.centre) / self.half;
-        ((q / self.half).normalize_or(Vec3::Z), q.length())
+        let q = (p - self.centre) * self.per_half;
+        ((q * self.per_half).normalize_or(Vec3::Z), q.length())
     }
 
     /// Size of a twig at a place over its usual length: less towards the top, where shoots are
     /// young. `enlarge` makes up for twigs left out.
     pub fn scale(&self, p: Vec3, enlarge: f32) -> f32 {
-        let height = ((p.z - self.centre.z) / (1.5 * self.half.z)).clamp(0.0, 1.0);
+        let height = ((p.z - self.centre.z) * self.per_half.z / 1.5).clamp(0.0, 1.0);
         (1.0 - 0.3 * height * height) * (1.0 + (enlarge - 1.0) * (1.0 - 0.35 * height))
     }
 
     /// The share of the crown's height that a place is at, 0…1.
     pub fn share(&self, z: f32) -> f32 {
-        ((z - self.centre.z) / (self.half.z / 0.65) + 0.35).clamp(0.0, 1.0)
+        ((z - self.centre.z) * (0.65 * self.per_half.z) + 0.35).clamp(0.0, 1.0)
     }
 
     /// Length of a twig at a place, `twig_m` long as a rule; where it stands for several, no longer than
@@ -153,7 +154,8 @@ impl Hull {
     pub fn twig_m(&self, at: Vec3, twig_m: f32, enlarge: f32) -> f32 {
         let twig_m = twig_m * self.tapered(at, twig_m);
         let layer = (self.share(at.z) * LAYERS as f32 - 0.5).clamp(0.0, (LAYERS - 1) as f32);
-        let (below, t) = (layer as usize, layer.fract());
+        let below = layer as usize;
+        let t = layer - below as f32;
         let above = (below + 1).min(LAYERS - 1);
         let half_m = self.half_width_m[below] * (1.0 - t) + self.half_width_m[above] * t;
         let most_m = (FIT * half_m).min(at.z).max(twig_m * self.scale(at, 1.0));
@@ -198,11 +200,12 @@ pub fn spots(skeleton: &Skeleton, f: &Foliage, bears: &[bool], hull: &Hull) -> V
             let run = step.length();
             let shoot = step.normalize_or(Vec3::Z);
             let first = due;
-            let per_m = per_m / hull.tapered(b, f.twig_length_m.max(1e-3));
-            due += run * per_m;
+            let more = run * per_m / hull.tapered(b, f.twig_length_m.max(1e-3));
+            due += more;
             let twigs = due as usize;
+            let per_twig = more.max(1e-9).recip();
             for c in 0..twigs {
-                let t = ((c as f32 + 1.0 - first) / (run * per_m).max(1e-9)).clamp(0.0, 1.0);
+                let t = ((c as f32 + 1.0 - first) * per_twig).clamp(0.0, 1.0);
                 out.push(Spot {
                     at: a + step * t,
                     shoot,
@@ -242,7 +245,7 @@ fn clothe(
     out: &mut Vec<Spot>,
 ) {
     // Up to two metres whole, less up to three.
-    let share = CLOTHED * (2.0 * youth(hull.apex.z)).min(1.0);
+    let share = CLOTHED * (2.0 * hull.young).min(1.0);
     let lowest_m = hull.apex.z * (1.0 - share);
     let twig_m = f.twig_length_m.max(1e-3);
     let apart_m = |at: Vec3| APART * hull.twig_m(at, twig_m, 1.0);
@@ -344,9 +347,10 @@ pub fn thinned(
     if spots.len() <= most {
         return spots;
     }
-    let least = LEAST_WEIGHT + (1.0 - LEAST_WEIGHT) * youth(hull.apex.z);
+    let least = LEAST_WEIGHT + (1.0 - LEAST_WEIGHT) * hull.young;
+    let usual_m = twig_m * hull.scale(Vec3::ZERO, enlarge);
     let weight = |s: &Spot| {
-        let small = twig_m * hull.scale(Vec3::ZERO, enlarge) / hull.twig_m(s.at, twig_m, enlarge);
+        let small = usual_m / hull.twig_m(s.at, twig_m, enlarge);
         let tip = if keeps_tips && s.is_tip { TIP_WEIGHT } else { 1.0 };
         f64::from(tip * hull.outward(s.at).1.clamp(least, 1.0) * (small * small).min(MOST_WEIGHT))
     };

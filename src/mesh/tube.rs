@@ -105,9 +105,9 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, (radius_m, from_m): (f32, f32
     let flare = flare.take_while(|r| around(r) * FLARED > below.girth).count();
     below.repeats = whole(TAU * radius_m / repeat_m);
     if below.girth < FOLDED_GIRTH[1] {
-        // Multiples of the plastic number's inverses lie evenly on a square.
-        let share = |inverse: f64| (f64::from(key) * inverse).fract() as f32;
-        (below.u, below.v) = (share(0.754_877_666), share(0.569_840_291));
+        // Multiples of the plastic number's inverses, as shares of 2³², lie evenly on a square.
+        let share = |inverse: u32| key.wrapping_mul(inverse) as f32 * 2f32.powi(-32);
+        (below.u, below.v) = (share(0xc13f_a9a9), share(0x91e1_0da6));
     }
     let spiral = if key.is_multiple_of(2) { SPIRAL } else { -SPIRAL };
     for (i, ring) in rings.iter_mut().enumerate() {
