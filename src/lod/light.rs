@@ -14,8 +14,9 @@ use crate::render::capture::{self, Sitter, Window};
 
 /// Directions, over equal parts of the upper half of the sky.
 const DIRECTIONS: usize = 32;
-/// Samples along the longest line through the model.
-const SAMPLES: f32 = 256.0;
+/// Samples along the longest line through the model: those of a tall tree are finer than its sprays of
+/// leaves, which shade themselves.
+const SAMPLES: f32 = 1024.0;
 /// Samples that something must be nearer to the light to cast a shadow: less is the place itself.
 const APART: f32 = 1.5;
 /// How much of a leaf's light is that of leaves that face all ways.
@@ -105,8 +106,25 @@ impl Look {
         let d = place - centre;
         let x = d.dot(self.right) / sample_m + 0.5 * w as f32;
         let y = 0.5 * h as f32 - d.dot(self.up) / sample_m;
-        let (x, y) = ((x.max(0.0) as usize).min(w - 1), (y.max(0.0) as usize).min(h - 1));
-        self.before_m[y * w + x] <= d.dot(self.towards) + APART * sample_m
+        let inside = |at: f32, count: usize| (at.max(0.0) as usize).min(count - 1);
+        let here = |x: f32, y: f32| self.before_m[inside(y, h) * w + inside(x, w)];
+        let most_m = d.dot(self.towards) + APART * sample_m;
+        if here(x, y) <= most_m {
+            return true;
+        }
+        // Of a plane aslant to the light, which may seem to shade itself, the mean of the samples around
+        // is at the place itself.
+        let (left, top) = ((x - 0.5).floor(), (y - 0.5).floor());
+        let (s, t) = (x - 0.5 - left, y - 0.5 - top);
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for (i, j) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
+            let before_m = here(left + i, top + j);
+            if before_m > f32::MIN {
+                let part = (1.0 - (s - i).abs()) * (1.0 - (t - j).abs());
+                (sum, weight) = (sum + part * before_m, weight + part);
+            }
+        }
+        sum <= most_m * weight
     }
 }
 
@@ -129,9 +147,8 @@ mod tests {
         vec![Part { name: "roof".into(), surface, material: 0 }]
     }
 
-    #[test]
-    fn a_roof_shades_what_is_under_it() {
-        let materials = [Material {
+    fn grey() -> [Material; 1] {
+        [Material {
             name: "grey".into(),
             base_color: [0.5; 3],
             base_color_texture: None,
@@ -144,14 +161,20 @@ mod tests {
             alpha: Alpha::Opaque,
             double_sided: true,
             variants: Vec::new(),
-        }];
+        }]
+    }
+
+    #[test]
+    fn a_roof_shades_what_is_under_it() {
         let roof = level(2.0);
+        let materials = grey();
         let sitter = Sitter::new(&[&roof], &materials, &[]);
         let sky = Sky::over(&sitter, 0, (Vec3::new(-2.0, -2.0, 0.0), Vec3::new(2.0, 2.0, 2.0)));
         let sky = sky.unwrap();
         let light = |place| sky.light(place, Vec3::Z, 0.0);
         // Of a sky alike all over, in parts of which 32 are looked at, the roof's top sees all.
-        assert!((light(Vec3::Z * 2.0) - 1.0).abs() < 0.01);
+        let top = light(Vec3::Z * 2.0);
+        assert!((top - 1.0).abs() < 0.01, "{top}");
         // The share of a level place's light that comes through a square of 4 m, 2 m over its middle:
         // 4 / π · 2 / √2 · atan(1 / √2) / √2 (a corner's quarter four times).
         let hidden = 4.0 / PI * 0.5f32.sqrt() * 0.5f32.sqrt().atan();
@@ -161,6 +184,18 @@ mod tests {
         // From below a roof that lets no light through is dark, a leaf is not.
         assert!(sky.light(Vec3::Z * 2.0, -Vec3::Z, 0.0) < 1e-6);
         assert!(sky.light(Vec3::Z * 2.0, -Vec3::Z, 1.0) > 0.2);
+    }
+
+    /// Needles of one spray, a hand's breadth apart.
+    #[test]
+    fn in_a_tall_tree_leaves_shade_those_close_below() {
+        let roof = level(18.0);
+        let materials = grey();
+        let sitter = Sitter::new(&[&roof], &materials, &[]);
+        let sky = Sky::over(&sitter, 0, (Vec3::new(-2.0, -2.0, 0.0), Vec3::new(2.0, 2.0, 20.0)));
+        let light = sky.unwrap().light(Vec3::Z * 17.92, Vec3::Z, 0.0);
+        // Of the sky between the sheet and the horizon next to nothing is left.
+        assert!((light - BOUNCE).abs() < 0.02, "{light}");
     }
 
     #[test]

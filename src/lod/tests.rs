@@ -106,7 +106,8 @@ fn an_impostor_covers_what_the_model_covers_in_its_colour() {
         if kind == Kind::Cross {
             // Lit, it is as bright as the face that it shows; under what is transparent too, for
             // mip levels.
-            let open = light::on_sheet(-Vec3::Y, &light::before(-Vec3::Y));
+            // A sheet that is seen from the south, and one from the east.
+            let sheets = [(-Vec3::Y, Vec3::X), (Vec3::X, Vec3::Y)];
             let linear = |c: u8| ((f32::from(c) / 255.0 + 0.055) / 1.055).powf(2.4);
             let mut mean = Vec3::ZERO;
             for (x, y) in (0..got.normal.height)
@@ -114,9 +115,11 @@ fn an_impostor_covers_what_the_model_covers_in_its_colour() {
             {
                 let part = |c: u8| f32::from(c) / 127.5 - 1.0;
                 let [nx, ny, nz, _] = got.normal.at(x / 2, y / 2).map(part);
-                let normal = Vec3::new(nx, -nz, ny).normalize();
+                let (front, right) = sheets[usize::from(2 * x >= got.colour.width)];
+                let normal = (right * nx + Vec3::Z * ny + front * nz).normalize();
                 let [r, g, ..] = got.colour.at(x, y).map(linear);
-                let lit = light::on_sheet(normal, &light::before(-Vec3::Y)) / open;
+                let before = light::before(front);
+                let lit = light::on_sheet(normal, &before) / light::on_sheet(front, &before);
                 assert!((r * lit - 0.5).abs() < 0.06 && (g * lit - 0.1).abs() < 0.02, "{r} {lit}");
                 mean += Vec3::new(r * lit, g * lit, 1.0);
             }
