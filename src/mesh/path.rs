@@ -51,6 +51,8 @@ pub const FLARE: f32 = 4.5;
 /// How much wider it is at the ground, and by how much its lobes stand out there.
 pub const FLARED: f32 = 0.42;
 pub const LOBED: f32 = 0.2;
+/// By how much wider lobes look from the side, on the mean: times the square of how far they stand out.
+const LOBES_SEEN: f32 = 2.4;
 /// How much wider still where it ends below ground.
 pub const BURIED: f32 = 1.12;
 /// How far a stem goes on below ground, so that no slope shows its end.
@@ -541,8 +543,12 @@ fn flare(kept: &mut Vec<Knot>, lobes: &mut Vec<f32>, least_step: f32, detail: bo
         walked += k.at.distance(last);
         last = k.at;
         let up = 1.0 - (walked / height.max(1e-6)).min(1.0);
+        let lobe = LOBED * up * up;
         k.radius_m *= 1.0 + FLARED * up * up * up;
-        lobes.push(if detail { LOBED * up * up } else { 0.0 });
+        if !detail {
+            k.radius_m *= 1.0 + LOBES_SEEN * lobe * lobe;
+        }
+        lobes.push(if detail { lobe } else { 0.0 });
     }
     let depth = depth_m(kept[0].at, length).max(2.0 * least_step);
     let base = kept[0];

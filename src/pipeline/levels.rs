@@ -645,24 +645,41 @@ mod tests {
         );
     }
 
+    /// Where a level plane cuts closed wood: each line's ends, and a way out of the wood there.
+    fn cuts(tree: &TreeMesh, z: f32) -> Vec<([Vec2; 2], Vec2)> {
+        let cut = |wood: &Surface, t: &[u32]| {
+            let [a, b, c] = [0, 1, 2].map(|k| wood.position[t[k] as usize]);
+            let cut = [(a, b), (b, c), (c, a)].into_iter().filter_map(|(p, q)| {
+                let is_cut = (p.z < z) != (q.z < z);
+                is_cut.then(|| p.lerp(q, (z - p.z) / (q.z - p.z)).truncate())
+            });
+            let ends: Vec<Vec2> = cut.collect();
+            Some(([*ends.first()?, *ends.get(1)?], (b - a).cross(c - a).truncate()))
+        };
+        let woods = tree.woods().into_iter();
+        woods.flat_map(|w| w.index.chunks_exact(3).filter_map(move |t| cut(w, t))).collect()
+    }
+
     /// What a level plane cuts out of closed wood: the diameter of a circle of that area, and its middle.
     fn section(tree: &TreeMesh, z: f32) -> (f32, Vec2) {
         let (mut twice, mut moment) = (0.0, Vec2::ZERO);
-        for wood in tree.woods() {
-            for t in wood.index.chunks_exact(3) {
-                let [a, b, c] = [0, 1, 2].map(|k| wood.position[t[k] as usize]);
-                let cut = [(a, b), (b, c), (c, a)].into_iter().filter_map(|(p, q)| {
-                    let is_cut = (p.z < z) != (q.z < z);
-                    is_cut.then(|| p.lerp(q, (z - p.z) / (q.z - p.z)).truncate())
-                });
-                let ends: Vec<Vec2> = cut.collect();
-                let [p, q] = ends[..] else { continue };
-                let out = (b - a).cross(c - a).truncate();
-                let part = p.perp_dot(q) * (q - p).perp_dot(-out).signum();
-                (twice, moment) = (twice + part, moment + (p + q) * part);
-            }
+        for ([p, q], out) in cuts(tree, z) {
+            let part = p.perp_dot(q) * (q - p).perp_dot(-out).signum();
+            (twice, moment) = (twice + part, moment + (p + q) * part);
         }
         ((2.0 * twice.abs() / std::f32::consts::PI).sqrt(), moment / (3.0 * twice))
+    }
+
+    /// How wide the same looks, the mean over all sides.
+    fn width_m(tree: &TreeMesh, z: f32) -> f32 {
+        const SIDES: u32 = 36;
+        let cuts = cuts(tree, z);
+        let from = |side: u32| {
+            let across = Vec2::from_angle(side as f32 * std::f32::consts::PI / SIDES as f32);
+            let at = cuts.iter().map(|(ends, _)| ends[0].dot(across));
+            at.clone().fold(f32::MIN, f32::max) - at.fold(f32::MAX, f32::min)
+        };
+        (0..SIDES).map(from).sum::<f32>() / SIDES as f32
     }
 
     /// A tree of the species grown for so many triangles, and how one of `budget` is meshed.
@@ -765,6 +782,10 @@ mod tests {
                 let [finest, next] = [0, 1].map(|k| reach(&all[k]));
                 assert!((next / finest - 1.0).abs() < 0.03, "{name}: lobes {finest} {next}");
             }
+            // Lobes that a coarser level lacks are made up for.
+            let of: Vec<f32> = all.iter().map(|tree| width_m(tree, 0.05)).collect();
+            let is_kept = of.iter().all(|m| (m / of[0] - 1.0).abs() < 0.05);
+            assert!(is_kept, "{name} {triangles}, at the ground: {of:?}");
             for z in [0.05, 0.7, 1.3, 2.5] {
                 let of: Vec<f32> = all.iter().map(|tree| section(tree, z).0).collect();
                 let is_kept = of.iter().all(|m| (m / of[0] - 1.0).abs() < 0.12);
