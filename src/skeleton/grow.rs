@@ -64,7 +64,7 @@ impl Detail {
 /// Nodes of a tree between which detail is bounded.
 const NODES: std::ops::RangeInclusive<u32> = 40..=200_000;
 /// Nodes of a young tree, and sets of laterals on its stem, at least.
-const YOUNG_NODES: f32 = 140.0;
+const YOUNG_NODES: f32 = 300.0;
 const YOUNG_INTERNODES: f32 = 8.0;
 /// Nodes at which a species' counts of whorls are meant.
 const FULL_NODES: f32 = 4000.0;
@@ -154,7 +154,8 @@ fn fineness(e: &Envelope, species: &Species, detail: Detail) -> (u32, f32) {
         Some(spacing_m) => (max_nodes, spacing_m.max(1e-3 * e.height_m)),
         None => {
             let fewest = *NODES.start() as f32;
-            let fewest = fewest + (YOUNG_NODES - fewest) * youth(e.height_m);
+            // Fewer would leave none for the branches of the top.
+            let fewest = fewest + (YOUNG_NODES - fewest) * (2.0 * youth(e.height_m)).min(1.0);
             let max_nodes = max_nodes as f32;
             let most = (volume_m3 / least_m.powi(3)).clamp(fewest.min(max_nodes), max_nodes);
             (most as u32, (volume_m3 / most).cbrt())

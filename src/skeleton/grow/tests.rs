@@ -112,6 +112,22 @@ fn all_nodes_keep_to_the_crown() {
     }
 }
 
+/// However few nodes it has: none are left for the top where the lowest take all.
+#[test]
+fn a_young_spire_has_branches_up_to_its_leader() {
+    let names = ["picea_abies", "picea_obovata", "abies_sibirica", "larix_sibirica"];
+    for (name, height_m) in names.into_iter().flat_map(|n| [0.5, 1.0, 2.0, 2.5].map(|h| (n, h))) {
+        let s = tree(name, height_m, 3_333, 1);
+        let axes = s.axes();
+        let first = axes.iter().filter(|a| a.order == 1).filter_map(|a| a.base);
+        let mut heights: Vec<f32> = first.map(|i| s.position[i as usize].z / height_m).collect();
+        heights.sort_by(f32::total_cmp);
+        let highest = heights[heights.len() - 1];
+        let gap = heights.windows(2).map(|w| w[1] - w[0]).fold(0.0, f32::max);
+        assert!(highest > 0.6 && gap < 0.2, "{name} of {height_m} m: {highest}, {gap} apart");
+    }
+}
+
 #[test]
 fn a_habit_is_what_its_species_says() {
     // Insertion angles of first-order branches from the vertical, mean in a part of the crown.
