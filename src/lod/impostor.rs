@@ -24,7 +24,7 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::light::{self, Sky};
+use super::light::{self, Sky, Spot};
 use crate::diagnostic::Result;
 use crate::mesh::Surface;
 use crate::raster::{Picture, keep_cover, pad_transparent, spread};
@@ -355,19 +355,25 @@ impl Frame {
                 }
                 let share = (count.max(1) as f32).recip();
                 // One place says how light it is in the texel.
-                let light = seen.clone().nth(count / 2).map_or(0.0, |i| {
+                let spot = seen.clone().nth(count / 2).map(|i| {
                     let Texel { normal, leaf, .. } = sample[i];
-                    of.sky.light(place(i), normal, leaf)
+                    Spot { place: place(i), normal, leaf }
                 });
-                Baked {
+                let baked = Baked {
                     albedo: sum.albedo * share,
                     leaves: sum.leaves * share,
                     normal: axes(sum.normal * share),
                     alpha: count as f32 / (n * n) as f32,
-                    light,
-                }
+                    light: 0.0,
+                };
+                (baked, spot)
             };
-            (0..sample.len() / (n * n)).map(texel).collect()
+            let (mut baked, spots): (Vec<_>, Vec<_>) =
+                (0..sample.len() / (n * n)).map(texel).unzip();
+            let is_seen = baked.iter_mut().zip(&spots).filter(|(_, spot)| spot.is_some());
+            let spots: Vec<Spot> = spots.iter().copied().flatten().collect();
+            is_seen.zip(of.sky.light(&spots)).for_each(|((baked, _), light)| baked.light = light);
+            baked
         };
         let texel = of.sitter.portrait(of.model, &window, rows * n, band)?.concat();
         let mut frame = Frame { size: [width, height], texel };

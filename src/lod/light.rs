@@ -33,6 +33,16 @@ pub(super) struct Sky {
     looks: Vec<Look>,
 }
 
+/// A place of a model to be lit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Spot {
+    pub place: Vec3,
+    /// Unit.
+    pub normal: Vec3,
+    /// Share of it that is leaf.
+    pub leaf: f32,
+}
+
 struct Look {
     /// Unit.
     towards: Vec3,
@@ -62,16 +72,18 @@ impl Sky {
         Ok(Sky { looks: (0..DIRECTIONS).into_par_iter().map(look).collect::<Result<_>>()? })
     }
 
-    /// Light on a place of the model with this normal (unit), over that on open, level ground.
-    /// `leaf`: share of it that is leaf.
-    pub fn light(&self, place: Vec3, normal: Vec3, leaf: f32) -> f32 {
-        let sum: f32 = (self.looks.iter())
-            .map(|look| {
-                let open = if look.reaches(place) { 1.0 } else { BOUNCE };
-                open * lit(normal.dot(look.towards), leaf)
-            })
-            .sum();
-        sum * (2.0 / DIRECTIONS as f32)
+    /// Light on places of the model over that on open, level ground.
+    pub fn light(&self, spots: &[Spot]) -> Vec<f32> {
+        let mut light = vec![0.0; spots.len()];
+        // Look by look, so that one map at a time is at hand.
+        for look in &self.looks {
+            for (sum, spot) in light.iter_mut().zip(spots) {
+                let open = if look.reaches(spot.place) { 1.0 } else { BOUNCE };
+                *sum += open * lit(spot.normal.dot(look.towards), spot.leaf);
+            }
+        }
+        light.iter_mut().for_each(|sum| *sum *= 2.0 / DIRECTIONS as f32);
+        light
     }
 }
 
@@ -171,7 +183,8 @@ mod tests {
         let sitter = Sitter::new(&[&roof], &materials, &[]);
         let sky = Sky::over(&sitter, 0, (Vec3::new(-2.0, -2.0, 0.0), Vec3::new(2.0, 2.0, 2.0)));
         let sky = sky.unwrap();
-        let light = |place| sky.light(place, Vec3::Z, 0.0);
+        let lit = |place, normal, leaf| sky.light(&[Spot { place, normal, leaf }])[0];
+        let light = |place| lit(place, Vec3::Z, 0.0);
         // Of a sky alike all over, in parts of which 32 are looked at, the roof's top sees all.
         let top = light(Vec3::Z * 2.0);
         assert!((top - 1.0).abs() < 0.01, "{top}");
@@ -182,8 +195,8 @@ mod tests {
         assert!((got - wanted).abs() < 0.06, "{got} {wanted}");
         assert!(light(Vec3::new(2.0, 0.0, 0.0)) > got + 0.1);
         // From below a roof that lets no light through is dark, a leaf is not.
-        assert!(sky.light(Vec3::Z * 2.0, -Vec3::Z, 0.0) < 1e-6);
-        assert!(sky.light(Vec3::Z * 2.0, -Vec3::Z, 1.0) > 0.2);
+        assert!(lit(Vec3::Z * 2.0, -Vec3::Z, 0.0) < 1e-6);
+        assert!(lit(Vec3::Z * 2.0, -Vec3::Z, 1.0) > 0.2);
     }
 
     /// Needles of one spray, a hand's breadth apart.
@@ -193,7 +206,8 @@ mod tests {
         let materials = grey();
         let sitter = Sitter::new(&[&roof], &materials, &[]);
         let sky = Sky::over(&sitter, 0, (Vec3::new(-2.0, -2.0, 0.0), Vec3::new(2.0, 2.0, 20.0)));
-        let light = sky.unwrap().light(Vec3::Z * 17.92, Vec3::Z, 0.0);
+        let below = Spot { place: Vec3::Z * 17.92, normal: Vec3::Z, leaf: 0.0 };
+        let light = sky.unwrap().light(&[below])[0];
         // Of the sky between the sheet and the horizon next to nothing is left.
         assert!((light - BOUNCE).abs() < 0.02, "{light}");
     }
