@@ -30,6 +30,10 @@ pub struct Chain {
     pub first: u32,
     pub axis: u32,
     pub radius_m: f32,
+    /// Its radius if the stem were as thick as at its foot where it, or what it springs from, leaves it:
+    /// by this a budget chooses in a leafy crown, so that a thin top keeps its branches as the rest does.
+    /// Else its radius.
+    pub weight_m: f32,
     /// A stem of a stool, beside others on the ground.
     pub stands: bool,
     /// … that has many.
@@ -39,7 +43,7 @@ pub struct Chain {
 }
 
 impl Chains {
-    pub fn new(skeleton: &Skeleton) -> Chains {
+    pub fn new(skeleton: &Skeleton, is_leafy: bool) -> Chains {
         let n = skeleton.len();
         const NONE: u32 = u32::MAX;
         // The node that goes on from each: of the same axis, else the thickest.
@@ -71,10 +75,10 @@ impl Chains {
             first_branch: Vec::with_capacity(2 + springs),
         };
         chains.first_branch.push(0);
-        // First node of a chain, the node it springs from, and its place among the branches.
-        let mut todo = vec![(0, None, 0)];
+        // First node of a chain, the node it springs from, its place among the branches, and its parent.
+        let mut todo = vec![(0, None, 0, 0)];
         let stems = skeleton.stems();
-        while let Some((start, base, slot)) = todo.pop() {
+        while let Some((start, base, slot, parent)) = todo.pop() {
             let (from, k) = (chains.node.len(), chains.chain.len() as u32);
             let stands = stems > 1 && (start == 0 || base == Some(0));
             let radius_m = radius(skeleton, if stands && start == 0 { onward[0] } else { start });
@@ -89,7 +93,7 @@ impl Chains {
                 let (this, place) = (next, chains.node.len() as u32);
                 let mut spring = first[this as usize];
                 while spring != NONE {
-                    todo.push((spring, Some(this), chains.branch.len()));
+                    todo.push((spring, Some(this), chains.branch.len(), k));
                     chains.branch.push((NONE, place));
                     spring = then[spring as usize];
                 }
@@ -104,12 +108,23 @@ impl Chains {
             let line = from..chains.node.len();
             let axis = skeleton.axis[start as usize];
             let is_leader = false;
+            let weight_m = match (base, chains.chain.get(parent as usize)) {
+                _ if stands || !is_leafy => radius_m,
+                (Some(base), Some(on)) if parent == 0 || on.stands => {
+                    radius_m * (on.radius_m / radius(skeleton, base).max(1e-6)).max(1.0)
+                }
+                (Some(_), Some(on)) => {
+                    (radius_m * on.weight_m / on.radius_m.max(1e-6)).min(on.weight_m)
+                }
+                _ => radius_m,
+            };
             chains.chain.push(Chain {
                 line,
                 base,
                 first: start,
                 axis,
                 radius_m,
+                weight_m,
                 stands,
                 is_one_of_many: stands && stems > FEW_STEMS,
                 is_leader,
@@ -196,7 +211,7 @@ impl Pieces {
             // Radii never grow outward: what springs from a dropped chain is thinner still.
             let has_all = chain.stands && sides.stem != Stem::PLAIN;
             let is_kept = c == 0 || has_all || keeps_top && chain.is_leader;
-            if !is_kept && chain.radius_m < cut_m {
+            if !is_kept && chain.weight_m < cut_m {
                 self.arc_m.resize(chain.line.end, 0.0);
             } else {
                 let knots = &chains.knot[chain.line.clone()];

@@ -51,6 +51,10 @@ const MOST_SHELL: usize = 400;
 const MOST_ENLARGED_CARDS: f32 = 3.0;
 const MOST_ENLARGED_FLAT: f32 = 6.0;
 
+/// Cards further from wood than they are long, which one sees float, count by the square of that, and no
+/// less than so much of others.
+const AFLOAT: f32 = 0.2;
+
 /// Forms of twigs that are stored once each, at most.
 const MOST_FORMS: usize = 48;
 
@@ -236,7 +240,12 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         height.iter().zip(order.larger).map(|(share, larger)| share * larger).sum::<f32>()
     };
     let keeps_tips = twig.is_some() || young > 0.0;
-    let mut kept = thinned(spots, &hull, most, enlarge, f.twig_length_m, keeps_tips);
+    let hold = |s: &Spot| {
+        let away_m = hangs_from(skeleton, order, s).distance(s.at);
+        let reach_m = hull.twig_m(s.at, f.twig_length_m, enlarge);
+        if away_m <= reach_m { 1.0 } else { (reach_m / away_m).powi(2).max(AFLOAT) }
+    };
+    let mut kept = thinned(spots, &hull, most, enlarge, f.twig_length_m, keeps_tips, hold);
     // Fewer twigs rather than smaller ones than the species'.
     kept.retain(|s| {
         let size = enlarge * larger_at(s);

@@ -618,3 +618,68 @@ fn wood_has_what_cards_leave_over() {
         assert!(all <= 60_000 && wood > 32_000, "{name}: {wood} of {all}");
     }
 }
+
+/// A budget keeps the thin branches of a spire's top beside the thick ones below, and cards on them.
+#[test]
+fn a_spire_is_as_wide_near_its_top_at_any_budget() {
+    let species = species::load("picea_abies").unwrap();
+    let detail = Detail { max_nodes: 3_333, attractor_spacing_m: None };
+    let target = Target::FromSpecies { height_m: None };
+    let skeleton = grow(&species, target, detail, Seed::new(1)).unwrap();
+    let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+    let widths_m = |budget: Option<usize>| {
+        let options = MeshOptions { triangle_budget: budget, ..MeshOptions::HERO };
+        let tree = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
+        let high_m = tree.bounds().1.z;
+        [0.75, 0.8, 0.85, 0.9].map(|from| {
+            let is_in = |p: &&glam::Vec3| (from..from + 0.05).contains(&(p.z / high_m));
+            let out = tree.foliage.position.iter().filter(is_in).map(|p| p.truncate().length());
+            let mut out: Vec<f32> = out.collect();
+            out.sort_by(f32::total_cmp);
+            out[out.len() * 95 / 100]
+        })
+    };
+    let whole = widths_m(None);
+    for budget in [6_000, 20_000] {
+        let few = widths_m(Some(budget));
+        let least = few.iter().zip(whole).map(|(few, whole)| few / whole).fold(1.0, f32::min);
+        assert!(least > 0.88, "{budget}: {few:?} of {whole:?}");
+    }
+}
+
+/// Few cards hang on wood that a budget left out, further from the rest than they are long.
+#[test]
+fn cards_hang_on_wood_that_is_there() {
+    for name in ["larix_sibirica", "betula_pendula"] {
+        let species = species::load(name).unwrap();
+        let detail = Detail { max_nodes: 3_333, attractor_spacing_m: None };
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = grow(&species, target, detail, Seed::new(1)).unwrap();
+        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let tree = build(&skeleton, &species, &atlas, &MeshOptions::HERO, Seed::new(1)).unwrap();
+        let places = tree.woods().into_iter().flat_map(|s| &s.position);
+        let mut wood: Vec<glam::Vec3> = places.copied().collect();
+        wood.sort_by(|a, b| a.z.total_cmp(&b.z));
+        const FAR_M: f32 = 0.25;
+        let is_near = |p: &glam::Vec3| {
+            let from = wood.partition_point(|w| w.z < p.z - FAR_M);
+            let near = wood[from..].iter().take_while(|w| w.z < p.z + FAR_M);
+            near.into_iter().any(|w| w.distance(*p) < FAR_M)
+        };
+        // Triangles of a card follow each other, and share corners with those before.
+        let (mut cards, mut afloat) = (0.0, 0.0);
+        let mut until = 0;
+        let mut card: Vec<glam::Vec3> = Vec::new();
+        let leaves = &tree.foliage;
+        for t in leaves.index.chunks_exact(3) {
+            if t.iter().all(|&i| i >= until) && !card.is_empty() {
+                cards += 1.0;
+                afloat += f32::from(u8::from(!card.iter().any(is_near)));
+                card.clear();
+            }
+            until = until.max(t[0].max(t[1]).max(t[2]) + 1);
+            card.extend(t.iter().map(|&i| leaves.position[i as usize]));
+        }
+        assert!(cards > 2_000.0 && afloat / cards < 0.14, "{name}: {afloat} of {cards}");
+    }
+}

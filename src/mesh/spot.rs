@@ -335,7 +335,7 @@ fn around(spots: &[Spot], hull: &Hull, most: usize) -> Vec<u32> {
 /// About `most` of the spots, in their order, evenly over heights and directions: those deep inside the
 /// crown go first, but of a young one, which casts no shade; where twigs, `twig_m` long as a rule, are
 /// small more stay, so that a spire is as full at its tip, and a shrub at its foot, as between.
-/// `keeps_tips`: more of those at the ends of shoots.
+/// `keeps_tips`: more of those at the ends of shoots; `hold`: what else each counts.
 pub fn thinned(
     spots: Vec<Spot>,
     hull: &Hull,
@@ -343,6 +343,7 @@ pub fn thinned(
     enlarge: f32,
     twig_m: f32,
     keeps_tips: bool,
+    hold: impl Fn(&Spot) -> f32,
 ) -> Vec<Spot> {
     if spots.len() <= most {
         return spots;
@@ -352,7 +353,12 @@ pub fn thinned(
     let weight = |s: &Spot| {
         let small = usual_m / hull.twig_m(s.at, twig_m, enlarge);
         let tip = if keeps_tips && s.is_tip { TIP_WEIGHT } else { 1.0 };
-        f64::from(tip * hull.outward(s.at).1.clamp(least, 1.0) * (small * small).min(MOST_WEIGHT))
+        f64::from(
+            hold(s)
+                * tip
+                * hull.outward(s.at).1.clamp(least, 1.0)
+                * (small * small).min(MOST_WEIGHT),
+        )
     };
     let weights: Vec<f64> = spots.iter().map(weight).collect();
     let rate = match keeps_tips {
@@ -413,6 +419,9 @@ const INWARD: f32 = 0.75;
 const TURN_FROM: f32 = 1.6;
 /// How far before its shoot a card begins, share of its length.
 const STALK: f32 = 0.04;
+/// The highest twig begins so much of its length below its place, or the shoot under it is bare; not of a
+/// young tree, whose leader has twigs along it.
+const CLOTHES: f32 = 0.5;
 /// Fall of the tips of twigs that hang, share of their length.
 pub const SAG: [f32; 2] = [0.05, 0.28];
 
@@ -532,7 +541,8 @@ impl Pose {
         let reach_m = length_m(enlarge.min(BOUGH_FROM));
         // What it is longer than a twig lies towards wood.
         let nearer = (from - spot.at).clamp_length_max((size_m - length_m(1.0)).max(0.0));
-        let inward_m = (INWARD * (size_m - reach_m) - nearer.length()).max(0.0);
+        let clothes = if spot.is_leader { CLOTHES * (1.0 - hull.young) } else { 0.0 };
+        let inward_m = (INWARD * (size_m - reach_m) - nearer.length()).max(clothes * size_m);
         // The outer part sinks under its weight, except where it stands.
         let sag = if f.droop >= 0.0 { draws.between(SAG[0], SAG[1]) } else { 0.0 };
         // What would hang into the ground lies on it.

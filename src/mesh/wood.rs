@@ -74,7 +74,8 @@ pub fn wood(
     seed: Seed,
 ) -> Wood {
     let bark = &species.bark;
-    let chains = Chains::new(skeleton);
+    let is_bare = options.foliage == FoliageLevel::None || species.foliage.is_bare();
+    let chains = Chains::new(skeleton, !is_bare);
     let height_m = skeleton.height_m();
     let foot_m = skeleton.radius_m.first().copied().unwrap_or(0.0).max(1e-6);
     let young = Young {
@@ -95,7 +96,7 @@ pub fn wood(
         is_welded: options.junctions == Junctions::Welded,
         stem: if options.is_flat() { Stem::TRUE } else { Stem::NEAR },
         far: if options.foliage == FoliageLevel::Geometry { FAR } else { f32::INFINITY },
-        is_bare: options.foliage == FoliageLevel::None || species.foliage.is_bare(),
+        is_bare,
         options: *options,
     };
     let mut bark = Bark::new(young, wind, seed);
@@ -212,7 +213,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Greatest distance from the skeleton, and radius of the thinnest branch.
+    /// Greatest distance from the skeleton, and least weight of a branch.
     fn limits(&self, coarse: f32) -> (f32, f32) {
         let finest_m = self.options.tolerance_m.clamp(1e-5, 1.0);
         let most_m = self.options.sagitta_m.max(finest_m);
@@ -300,7 +301,7 @@ impl Planner<'_> {
             }
             while let Some((child, arc_m)) = todo.pop() {
                 let knots = pieces.of(child);
-                if knots.is_empty() && self.chains.chain[child as usize].radius_m < cut_m {
+                if knots.is_empty() && self.chains.chain[child as usize].weight_m < cut_m {
                     continue;
                 }
                 let arc = arc_m + shift_m;
