@@ -43,7 +43,8 @@ pub struct Chain {
 }
 
 impl Chains {
-    pub fn new(skeleton: &Skeleton, is_leafy: bool) -> Chains {
+    /// `by_place`: weights are more than radii.
+    pub fn new(skeleton: &Skeleton, by_place: bool) -> Chains {
         let n = skeleton.len();
         const NONE: u32 = u32::MAX;
         // The node that goes on from each: of the same axis, else the thickest.
@@ -109,7 +110,7 @@ impl Chains {
             let axis = skeleton.axis[start as usize];
             let is_leader = false;
             let weight_m = match (base, chains.chain.get(parent as usize)) {
-                _ if stands || !is_leafy => radius_m,
+                _ if stands || !by_place => radius_m,
                 (Some(base), Some(on)) if parent == 0 || on.stands => {
                     radius_m * (on.radius_m / radius(skeleton, base).max(1e-6)).max(1.0)
                 }

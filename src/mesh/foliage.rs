@@ -240,10 +240,12 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         height.iter().zip(order.larger).map(|(share, larger)| share * larger).sum::<f32>()
     };
     let keeps_tips = twig.is_some() || young > 0.0;
-    let hold = |s: &Spot| {
+    let hold = |s: &Spot, reach_m: f32| {
+        if order.is_meshed.get(s.node() as usize) != Some(&false) {
+            return 1.0;
+        }
         let away_m = hangs_from(skeleton, order, s).distance(s.at);
-        let reach_m = hull.twig_m(s.at, f.twig_length_m, enlarge);
-        if away_m <= reach_m { 1.0 } else { (reach_m / away_m).powi(2).max(AFLOAT) }
+        (reach_m / away_m.max(reach_m)).powi(2).max(AFLOAT)
     };
     let mut kept = thinned(spots, &hull, most, enlarge, f.twig_length_m, keeps_tips, hold);
     // Fewer twigs rather than smaller ones than the species'.

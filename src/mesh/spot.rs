@@ -335,7 +335,7 @@ fn around(spots: &[Spot], hull: &Hull, most: usize) -> Vec<u32> {
 /// About `most` of the spots, in their order, evenly over heights and directions: those deep inside the
 /// crown go first, but of a young one, which casts no shade; where twigs, `twig_m` long as a rule, are
 /// small more stay, so that a spire is as full at its tip, and a shrub at its foot, as between.
-/// `keeps_tips`: more of those at the ends of shoots; `hold`: what else each counts.
+/// `keeps_tips`: more of those at the ends of shoots; `hold`: what else each counts, by its length.
 pub fn thinned(
     spots: Vec<Spot>,
     hull: &Hull,
@@ -343,7 +343,7 @@ pub fn thinned(
     enlarge: f32,
     twig_m: f32,
     keeps_tips: bool,
-    hold: impl Fn(&Spot) -> f32,
+    hold: impl Fn(&Spot, f32) -> f32,
 ) -> Vec<Spot> {
     if spots.len() <= most {
         return spots;
@@ -351,10 +351,11 @@ pub fn thinned(
     let least = LEAST_WEIGHT + (1.0 - LEAST_WEIGHT) * hull.young;
     let usual_m = twig_m * hull.scale(Vec3::ZERO, enlarge);
     let weight = |s: &Spot| {
-        let small = usual_m / hull.twig_m(s.at, twig_m, enlarge);
+        let twig_m = hull.twig_m(s.at, twig_m, enlarge);
+        let small = usual_m / twig_m;
         let tip = if keeps_tips && s.is_tip { TIP_WEIGHT } else { 1.0 };
         f64::from(
-            hold(s)
+            hold(s, twig_m)
                 * tip
                 * hull.outward(s.at).1.clamp(least, 1.0)
                 * (small * small).min(MOST_WEIGHT),

@@ -75,7 +75,7 @@ pub fn wood(
 ) -> Wood {
     let bark = &species.bark;
     let is_bare = options.foliage == FoliageLevel::None || species.foliage.is_bare();
-    let chains = Chains::new(skeleton, !is_bare);
+    let chains = Chains::new(skeleton, budget.is_some() && !is_bare);
     let height_m = skeleton.height_m();
     let foot_m = skeleton.radius_m.first().copied().unwrap_or(0.0).max(1e-6);
     let young = Young {
