@@ -13,9 +13,18 @@ fn grown(name: &str) -> (Skeleton, Species, Atlas) {
 }
 
 fn grown_to(name: &str, height_m: Option<f32>) -> (Skeleton, Species, Atlas) {
+    grown_with(name, height_m, 800, 3)
+}
+
+fn grown_with(
+    name: &str,
+    height_m: Option<f32>,
+    max_nodes: u32,
+    seed: u64,
+) -> (Skeleton, Species, Atlas) {
     let s = species::load(name).unwrap();
-    let detail = Detail { max_nodes: 800, attractor_spacing_m: None };
-    let skeleton = grow(&s, Target::FromSpecies { height_m }, detail, Seed::new(3)).unwrap();
+    let detail = Detail { max_nodes, attractor_spacing_m: None };
+    let skeleton = grow(&s, Target::FromSpecies { height_m }, detail, Seed::new(seed)).unwrap();
     let atlas = crate::texture::for_species(&s, 64, Seed::new(1)).atlas;
     (skeleton, s, atlas)
 }
@@ -622,11 +631,7 @@ fn wood_has_what_cards_leave_over() {
 /// A budget keeps the thin branches of a spire's top beside the thick ones below, and cards on them.
 #[test]
 fn a_spire_is_as_wide_near_its_top_at_any_budget() {
-    let species = species::load("picea_abies").unwrap();
-    let detail = Detail { max_nodes: 3_333, attractor_spacing_m: None };
-    let target = Target::FromSpecies { height_m: None };
-    let skeleton = grow(&species, target, detail, Seed::new(1)).unwrap();
-    let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+    let (skeleton, species, atlas) = grown_with("picea_abies", None, 3_333, 1);
     let widths_m = |budget: Option<usize>| {
         let options = MeshOptions { triangle_budget: budget, ..MeshOptions::HERO };
         let tree = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
@@ -651,11 +656,7 @@ fn a_spire_is_as_wide_near_its_top_at_any_budget() {
 #[test]
 fn cards_hang_on_wood_that_is_there() {
     for name in ["larix_sibirica", "betula_pendula"] {
-        let species = species::load(name).unwrap();
-        let detail = Detail { max_nodes: 3_333, attractor_spacing_m: None };
-        let target = Target::FromSpecies { height_m: None };
-        let skeleton = grow(&species, target, detail, Seed::new(1)).unwrap();
-        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let (skeleton, species, atlas) = grown_with(name, None, 3_333, 1);
         let tree = build(&skeleton, &species, &atlas, &MeshOptions::HERO, Seed::new(1)).unwrap();
         let places = tree.woods().into_iter().flat_map(|s| &s.position);
         let mut wood: Vec<glam::Vec3> = places.copied().collect();
