@@ -43,6 +43,7 @@ COLLIDERS = ("UCX_", "UCP_")
 UNIT_TOLERANCE = 2e-4
 ROOT_TOLERANCE_M = 0.5
 OFF_TERRAIN_M = 2.0
+MOST_LOST = 0.005
 BOUNDS_TOLERANCE_M = 1e-3
 OUTLINE_TOLERANCE_M = 1.0
 PHOTO_TOLERANCE_PX = 0.1
@@ -124,6 +125,8 @@ class Scene:
     square: tuple = None
     """Triangles drawn whose meshes are not held any more."""
     triangles_left_out: int = 0
+    """Share of the triangles that may be left out, as they have no area where positions have 16 bits."""
+    lost_share: float = 0.0
 
     def unique_triangles(self):
         return sum(self.meshes[number].triangles() for number in {number for number, _ in self.drawn})
@@ -384,6 +387,8 @@ def gltf_scene(document, binary):
         for part, primitive in enumerate(mesh["primitives"]):
             get = lambda name: numbers(document, binary, primitive["attributes"][name])
             of_mesh[number].append(len(scene.meshes))
+            if document["accessors"][primitive["attributes"]["POSITION"]]["componentType"] == 5122:
+                scene.lost_share = MOST_LOST
             index = accessor_array(document, binary, primitive["indices"])[:, 0].astype(np.int64)
             scene.meshes.append(
                 Mesh(
@@ -1070,12 +1075,13 @@ def check_unique_ids(report, label, scene):
 
 def check_agreement(report, first, scene, other, against, repeats_models=False):
     label = f"{other} agrees with {first}:"
-    counts = {"trees": lambda s: s.tree_count, "instanced triangles": Scene.drawn_triangles}
+    share = max(scene.lost_share, against.lost_share)
+    counts = {"trees": (lambda s: s.tree_count, 0), "instanced triangles": (Scene.drawn_triangles, share)}
     if not repeats_models:
-        counts["unique triangles"] = Scene.unique_triangles
-    for what, count in counts.items():
+        counts["unique triangles"] = (Scene.unique_triangles, share)
+    for what, (count, lost) in counts.items():
         a, b = count(scene), count(against)
-        report.check(f"{label} {what}", [f"{b}, not {a}"] if a != b else [], str(a))
+        report.check(f"{label} {what}", [f"{b}, not {a}"] if abs(a - b) > lost * a else [], str(a))
     off = np.abs(np.array(scene.bounds) - np.array(against.bounds)).max()
     report.check(f"{label} bounds", [] if off <= BOUNDS_TOLERANCE_M else [f"{off:.4f} m apart"], f"{off * 1000:.3f} mm apart")
     faults = [f"{tree} is in one only" for tree in sorted(scene.trees.keys() ^ against.trees.keys())]
@@ -1154,6 +1160,7 @@ def without_trees(scene):
     slim.terrain = list(range(len(slim.meshes)))
     slim.drawn = [(scene.terrain.index(number), matrix) for number, matrix in scene.drawn if number in scene.terrain]
     slim.triangles_left_out = scene.drawn_triangles() - slim.drawn_triangles()
+    slim.lost_share = scene.lost_share
     slim.bounds = scene.bounds
     return slim
 
@@ -1168,6 +1175,7 @@ def joined(scenes):
         whole.trees |= scene.trees
         whole.tree_count += scene.tree_count
         whole.triangles_left_out += scene.triangles_left_out
+        whole.lost_share = max(whole.lost_share, scene.lost_share)
     low, high = zip(*(scene.bounds for scene in scenes))
     whole.bounds = np.min(low, axis=0), np.max(high, axis=0)
     return whole

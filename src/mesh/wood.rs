@@ -75,7 +75,9 @@ pub fn wood(
 ) -> Wood {
     let bark = &species.bark;
     let is_bare = options.foliage == FoliageLevel::None || species.foliage.is_bare();
-    let chains = Chains::new(skeleton, budget.is_some() && !is_bare);
+    // Where leaves are near enough that one sees what they hang from.
+    let by_place = budget.is_some() && !is_bare && !options.is_flat();
+    let chains = Chains::new(skeleton, by_place);
     let height_m = skeleton.height_m();
     let foot_m = skeleton.radius_m.first().copied().unwrap_or(0.0).max(1e-6);
     let young = Young {

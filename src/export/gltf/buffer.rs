@@ -278,7 +278,9 @@ impl<'a> Plan<'a> {
     pub fn compressed(self, pictures: Vec<Bytes>) -> crate::diagnostic::Result<Layout<'static>> {
         type Set = Vec<(Kind, Accessor, Arc<Encoded>)>;
         let of_piece = |p: &Piece<'_>| -> crate::diagnostic::Result<Set> {
-            let ordered = compress::ordered(p.surface);
+            // Bodies stay closed.
+            let grid = p.grid.filter(|_| p.uv_range.is_some());
+            let ordered = compress::ordered(p.surface, grid);
             let piece = Piece { surface: &ordered, ..*p };
             piece.kinds().into_par_iter().map(|kind| piece.column(kind).encoded()).collect()
         };

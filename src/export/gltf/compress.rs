@@ -3,8 +3,10 @@
 
 use std::fmt::Display;
 
+use glam::{I64Vec3, Vec3};
 use meshopt::{encode_index_buffer, encode_vertex_buffer_level, optimize_vertex_cache};
 
+use super::quantize::Grid;
 use crate::diagnostic::{Error, Result};
 use crate::mesh::Surface;
 
@@ -17,17 +19,20 @@ pub(super) struct Encoded {
 }
 
 /// The surface with triangles and vertices in the order in which a graphics card draws them
-/// fastest, which is also the order that compresses best.
-pub(super) fn ordered(surface: &Surface) -> Surface {
+/// fastest, which is also the order that compresses best; without the triangles that have no area in `grid`.
+pub(super) fn ordered(surface: &Surface, grid: Option<Grid>) -> Surface {
     const UNSEEN: u32 = u32::MAX;
     /// Triangles from which on the order they were made in stays: finding the best would take most of
     /// the time, and save a larch of 900,000 triangles 1.2 % of its bytes.
     const MANY: usize = 1 << 16;
     let vertices = surface.position.len();
-    let mut index = match surface.triangles() {
-        MANY.. => surface.index.clone(),
-        _ => optimize_vertex_cache(&surface.index, vertices),
+    let mut index = match grid {
+        Some(grid) => with_area(surface, grid),
+        None => surface.index.clone(),
     };
+    if index.len() < 3 * MANY {
+        index = optimize_vertex_cache(&index, vertices);
+    }
     // Vertices in the order of their first use; those of no triangle go.
     let mut moved = vec![UNSEEN; vertices];
     let mut from = Vec::with_capacity(vertices);
@@ -53,6 +58,19 @@ pub(super) fn ordered(surface: &Surface) -> Surface {
         lightmap_uv: gather(&from, &surface.lightmap_uv),
         index,
     }
+}
+
+/// The triangles that have an area where positions are counted in a grid; all if none has.
+fn with_area(surface: &Surface, grid: Grid) -> Vec<u32> {
+    let place = |&p: &Vec3| I64Vec3::from_array(grid.count(p).map(i64::from));
+    let places: Vec<I64Vec3> = surface.position.iter().map(place).collect();
+    let has_area = |t: &&[u32; 3]| {
+        let [a, b, c] = t.map(|i| places[i as usize]);
+        (b - a).cross(c - a) != I64Vec3::ZERO
+    };
+    let kept: Vec<u32> =
+        surface.index.as_chunks::<3>().0.iter().filter(has_area).flatten().copied().collect();
+    if kept.is_empty() { surface.index.clone() } else { kept }
 }
 
 /// Elements of 4, 8, 12 or 16 bytes.
@@ -117,20 +135,40 @@ mod tests {
     fn ordering_keeps_every_triangle_as_it_was() {
         let scene = forest(&["Larix"], 2, 60.0);
         for part in scene.prototypes.iter().flat_map(|p| &p.parts).chain(&scene.terrain) {
-            assert!(corners(&part.surface) == corners(&ordered(&part.surface)), "{}", part.name);
+            assert!(
+                corners(&part.surface) == corners(&ordered(&part.surface, None)),
+                "{}",
+                part.name
+            );
         }
         // Vertices that no triangle uses.
         let mut part = scene.prototypes[0].parts[0].surface.clone();
         part.index.drain(..part.index.len() / 2);
-        let kept = ordered(&part);
+        let kept = ordered(&part, None);
         assert!(corners(&part) == corners(&kept));
         assert!(kept.position.len() < part.position.len());
     }
 
     #[test]
+    fn triangles_thinner_than_a_step_go() {
+        let corners = [[0.0, 0.0], [0.5, 0.0], [0.5, 0.5], [1e-6, 1e-6], [0.0, 0.5]];
+        let surface = Surface {
+            position: corners.map(|[x, y]| Vec3::new(x, y, 0.0)).to_vec(),
+            index: vec![0, 1, 2, 0, 1, 3, 0, 3, 4, 0, 2, 4],
+            ..Surface::default()
+        };
+        let whole = |surface: &Surface| ordered(surface, None).triangles();
+        let grid = Grid::about_origin([&surface].into_iter());
+        assert_eq!((whole(&surface), ordered(&surface, Some(grid)).triangles()), (4, 2));
+        // Nothing at all would be no mesh.
+        let flat = Surface { index: vec![0, 1, 3, 0, 3, 4], ..surface };
+        assert_eq!(ordered(&flat, Some(grid)).triangles(), 2);
+    }
+
+    #[test]
     fn codecs_read_back() {
         let scene = forest(&["Larix"], 1, 100.0);
-        let surface = ordered(&scene.terrain.unwrap().surface);
+        let surface = ordered(&scene.terrain.unwrap().surface, None);
         let raw: Vec<u8> = surface
             .position
             .iter()
