@@ -31,8 +31,8 @@ pub struct Chain {
     pub axis: u32,
     pub radius_m: f32,
     /// Its radius if the stem were as thick as at its foot where it, or what it springs from, leaves it:
-    /// by this a budget chooses in a leafy crown, so that a thin top keeps its branches as the rest does.
-    /// Else its radius.
+    /// by this a budget chooses in a leafy crown seen from near, so that a thin top keeps its branches as the
+    /// rest does. Elsewhere its radius.
     pub weight_m: f32,
     /// A stem of a stool, beside others on the ground.
     pub stands: bool,
@@ -43,7 +43,7 @@ pub struct Chain {
 }
 
 impl Chains {
-    /// `by_place`: weights are more than radii.
+    /// `by_place`: weights go by the stem, too.
     pub fn new(skeleton: &Skeleton, by_place: bool) -> Chains {
         let n = skeleton.len();
         const NONE: u32 = u32::MAX;

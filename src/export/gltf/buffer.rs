@@ -278,7 +278,7 @@ impl<'a> Plan<'a> {
     pub fn compressed(self, pictures: Vec<Bytes>) -> crate::diagnostic::Result<Layout<'static>> {
         type Set = Vec<(Kind, Accessor, Arc<Encoded>)>;
         let of_piece = |p: &Piece<'_>| -> crate::diagnostic::Result<Set> {
-            // Bodies stay closed.
+            // Colliders, which have no texture, stay closed.
             let grid = p.grid.filter(|_| p.uv_range.is_some());
             let ordered = compress::ordered(p.surface, grid);
             let piece = Piece { surface: &ordered, ..*p };
