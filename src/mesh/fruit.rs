@@ -40,7 +40,7 @@ pub fn fruit(skeleton: &Skeleton, order: &Order<'_>) -> Surface {
     let budget = order.budget.map_or(MOST_TRIANGLES, |b| (b as f32 * SHARE) as usize);
     let most = budget / room.triangles.max(1);
     // More of them in the light, outside.
-    let weight = |at| hull.outward(at).1.clamp(0.3, 1.0).powi(3);
+    let weight = |at| hull.depth(at).clamp(0.3, 1.0).powi(3);
     let wanted = fruit.per_m / per_m.max(1e-6) * spots.len() as f32;
     let total: f32 = spots.iter().map(|s| weight(s.at)).sum();
     let share = wanted.min(most as f32) / total.max(1e-6);

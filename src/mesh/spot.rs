@@ -131,10 +131,14 @@ impl Hull {
         if room_m > twig_m { 1.0 } else { (room_m / twig_m + tip).min(1.0) }
     }
 
-    /// Unit direction outwards at a place, and how far out that is (1 at the hull).
-    pub fn outward(&self, p: Vec3) -> (Vec3, f32) {
-        let q = (p - self.centre) * self.per_half;
-        ((q * self.per_half).normalize_or(Vec3::Z), q.length())
+    /// Unit direction outwards at a place.
+    fn outward(&self, p: Vec3) -> Vec3 {
+        ((p - self.centre) * self.per_half * self.per_half).normalize_or(Vec3::Z)
+    }
+
+    /// How far out a place is: 1 at the hull.
+    pub fn depth(&self, p: Vec3) -> f32 {
+        ((p - self.centre) * self.per_half).length()
     }
 
     /// Size of a twig at a place over its usual length: less towards the top, where shoots are
@@ -152,6 +156,11 @@ impl Hull {
     /// Length of a twig at a place, `twig_m` long as a rule; where it stands for several, no longer than
     /// suits the crown's width there, nor than it is above ground, from which it would have to be raised.
     pub fn twig_m(&self, at: Vec3, twig_m: f32, enlarge: f32) -> f32 {
+        self.twigs_m(at, twig_m, [enlarge])[0]
+    }
+
+    /// The same of twigs that stand for more and for fewer.
+    fn twigs_m<const N: usize>(&self, at: Vec3, twig_m: f32, enlarge: [f32; N]) -> [f32; N] {
         let twig_m = twig_m * self.tapered(at, twig_m);
         let layer = (self.share(at.z) * LAYERS as f32 - 0.5).clamp(0.0, (LAYERS - 1) as f32);
         let below = layer as usize;
@@ -159,7 +168,7 @@ impl Hull {
         let above = (below + 1).min(LAYERS - 1);
         let half_m = self.half_width_m[below] * (1.0 - t) + self.half_width_m[above] * t;
         let most_m = (FIT * half_m).min(at.z).max(twig_m * self.scale(at, 1.0));
-        (twig_m * self.scale(at, enlarge)).min(most_m)
+        enlarge.map(|enlarge| (twig_m * self.scale(at, enlarge)).min(most_m))
     }
 
     /// The height at a share of the crown's.
@@ -191,14 +200,12 @@ pub fn spots(skeleton: &Skeleton, f: &Foliage, bears: &[bool], hull: &Hull) -> V
         let count = axis.nodes.len();
         let mut due = 0.5;
         let mut turn = (axis.nodes.first().copied().unwrap_or(0)) % 89;
+        let mut from = axis.base.map(|base| skeleton.position[base as usize]);
         for (k, &i) in axis.nodes.iter().enumerate() {
-            let Some(parent) = skeleton.parent_of(i).filter(|_| bears[i as usize]) else {
-                continue;
-            };
-            let (a, b) = (skeleton.position[parent as usize], skeleton.position[i as usize]);
+            let b = skeleton.position[i as usize];
+            let Some(a) = from.replace(b).filter(|_| bears[i as usize]) else { continue };
             let step = b - a;
-            let run = step.length();
-            let shoot = step.normalize_or(Vec3::Z);
+            let (shoot, run) = step.normalize_and_length();
             let first = due;
             let more = run * per_m / hull.tapered(b, f.twig_length_m.max(1e-3));
             due += more;
@@ -284,47 +291,30 @@ fn layers(twigs: usize) -> f32 {
 }
 
 /// What weights are taken times so that they come to `most` though none may come to more than 1.
-fn rate(weights: &[f64], most: f64) -> f64 {
+fn rate(weights: &[f32], total: f64, most: f64) -> f64 {
     /// Each makes up by the rest for those that would come to more.
     const ROUNDS: usize = 12;
-    let total: f64 = weights.iter().sum();
     let mut rate = most / total.max(1e-9);
     for _ in 0..ROUNDS {
-        let full = weights.iter().filter(|w| **w * rate >= 1.0);
+        let full = weights.iter().map(|&w| f64::from(w)).filter(|w| w * rate >= 1.0);
         let (whole, sum) = full.fold((0.0, 0.0), |(n, sum), w| (n + 1.0, sum + w));
         rate = rate.max((most - whole) / (total - sum).max(1e-9));
     }
     rate
 }
 
-/// The numbers of spots around the crown, layer by layer: the leader's first. Layers and the directions in
-/// each are about as many as leave one of `most` spots to each; those of one place in their order.
-fn around(spots: &[Spot], hull: &Hull, most: usize) -> Vec<u32> {
-    const MOST_TURNS: f32 = 1_024.0;
-    let layers = layers(most);
-    let turns = (most as f32 / layers).clamp(4.0, MOST_TURNS).ceil();
-    let in_layer = turns as usize;
-    let place = |s: &Spot| {
-        if s.is_leader {
-            return 0;
-        }
-        let layer = 1 + (hull.share(s.at.z) * layers) as usize;
-        // As angles do it grows around, from 0 to 4, without a root.
-        let away = (s.at - hull.centre).truncate();
-        let x = away.x / (away.x.abs() + away.y.abs()).max(1e-9);
-        let turn = if away.y < 0.0 { 3.0 + x } else { 1.0 - x };
-        layer * in_layer + ((turn * 0.25 * turns) as usize).min(in_layer - 1)
-    };
-    let places: Vec<u32> = spots.iter().map(|s| place(s) as u32).collect();
+/// The numbers of things in the order of their places, which are below `places`; those of one place in their
+/// own order.
+fn by_place(place: &[u32], places: usize) -> Vec<u32> {
     // Sorted by counting.
-    let mut next = vec![0; (layers as usize + 2) * in_layer];
-    places.iter().for_each(|&p| next[p as usize] += 1);
+    let mut next = vec![0; places];
+    place.iter().for_each(|&p| next[p as usize] += 1);
     let mut before = 0;
     for n in &mut next {
         (*n, before) = (before, before + *n);
     }
-    let mut out = vec![0; spots.len()];
-    for (k, &p) in (0..).zip(&places) {
+    let mut out = vec![0; place.len()];
+    for (k, &p) in (0..).zip(place) {
         let slot = &mut next[p as usize];
         out[*slot as usize] = k;
         *slot += 1;
@@ -332,12 +322,47 @@ fn around(spots: &[Spot], hull: &Hull, most: usize) -> Vec<u32> {
     out
 }
 
+/// Places around a crown, layer by layer. Layers and the directions in each are about as many as leave one
+/// of `most` spots to each.
+struct Places {
+    layers: f32,
+    turns: f32,
+    in_layer: usize,
+}
+
+impl Places {
+    fn new(most: usize) -> Places {
+        const MOST_TURNS: f32 = 1_024.0;
+        let layers = layers(most);
+        let turns = (most as f32 / layers).clamp(4.0, MOST_TURNS).ceil();
+        Places { layers, turns, in_layer: turns as usize }
+    }
+
+    fn count(&self) -> usize {
+        (self.layers as usize + 2) * self.in_layer
+    }
+
+    /// The leader's is the first.
+    fn of(&self, spot: &Spot, hull: &Hull) -> u32 {
+        if spot.is_leader {
+            return 0;
+        }
+        let layer = 1 + (hull.share(spot.at.z) * self.layers) as usize;
+        // As angles do it grows around, from 0 to 4, without a root.
+        let away = (spot.at - hull.centre).truncate();
+        let x = away.x / (away.x.abs() + away.y.abs()).max(1e-9);
+        let turn = if away.y < 0.0 { 3.0 + x } else { 1.0 - x };
+        let turn = ((turn * 0.25 * self.turns) as usize).min(self.in_layer - 1);
+        (layer * self.in_layer + turn) as u32
+    }
+}
+
 /// About `most` of the spots, in their order, evenly over heights and directions: those deep inside the
 /// crown go first, but of a young one, which casts no shade; where twigs, `twig_m` long as a rule, are
 /// small more stay, so that a spire is as full at its tip, and a shrub at its foot, as between.
 /// `keeps_tips`: more of those at the ends of shoots; `hold`: what else each counts, by its length.
 pub fn thinned(
-    spots: Vec<Spot>,
+    mut spots: Vec<Spot>,
     hull: &Hull,
     most: usize,
     enlarge: f32,
@@ -345,39 +370,48 @@ pub fn thinned(
     keeps_tips: bool,
     hold: impl Fn(&Spot, f32) -> f32,
 ) -> Vec<Spot> {
+    const STEPS: usize = 256;
     if spots.len() <= most {
         return spots;
     }
     let least = LEAST_WEIGHT + (1.0 - LEAST_WEIGHT) * hull.young;
     let usual_m = twig_m * hull.scale(Vec3::ZERO, enlarge);
+    // Lengths change with height alone.
+    let at_height: [_; STEPS] = std::array::from_fn(|step| {
+        let z = hull.height_m((step as f32 + 0.5) / STEPS as f32);
+        let twig_m = hull.twig_m(hull.centre.with_z(z), twig_m, enlarge);
+        (twig_m, (usual_m / twig_m).powi(2).min(MOST_WEIGHT))
+    });
     let weight = |s: &Spot| {
-        let twig_m = hull.twig_m(s.at, twig_m, enlarge);
-        let small = usual_m / twig_m;
+        let step = (hull.share(s.at.z) * STEPS as f32) as usize;
+        let (twig_m, small) = at_height[step.min(STEPS - 1)];
         let tip = if keeps_tips && s.is_tip { TIP_WEIGHT } else { 1.0 };
-        f64::from(
-            hold(s, twig_m)
-                * tip
-                * hull.outward(s.at).1.clamp(least, 1.0)
-                * (small * small).min(MOST_WEIGHT),
-        )
+        hold(s, twig_m) * tip * hull.depth(s.at).clamp(least, 1.0) * small
     };
-    let weights: Vec<f64> = spots.iter().map(weight).collect();
+    let places = Places::new(most);
+    let (weights, place): (Vec<f32>, Vec<u32>) =
+        spots.iter().map(|s| (weight(s), places.of(s, hull))).unzip();
+    let total: f64 = weights.iter().map(|&w| f64::from(w)).sum();
     let rate = match keeps_tips {
-        true => rate(&weights, most as f64),
-        false => most as f64 / weights.iter().sum::<f64>().max(1e-9),
+        true => rate(&weights, total, most as f64),
+        false => most as f64 / total.max(1e-9),
     };
+    // Its places come first.
+    let leaders = place.iter().filter(|&&p| p == 0).count();
     let mut is_kept = vec![false; spots.len()];
     let (mut due, mut left) = (0.5, most);
-    for k in around(&spots, hull, most) {
+    for (n, k) in by_place(&place, places.count()).into_iter().enumerate() {
         let k = k as usize;
-        due += if spots[k].is_leader { 1.0 } else { (weights[k] * rate).min(1.0) };
+        due += if n < leaders { 1.0 } else { (f64::from(weights[k]) * rate).min(1.0) };
         if due >= 1.0 && left > 0 {
             due -= 1.0;
             left -= 1;
             is_kept[k] = true;
         }
     }
-    spots.into_iter().zip(is_kept).filter_map(|(s, is_kept)| is_kept.then_some(s)).collect()
+    let mut is_kept = is_kept.into_iter();
+    spots.retain(|_| is_kept.next() == Some(true));
+    spots
 }
 
 /// How the twigs of a leaf shape stand.
@@ -514,7 +548,7 @@ impl Pose {
         draws: &mut Draws,
     ) -> Pose {
         let stance = stance(f.shape);
-        let (outward, _) = hull.outward(spot.at);
+        let outward = hull.outward(spot.at);
         let shoot = spot.shoot;
         let side = if stance.is_flat {
             let flat = shoot.cross(Vec3::Z).try_normalize();
@@ -537,11 +571,10 @@ impl Pose {
         let twig_m = f.twig_length_m.clamp(1e-3, 20.0) * draws.between(0.8, 1.2);
         // Never longer than boughs may be.
         let most_m = (1.5 * hull.half.truncate().max_element()).max(BOUGH_FROM * twig_m);
-        let length_m = |enlarge| (hull.twig_m(spot.at, twig_m, enlarge) * larger).min(most_m);
-        let size_m = length_m(enlarge);
-        let reach_m = length_m(enlarge.min(BOUGH_FROM));
+        let lengths_m = hull.twigs_m(spot.at, twig_m, [enlarge, enlarge.min(BOUGH_FROM), 1.0]);
+        let [size_m, reach_m, twig_m] = lengths_m.map(|long_m| (long_m * larger).min(most_m));
         // What it is longer than a twig lies towards wood.
-        let nearer = (from - spot.at).clamp_length_max((size_m - length_m(1.0)).max(0.0));
+        let nearer = (from - spot.at).clamp_length_max((size_m - twig_m).max(0.0));
         let clothes = if spot.is_leader { CLOTHES * (1.0 - hull.young) } else { 0.0 };
         let inward_m = (INWARD * (size_m - reach_m) - nearer.length()).max(clothes * size_m);
         // The outer part sinks under its weight, except where it stands.
@@ -580,12 +613,13 @@ mod tests {
     #[test]
     fn weights_come_to_the_number_asked_for() {
         let mut draws = Seed::new(1).draws();
-        let weights: Vec<f64> = (0..1_000)
-            .map(|k| f64::from(draws.between(0.3, 1.0)) * if k % 3 == 0 { 24.0 } else { 1.0 })
+        let weights: Vec<f32> = (0..1_000)
+            .map(|k| draws.between(0.3, 1.0) * if k % 3 == 0 { 24.0 } else { 1.0 })
             .collect();
+        let total = weights.iter().map(|&w| f64::from(w)).sum();
         for most in [1.0, 100.0, 500.0, 950.0, 1_000.0] {
-            let rate = rate(&weights, most);
-            let sum: f64 = weights.iter().map(|w| (w * rate).min(1.0)).sum();
+            let rate = rate(&weights, total, most);
+            let sum: f64 = weights.iter().map(|&w| (f64::from(w) * rate).min(1.0)).sum();
             assert!((sum / most - 1.0).abs() < 0.01, "{sum} of {most}");
         }
     }
