@@ -29,7 +29,7 @@ fn line(section: &str, key: &str) -> Option<Vec<&'static str>> {
     Some(line.trim_matches('|').split('|').map(str::trim).collect())
 }
 
-const HEADS: [&str; 7] = ["rule", "size", "growth", "foliage", "bark", "fruit", "season"];
+const HEADS: [&str; 8] = ["rule", "size", "growth", "young", "foliage", "bark", "fruit", "season"];
 
 #[test]
 fn every_key_is_described_and_no_other() {

@@ -9,6 +9,8 @@
 //! boughs of the atlas in place of twigs. Normals lean to the crown's outside, for soft shading,
 //! and never away from the front of their triangles.
 
+use std::array;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -55,6 +57,10 @@ const MOST_ENLARGED_FLAT: f32 = 6.0;
 /// less than so much of others.
 const AFLOAT: f32 = 0.2;
 
+/// Cards that keep near wood hide one another: share of what is lost so, by the inverse of how evenly they
+/// count, that they are larger in area.
+const CLUMPED: f32 = 0.5;
+
 /// Forms of twigs that are stored once each, at most.
 const MOST_FORMS: usize = 48;
 
@@ -65,7 +71,7 @@ pub const HEIGHTS: usize = 6;
 /// together 1.
 pub fn at_heights(share: f32) -> [f32; HEIGHTS] {
     let at = share.clamp(0.0, 1.0) * (HEIGHTS - 1) as f32;
-    std::array::from_fn(|k| (1.0 - (at - k as f32).abs()).max(0.0))
+    array::from_fn(|k| (1.0 - (at - k as f32).abs()).max(0.0))
 }
 
 /// What one tree's foliage is made of.
@@ -235,10 +241,6 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     if let Some(twig) = &mut twig {
         twig.grow(enlarge);
     }
-    let larger_at = |s: &Spot| {
-        let height = at_heights(hull.share(s.at.z));
-        height.iter().zip(order.larger).map(|(share, larger)| share * larger).sum::<f32>()
-    };
     let keeps_tips = twig.is_some() || young > 0.0;
     let hold = |s: &Spot, reach_m: f32| {
         if order.is_meshed.get(s.node() as usize) != Some(&false) {
@@ -247,7 +249,16 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         let away_m = hangs_from(skeleton, order, s).distance(s.at);
         (reach_m / away_m.max(reach_m)).powi(2).max(AFLOAT)
     };
-    let mut kept = thinned(spots, &hull, most, enlarge, f.twig_length_m, keeps_tips, hold);
+    let (mut kept, evenness) =
+        thinned(spots, &hull, most, enlarge, f.twig_length_m, keeps_tips, hold);
+    let clumped = evenness.map(|even| (1.0 + CLUMPED * (even.recip() - 1.0)).sqrt());
+    let is_cards = twig.is_none() && model.is_none();
+    let larger: [f32; HEIGHTS] =
+        array::from_fn(|k| order.larger[k] * if is_cards { clumped[k] } else { 1.0 });
+    let larger_at = |s: &Spot| {
+        let height = at_heights(hull.share(s.at.z));
+        height.iter().zip(larger).map(|(share, larger)| share * larger).sum::<f32>()
+    };
     // Fewer twigs rather than smaller ones than the species'.
     kept.retain(|s| {
         let size = enlarge * larger_at(s);

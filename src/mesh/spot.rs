@@ -2,6 +2,7 @@
 
 use glam::{Quat, Vec3, Vec3A};
 
+use super::foliage::HEIGHTS;
 use crate::seed::Draws;
 use crate::skeleton::{Axis, Skeleton};
 use crate::species::model::{Foliage, LeafShape, youth};
@@ -360,7 +361,8 @@ impl Places {
 /// About `most` of the spots, in their order, evenly over heights and directions: those deep inside the
 /// crown go first, but of a young one, which casts no shade; where twigs, `twig_m` long as a rule, are
 /// small more stay, so that a spire is as full at its tip, and a shrub at its foot, as between.
-/// `keeps_tips`: more of those at the ends of shoots; `hold`: what else each counts, by its length.
+/// `keeps_tips`: more of those at the ends of shoots; `hold`: what else each counts, by its length. Tells how
+/// evenly they count by that at each height: as if so large a share counted alike and the rest not at all.
 pub fn thinned(
     mut spots: Vec<Spot>,
     hull: &Hull,
@@ -369,10 +371,10 @@ pub fn thinned(
     twig_m: f32,
     keeps_tips: bool,
     hold: impl Fn(&Spot, f32) -> f32,
-) -> Vec<Spot> {
+) -> (Vec<Spot>, [f32; HEIGHTS]) {
     const STEPS: usize = 256;
     if spots.len() <= most {
-        return spots;
+        return (spots, [1.0; HEIGHTS]);
     }
     let least = LEAST_WEIGHT + (1.0 - LEAST_WEIGHT) * hull.young;
     let usual_m = twig_m * hull.scale(Vec3::ZERO, enlarge);
@@ -382,16 +384,27 @@ pub fn thinned(
         let twig_m = hull.twig_m(hull.centre.with_z(z), twig_m, enlarge);
         (twig_m, (usual_m / twig_m).powi(2).min(MOST_WEIGHT))
     });
-    let weight = |s: &Spot| {
-        let step = (hull.share(s.at.z) * STEPS as f32) as usize;
-        let (twig_m, small) = at_height[step.min(STEPS - 1)];
+    // How many, what they count, and its square.
+    let mut held = [[0.0f64; 3]; HEIGHTS];
+    let mut weight = |s: &Spot| {
+        let height = hull.share(s.at.z);
+        let (twig_m, small) = at_height[((height * STEPS as f32) as usize).min(STEPS - 1)];
         let tip = if keeps_tips && s.is_tip { TIP_WEIGHT } else { 1.0 };
-        hold(s, twig_m) * tip * hull.depth(s.at).clamp(least, 1.0) * small
+        let hold = hold(s, twig_m);
+        let sums = &mut held[(height * (HEIGHTS - 1) as f32 + 0.5) as usize];
+        for (sum, power) in sums.iter_mut().zip([1.0, hold, hold * hold]) {
+            *sum += f64::from(power);
+        }
+        hold * tip * hull.depth(s.at).clamp(least, 1.0) * small
     };
     let places = Places::new(most);
     let (weights, place): (Vec<f32>, Vec<u32>) =
         spots.iter().map(|s| (weight(s), places.of(s, hull))).unzip();
     let total: f64 = weights.iter().map(|&w| f64::from(w)).sum();
+    let evenness = held.map(|[n, sum, squares]| match squares > 0.0 {
+        true => (sum * sum / (squares * n)) as f32,
+        false => 1.0,
+    });
     let rate = match keeps_tips {
         true => rate(&weights, total, most as f64),
         false => most as f64 / total.max(1e-9),
@@ -411,7 +424,7 @@ pub fn thinned(
     }
     let mut is_kept = is_kept.into_iter();
     spots.retain(|_| is_kept.next() == Some(true));
-    spots
+    (spots, evenness)
 }
 
 /// How the twigs of a leaf shape stand.

@@ -159,8 +159,8 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
 }
 
 fn surroundings(job: &TreeJob) -> Surroundings<'static> {
-    let size = &job.species.size;
-    let height_m = job.height_m.unwrap_or(size.height_m);
+    let height_m = job.height_m.unwrap_or(job.species.size.height_m);
+    let size = &job.species.at_height(height_m).size;
     let own = Envelope::of_species(size, 0.0, height_m, job.seed);
     Surroundings {
         walls: job

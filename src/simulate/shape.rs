@@ -5,6 +5,7 @@ use std::f32::consts::TAU;
 use super::planting::TrueTree;
 use crate::seed::Seed;
 use crate::species::Species;
+use crate::species::model::curve;
 
 /// Steps of the tabulated profile.
 const STEPS: usize = 64;
@@ -31,7 +32,7 @@ impl Shape {
         let mut d = seed.draws();
         let mut profile = [0.0; STEPS + 1];
         for (i, r) in profile.iter_mut().enumerate() {
-            *r = linear(&species.size.profile, i as f32 / STEPS as f32);
+            *r = curve(&species.size.profile, i as f32 / STEPS as f32);
         }
         let widest = profile.iter().copied().fold(1e-6, f32::max);
         profile.iter_mut().for_each(|r| *r /= widest);
@@ -106,19 +107,6 @@ impl Shape {
     }
 }
 
-/// Piecewise linear through rising pairs, level outside.
-fn linear(pairs: &[[f32; 2]], t: f32) -> f32 {
-    let Some(after) = pairs.iter().position(|p| p[0] >= t) else {
-        return pairs.last().map_or(1.0, |p| p[1]);
-    };
-    if after == 0 {
-        return pairs[0][1];
-    }
-    let (a, b) = (pairs[after - 1], pairs[after]);
-    let f = if b[0] > a[0] { (t - a[0]) / (b[0] - a[0]) } else { 1.0 };
-    a[1] + (b[1] - a[1]) * f
-}
-
 #[cfg(test)]
 pub(super) fn cone(x: f32, y: f32, foot_z: f32, base_z: f32, top_z: f32, radius_m: f32) -> Shape {
     let mut profile = [0.0; STEPS + 1];
@@ -146,13 +134,5 @@ mod tests {
         let z = c.surface_at(4.0, 4.0).unwrap();
         assert!((z - 10.0).abs() <= 10.0 / 128.0 + 1e-4, "{z}");
         assert_eq!(c.surface_at(5.5, 4.0), None);
-    }
-
-    #[test]
-    fn profiles_are_linear_between_pairs() {
-        let pairs = [[0.0, 0.2], [0.5, 1.0], [1.0, 0.0]];
-        for (t, r) in [(0.0, 0.2), (0.25, 0.6), (0.5, 1.0), (0.75, 0.5), (1.0, 0.0), (2.0, 0.0)] {
-            assert!((linear(&pairs, t) - r).abs() < 1e-6);
-        }
     }
 }

@@ -11,7 +11,7 @@ use glam::{Vec2, Vec3};
 
 use crate::crown::Crown;
 use crate::seed::Seed;
-use crate::species::model::{Size, youth};
+use crate::species::model::{Size, curve, youth};
 
 const ROWS: usize = 16;
 const SECTORS: usize = 16;
@@ -38,16 +38,14 @@ pub struct Envelope {
 }
 
 impl Envelope {
-    /// The envelope of a tree of the species at `height_m`: crown diameter goes with height, a
-    /// little less than in proportion (exponent 0.9); a young tree is slender whatever it becomes.
+    /// The envelope of a tree of the species at `height_m`, of [`crate::species::Species::at_height`]'s size: crown
+    /// diameter goes with height, a little less than in proportion (exponent 0.9); a young tree is slender whatever it becomes.
     pub fn of_species(size: &Size, uneven: f32, height_m: f32, seed: Seed) -> Envelope {
         let scale = (height_m / size.height_m.max(0.1)).powf(0.9);
         let grown_m = 0.5 * size.crown_diameter_m * scale;
         let slender_m = grown_m.min(YOUNG_WIDTH * height_m);
         let radius_m = (grown_m + (slender_m - grown_m) * youth(height_m)).max(LEAST_RADIUS_M);
-        // Young trees keep their lower branches.
-        let lift = (height_m / size.height_m.max(0.1)).clamp(0.0, 1.0).powf(0.5);
-        let base_m = height_m * (size.crown_base * lift).clamp(0.0, 0.9);
+        let base_m = height_m * size.crown_base.clamp(0.0, 0.9);
         let noise = Noise::new(seed);
         let mut radius = vec![[0.0; SECTORS]; ROWS];
         for (row, sectors) in radius.iter_mut().enumerate() {
@@ -271,21 +269,6 @@ pub fn round_curve(pairs: &[[f32; 2]], t_deg: f32) -> f32 {
         }
         _ => curve(pairs, t_deg),
     }
-}
-
-/// The value at `t`, linear between pairs, level beyond them.
-pub fn curve(pairs: &[[f32; 2]], t: f32) -> f32 {
-    let mut before: Option<[f32; 2]> = None;
-    for &[h, r] in pairs {
-        if t <= h {
-            return match before {
-                Some([h0, r0]) if h > h0 => r0 + (r - r0) * (t - h0) / (h - h0),
-                _ => r,
-            };
-        }
-        before = Some([h, r]);
-    }
-    before.map_or(0.0, |[_, r]| r)
 }
 
 /// Smooth noise in −1…1 on a cylinder: waves of a few lobes about the stem and along it.

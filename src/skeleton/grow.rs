@@ -18,7 +18,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::{Quat, Vec2, Vec3};
 
 use super::colonize::{Habit as Answer, Limits, Reach, Start, colonize};
-use super::envelope::{Envelope, curve, light_at, round_curve};
+use super::envelope::{Envelope, light_at, round_curve};
 use super::limb::{Limb, sides};
 use super::radii::{Pipes, radii};
 use super::scaffold::{Shoot, scaffold};
@@ -29,7 +29,7 @@ use crate::crown::Crown;
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::species::Species;
-use crate::species::model::{Growth, Habit, is_level, youth};
+use crate::species::model::{Growth, Habit, curve, is_level, youth};
 use crate::species::rule::OF_TREE;
 
 /// Heights a tree may have, metres.
@@ -100,25 +100,30 @@ pub fn grow_among(
     around: &Surroundings<'_>,
     seed: Seed,
 ) -> Result<Skeleton> {
-    let growth = &species.growth;
+    let of_height;
+    let grown_crown_m = species.size.height_m * (1.0 - species.size.crown_base);
     let (envelope, seen) = match target {
         Target::FromSpecies { height_m } => {
             let height_m = checked_height(height_m.unwrap_or(species.size.height_m))?;
-            (Envelope::of_species(&species.size, growth.uneven, height_m, seed), Vec::new())
+            of_height = species.at_height(height_m);
+            let (size, uneven) = (&of_height.size, of_height.growth.uneven);
+            (Envelope::of_species(size, uneven, height_m, seed), Vec::new())
         }
         Target::FromCrown(crown) => {
-            checked_height(crown.height_m)?;
+            of_height = species.at_height(checked_height(crown.height_m)?);
             if !(crown.root.is_finite() && crown.apex.is_finite() && crown.diameter_m.is_finite()) {
                 return Err(Error::new(format!("the crown at {} is not finite", crown.root))
                     .remedy("look for NaN coordinates in the scan"));
             }
             let seen: Vec<Vec3> = crown.attractors.iter().map(|&p| p - crown.root).collect();
-            (Envelope::of_crown(&species.size, crown, &seen), seen)
+            (Envelope::of_crown(&of_height.size, crown, &seen), seen)
         }
     };
+    let species = &of_height;
     let (max_nodes, spacing_m) = fineness(&envelope, species, detail);
     let around = Surroundings { crown_radius_m: envelope.radius_m, ..around.clone() };
-    let mut tree = Tree::new(species, &envelope, &around, seed, spacing_m, max_nodes);
+    let mut tree =
+        Tree::new(species, &envelope, &around, seed, spacing_m, max_nodes, grown_crown_m);
     tree.add_stem_and_branches()?;
     tree.colonize(&seen);
     Ok(tree.finish())
@@ -174,6 +179,8 @@ struct Drawn {
 struct Tree<'a> {
     species: &'a Species,
     growth: &'a Growth,
+    /// Length of the crown of a grown tree of the species.
+    grown_crown_m: f32,
     envelope: &'a Envelope,
     around: &'a Surroundings<'a>,
     seed: Seed,
@@ -198,10 +205,12 @@ impl<'a> Tree<'a> {
         seed: Seed,
         spacing_m: f32,
         max_nodes: u32,
+        grown_crown_m: f32,
     ) -> Self {
         let mut tree = Tree {
             species,
             growth: &species.growth,
+            grown_crown_m,
             envelope,
             around,
             seed,
@@ -255,9 +264,9 @@ impl<'a> Tree<'a> {
     }
 
     fn add_stem_and_branches(&mut self) -> Result<()> {
-        let grown = self.species.size.height_m * (1.0 - self.species.size.crown_base);
         let fineness = (self.max_nodes as f32 / FULL_NODES).cbrt().min(1.5);
-        let tallness = (self.envelope.crown_length_m() / grown.max(0.1)).powf(0.4).min(1.6);
+        let tallness =
+            (self.envelope.crown_length_m() / self.grown_crown_m.max(0.1)).powf(0.4).min(1.6);
         let young = youth(self.envelope.height_m);
         let fewest = 3 + ((YOUNG_INTERNODES - 3.0) * young).round() as u32;
         let internodes = match self.growth.internodes {

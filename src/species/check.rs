@@ -74,6 +74,17 @@ pub const RANGES: &[(&str, Range)] = &[
     ("growth.order.length", Within(0.0, 20.0)),
     ("growth.order.flat", Within(0.0, 1.0)),
     ("growth.order.keep", Within(0.0, 1.0)),
+    ("young.until", Within(0.0, 1.0)),
+    ("young.crown_base", Within(0.0, 0.95)),
+    ("young.crown_width", AboveZero(5.0)),
+    ("young.profile", Within(0.0, 1.0)),
+    ("young.internodes", Within(1.0, 200.0)),
+    ("young.stem", Within(0.0, 1.0)),
+    ("young.uneven", Within(0.0, 1.0)),
+    ("young.bare", Within(0.0, 1.0)),
+    ("young.angle_deg", Within(0.0, 180.0)),
+    ("young.irregular", Within(0.0, 1.0)),
+    ("young.keep", Within(0.0, 1.0)),
     ("foliage.leaf_length_m", AboveZero(5.0)),
     ("foliage.leaf_width_m", AboveZero(5.0)),
     ("foliage.cluster", Within(1.0, 200.0)),
@@ -159,19 +170,19 @@ pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut 
             "give the least and the greatest luminance, 0 to 255",
         );
     }
-    let profile = &species.size.profile;
-    if profile.len() < 2 || !profile.iter().any(|p| p[1] > 0.0) {
-        fail(
-            "size.profile",
-            "`profile` needs two points or more, one with a radius above 0".into(),
-            "give pairs [height, radius] from [0.0, …] to [1.0, …]",
-        );
+    let young = species.young.profile.as_ref();
+    for (way, profile) in [("size.profile", Some(&species.size.profile)), ("young.profile", young)]
+    {
+        if let Some((message, remedy)) = profile.and_then(|profile| fault_of_profile(profile)) {
+            fail(way, message, remedy);
+        }
     }
-    if let Some(w) = profile.windows(2).find(|w| w[1][0] <= w[0][0]) {
+    let [low, high] = species.young.until;
+    if low > high {
         fail(
-            "size.profile",
-            format!("`profile` does not rise: height {} follows {}", w[1][0], w[0][0]),
-            "order the pairs [height, radius] from the crown's base to its top",
+            "young.until",
+            format!("`until` [{low}, {high}] is not a range"),
+            "give up to which height a tree is young and from which it is grown, 0 to 1",
         );
     }
     let [low, high] = species.bark.upper_from;
@@ -216,6 +227,21 @@ pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut 
             "give one [[growth.order]] for each branching order, at least one",
         );
     }
+}
+
+/// What is wrong with an outline of a crown.
+fn fault_of_profile(profile: &[[f32; 2]]) -> Option<(String, &'static str)> {
+    if profile.len() < 2 || !profile.iter().any(|p| p[1] > 0.0) {
+        return Some((
+            "`profile` needs two points or more, one with a radius above 0".into(),
+            "give pairs [height, radius] from [0.0, …] to [1.0, …]",
+        ));
+    }
+    let w = profile.windows(2).find(|w| w[1][0] <= w[0][0])?;
+    Some((
+        format!("`profile` does not rise: height {} follows {}", w[1][0], w[0][0]),
+        "order the pairs [height, radius] from the crown's base to its top",
+    ))
 }
 
 /// What is wrong with pairs (place, factor), whose places must rise within 0 to `end`.

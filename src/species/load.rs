@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::model::{
-    Bark, Branching, DecayBy, Foliage, Fruit, Growth, Habit, Kind, Seasons, Size, Species,
+    Bark, Branching, DecayBy, Foliage, Fruit, Growth, Habit, Kind, Seasons, Size, Species, Young,
 };
 use super::near::suggest;
 use super::node::{self, Node, Source, Sources, Value};
@@ -51,6 +51,8 @@ pub(super) struct Top {
     size: IgnoredAny,
     #[schemars(with = "Growth")]
     growth: IgnoredAny,
+    #[schemars(with = "Young")]
+    young: IgnoredAny,
     #[schemars(with = "Foliage")]
     foliage: IgnoredAny,
     #[schemars(with = "Bark")]
@@ -62,7 +64,7 @@ pub(super) struct Top {
 }
 
 /// The sections of a rule file with their keys; the first, without a name, is the top.
-pub fn sections() -> [(&'static str, &'static [&'static str]); 10] {
+pub fn sections() -> [(&'static str, &'static [&'static str]); 11] {
     [
         ("", node::keys_of::<Top>()),
         ("rule", node::keys_of::<rule::Section>()),
@@ -70,6 +72,7 @@ pub fn sections() -> [(&'static str, &'static [&'static str]); 10] {
         ("growth", node::keys_of::<Growth>()),
         ("growth.decay_by", node::keys_of::<DecayBy>()),
         ("growth.order", node::keys_of::<Habit>()),
+        ("young", node::keys_of::<Young>()),
         ("foliage", node::keys_of::<Foliage>()),
         ("bark", node::keys_of::<Bark>()),
         ("fruit", node::keys_of::<Fruit>()),
@@ -266,6 +269,7 @@ fn build_reporting(
     let mut section = Sections { merged: &merged, defaults: &defaults, sources: &sources, errors };
     let size: Option<Size> = section.read("size");
     let growth: Option<Growth> = section.read("growth");
+    let young: Option<Young> = section.read("young");
     let foliage: Option<Foliage> = section.read("foliage");
     let bark: Option<Bark> = section.read("bark");
     let fruit: Option<Fruit> = section.read("fruit");
@@ -297,6 +301,7 @@ fn build_reporting(
         luminance: top.luminance,
         size: size?,
         growth: growth?,
+        young: young?,
         foliage: foliage?,
         bark: bark?,
         own_model,

@@ -24,6 +24,7 @@ pub mod rule;
 mod schema;
 pub mod state;
 mod template;
+mod young;
 
 pub use load::{Listed, builtin_names, files, list, load, load_text, sections};
 pub use model::Species;

@@ -169,6 +169,71 @@ pub fn is_level(pairs: &[[f32; 2]]) -> bool {
     pairs.windows(2).all(|w| w[0][1] == w[1][1])
 }
 
+/// The value at `t`, linear between pairs, level beyond them; 0 of none.
+pub fn curve(pairs: &[[f32; 2]], t: f32) -> f32 {
+    let mut before: Option<[f32; 2]> = None;
+    for &[h, r] in pairs {
+        if t <= h {
+            return match before {
+                Some([h0, r0]) if h > h0 => r0 + (r - r0) * (t - h0) / (h - h0),
+                _ => r,
+            };
+        }
+        before = Some([h, r]);
+    }
+    before.map_or(0.0, |[_, r]| r)
+}
+
+/// How a tree that is not grown yet differs from a grown one. What is absent is the same.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Young {
+    /// Heights of the tree over `size.height_m`: all below holds up to the first, and less and less up
+    /// to the second, from which on the tree is a grown one.
+    pub until: [f32; 2],
+    /// Height of the crown's base over that of the tree; absent: that of `[size]`, lower by the root
+    /// of the tree's height over `size.height_m`.
+    #[serde(default)]
+    #[schemars(extend("examples" = [0.05]))]
+    pub crown_base: Option<f32>,
+    /// Diameter of the crown over what goes with the tree's height.
+    #[serde(default)]
+    #[schemars(extend("examples" = [0.8]))]
+    pub crown_width: Option<f32>,
+    /// Crown outline, as in `[size]`.
+    #[serde(default)]
+    #[schemars(extend("examples" = [[[0.0, 0.8], [0.2, 1.0], [1.0, 0.03]]]))]
+    pub profile: Option<Vec<[f32; 2]>>,
+    /// Shoots of the stem within the crown, as in `[growth]`.
+    #[serde(default)]
+    #[schemars(extend("examples" = [9]))]
+    pub internodes: Option<u32>,
+    /// Share of the crown that the stem passes.
+    #[serde(default)]
+    #[schemars(extend("examples" = [1.0]))]
+    pub stem: Option<f32>,
+    /// Unevenness of the crown outline.
+    #[serde(default)]
+    #[schemars(extend("examples" = [0.2]))]
+    pub uneven: Option<f32>,
+    /// Share of the crown's radius, from the axis, that bears no fine twigs.
+    #[serde(default)]
+    #[schemars(extend("examples" = [0.2]))]
+    pub bare: Option<f32>,
+    /// Angles of the branches of the stem, as in `[[growth.order]]`.
+    #[serde(default)]
+    #[schemars(extend("examples" = [[70, 45]]))]
+    pub angle_deg: Option<[f32; 2]>,
+    /// Spread of those angles, of the azimuth and of the place.
+    #[serde(default)]
+    #[schemars(extend("examples" = [0.2]))]
+    pub irregular: Option<f32>,
+    /// Share of those branches that live.
+    #[serde(default)]
+    #[schemars(extend("examples" = [1.0]))]
+    pub keep: Option<f32>,
+}
+
 /// How branches of one order grow. Pairs hold at the base and at the top of the crown (for order
 /// 1) or of the parent axis (from 2 on), with linear change between.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -445,8 +510,10 @@ pub struct Species {
     pub branching: Branching,
     /// Range of photo luminance Y, 0…255 (T15, Table 1).
     pub luminance: Option<[f32; 2]>,
+    /// Of a grown tree, as is `growth`; those of another are [`Species::at_height`]'s.
     pub size: Size,
     pub growth: Growth,
+    pub young: Young,
     pub foliage: Foliage,
     pub bark: Bark,
     /// What `foliage.model` and `foliage.picture` name, read.
