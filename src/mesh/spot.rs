@@ -384,16 +384,18 @@ pub fn thinned(
         let twig_m = hull.twig_m(hull.centre.with_z(z), twig_m, enlarge);
         (twig_m, (usual_m / twig_m).powi(2).min(MOST_WEIGHT))
     });
-    // How many, what they count, and its square.
-    let mut held = [[0.0f64; 3]; HEIGHTS];
+    // At each height how many there are, what is missing where they do not count whole, and of their squares.
+    let mut held = [(0u32, 0.0f64, 0.0f64); HEIGHTS];
     let mut weight = |s: &Spot| {
         let height = hull.share(s.at.z);
         let (twig_m, small) = at_height[((height * STEPS as f32) as usize).min(STEPS - 1)];
         let tip = if keeps_tips && s.is_tip { TIP_WEIGHT } else { 1.0 };
         let hold = hold(s, twig_m);
-        let sums = &mut held[(height * (HEIGHTS - 1) as f32 + 0.5) as usize];
-        for (sum, power) in sums.iter_mut().zip([1.0, hold, hold * hold]) {
-            *sum += f64::from(power);
+        let (count, less, less_sq) = &mut held[(height * (HEIGHTS - 1) as f32 + 0.5) as usize];
+        *count += 1;
+        if hold < 1.0 {
+            *less += f64::from(1.0 - hold);
+            *less_sq += f64::from(1.0 - hold * hold);
         }
         hold * tip * hull.depth(s.at).clamp(least, 1.0) * small
     };
@@ -401,9 +403,9 @@ pub fn thinned(
     let (weights, place): (Vec<f32>, Vec<u32>) =
         spots.iter().map(|s| (weight(s), places.of(s, hull))).unzip();
     let total: f64 = weights.iter().map(|&w| f64::from(w)).sum();
-    let evenness = held.map(|[n, sum, squares]| match squares > 0.0 {
-        true => (sum * sum / (squares * n)) as f32,
-        false => 1.0,
+    let evenness = held.map(|(count, less, less_sq)| {
+        let count = f64::from(count.max(1));
+        ((count - less).powi(2) / ((count - less_sq) * count)) as f32
     });
     let rate = match keeps_tips {
         true => rate(&weights, total, most as f64),
