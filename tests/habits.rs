@@ -98,10 +98,11 @@ fn measured(s: &Skeleton) -> Habit<f32> {
     }
 }
 
-fn typical(name: &str) -> Habit<f32> {
+/// At a height, or at that of a grown tree.
+fn typical(name: &str, height_m: Option<f32>) -> Habit<f32> {
     let species = species::load(name).unwrap();
     let all = SEEDS.map(|seed| {
-        let target = Target::FromSpecies { height_m: None };
+        let target = Target::FromSpecies { height_m };
         measured(&grow(&species, target, Detail::HERO, Seed::new(seed)).unwrap())
     });
     let median = |of: fn(&Habit<f32>) -> f32| quantile(all.iter().map(of).collect(), 0.5);
@@ -139,7 +140,7 @@ fn every_species_has_the_habit_its_sources_describe() {
     let mut wrong = Vec::new();
     println!("{:18} crown width widest angle  rise hang stems", "species");
     for (name, expected) in EXPECTED {
-        let h = typical(name);
+        let h = typical(name, None);
         println!(
             "{name:18} {:5.2} {:5.2} {:6.2} {:5.0} {:5.0} {:4.2} {:5.0}",
             h.crown, h.width, h.widest, h.angle, h.rise, h.hanging, h.stems
@@ -159,6 +160,28 @@ fn every_species_has_the_habit_its_sources_describe() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Before it is grown each is widest lower down, and its crown, to the ground but for a few tenths, is no
+/// shorter; Scots pines pass from a cone to an umbrella.
+#[test]
+fn young_trees_are_cones_whatever_they_become() {
+    for (name, young_m) in [
+        ("pinus_sylvestris", 4.0),
+        ("populus_tremula", 4.0),
+        ("quercus_robur", 4.0),
+        ("tilia_cordata", 4.0),
+    ] {
+        let [young, grown] = [Some(young_m), None].map(|height_m| typical(name, height_m));
+        println!("{name} {young:.2?}");
+        assert!(young.crown > 0.75 && young.crown >= grown.crown - 0.05, "{name} {}", young.crown);
+        assert!(young.widest < 0.5, "{name} {}", young.widest);
+    }
+    let pines = [4.0, 10.0, 14.0, 23.0].map(|height_m| typical("pinus_sylvestris", Some(height_m)));
+    let crowns = pines.map(|h| h.crown);
+    assert!(crowns.is_sorted_by(|a, b| a > b), "{crowns:?}");
+    let widest = pines.map(|h| h.widest);
+    assert!(widest.is_sorted() && widest[3] > widest[0] + 0.3, "{widest:?}");
 }
 
 /// Every built-in species, but for the bare productions.
