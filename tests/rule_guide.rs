@@ -122,7 +122,7 @@ fn examples_load_and_grow() {
         assert!(scaffold.len() > 10, "{text}");
         count += 1;
     }
-    assert_eq!(count, 5);
+    assert_eq!(count, 6);
 }
 
 #[test]

@@ -38,8 +38,9 @@ pub struct Envelope {
 }
 
 impl Envelope {
-    /// The envelope of a tree of the species at `height_m`, of [`crate::species::Species::at_height`]'s size: crown
-    /// diameter goes with height, a little less than in proportion (exponent 0.9); a young tree is slender whatever it becomes.
+    /// The envelope of a tree of the species at `height_m`, whose size is that of
+    /// [`crate::species::Species::at_height`]: crown diameter goes with height, a little less than in
+    /// proportion (exponent 0.9); a young tree is slender whatever it becomes.
     pub fn of_species(size: &Size, uneven: f32, height_m: f32, seed: Seed) -> Envelope {
         let scale = (height_m / size.height_m.max(0.1)).powf(0.9);
         let grown_m = 0.5 * size.crown_diameter_m * scale;
