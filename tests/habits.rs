@@ -168,6 +168,7 @@ fn every_species_has_the_habit_its_sources_describe() {
 fn young_trees_are_cones_whatever_they_become() {
     for (name, young_m) in [
         ("pinus_sylvestris", 4.0),
+        ("pinus_sibirica", 2.0),
         ("populus_tremula", 4.0),
         ("quercus_robur", 4.0),
         ("tilia_cordata", 4.0),
