@@ -29,7 +29,7 @@ impl Young {
 
     fn size(&self, size: &mut Size, height_share: f32, grown: f32) {
         let lifted = size.crown_base * height_share.clamp(0.0, 1.0).sqrt();
-        size.crown_base = mix(self.crown_base.unwrap_or(lifted), lifted, grown);
+        size.crown_base = self.crown_base.map_or(lifted, |young| mix(young, lifted, grown));
         size.crown_diameter_m *= self.crown_width.map_or(1.0, |width| mix(width, 1.0, grown));
         if let Some(young) = self.profile.as_ref().filter(|_| grown < 1.0) {
             size.profile = between(young, &size.profile, grown);
@@ -130,7 +130,10 @@ mod tests {
     fn without_a_word_young_trees_keep_their_lower_branches() {
         let text = "extends = 'table3/13'\n[size]\nheight_m = 16\ncrown_base = 0.6";
         let species = load_text("any", text).unwrap();
-        assert!((species.at_height(4.0).size.crown_base - 0.3).abs() < 1e-6);
+        for height_m in [1.0, 4.0, 7.3, 11.9, 16.0f32] {
+            let lifted = species.size.crown_base * (height_m / 16.0).sqrt();
+            assert_eq!(species.at_height(height_m).size.crown_base, lifted, "to the bit");
+        }
         assert_eq!(species.at_height(4.0).growth, species.growth);
     }
 }
