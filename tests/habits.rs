@@ -185,6 +185,29 @@ fn young_trees_are_cones_whatever_they_become() {
     assert!(widest.is_sorted() && widest[3] > widest[0] + 0.3, "{widest:?}");
 }
 
+/// A rule may write several laterals in line at the end of an axis: they are one. Else the stem's top would
+/// be a bundle of shoots one in another, of which the one that is called the stem is the thinnest.
+#[test]
+fn a_stem_goes_on_in_one_shoot() {
+    for name in ["pinus_sylvestris", "pinus_sibirica", "abies_sibirica", "table3/01"] {
+        let species = species::load(name).unwrap();
+        for seed in SEEDS {
+            let target = Target::FromSpecies { height_m: None };
+            let s = grow(&species, target, Detail::HERO, Seed::new(seed)).unwrap();
+            let way = |i: usize| s.position[i] - s.position[s.parent[i] as usize];
+            let of_stem: Vec<usize> = (1..s.len()).filter(|&i| s.axis[i] == 0).collect();
+            for i in of_stem {
+                let springs = |k: &usize| s.parent[*k] == s.parent[i] && s.axis[*k] != 0;
+                for k in (1..s.len()).filter(springs).filter(|&k| s.radius_m[k] > 0.01) {
+                    let apart_deg = way(i).angle_between(way(k)).to_degrees();
+                    let share = s.radius_m[k] / s.radius_m[i];
+                    assert!(apart_deg > 4.0 || share < 0.7, "{name} {seed}: {apart_deg} {share}");
+                }
+            }
+        }
+    }
+}
+
 /// Every built-in species, but for the bare productions.
 fn built_in() -> Vec<&'static str> {
     species::builtin_names().into_iter().filter(|n| !n.starts_with("table3/")).collect()

@@ -283,32 +283,43 @@ impl<'a> Tree<'a> {
         }
         let mut drawn: Vec<Drawn> = vec![Drawn::default(); shoots.len()];
         let mut whorl = vec![0u32; shoots.len()];
-        let mut is_continued = vec![false; shoots.len()];
-        for shoot in shoots.iter().filter(|s| s.goes_on) {
-            if let Some(parent) = shoot.parent {
-                is_continued[parent as usize] = true;
+        // Which shoot carries each on: the next of its axis, else the oldest lateral in line.
+        let mut onward: Vec<Option<usize>> = vec![None; shoots.len()];
+        for (id, shoot) in shoots.iter().enumerate() {
+            let Some(parent) = shoot.parent else { continue };
+            let on = &mut onward[parent as usize];
+            if shoot.goes_on || shoot.is_in_line() && on.is_none_or(|k| !shoots[k].goes_on) {
+                *on = Some(id);
             }
         }
         self.draw_stems(&shoots, &mut drawn, &mut whorl);
         let budget = (SCAFFOLD_SHARE * self.max_nodes as f32) as usize;
         let deepest = shoots.iter().map(|s| s.depth).max().unwrap_or(0);
+        let lies_on = |id: usize, shoot: &Shoot| {
+            let on = shoot.parent.and_then(|p| onward[p as usize]);
+            shoot.is_in_line() && on.is_some_and(|on| on != id)
+        };
         // Order by order, so that what the budget leaves out is the finest.
         for depth in 1..=deepest {
             for (id, shoot) in shoots.iter().enumerate() {
                 if shoot.depth != depth || self.position.len() >= budget {
                     continue;
                 }
-                if let Some(parent) = shoot.parent {
-                    let on = &drawn[parent as usize];
-                    // Where the axis goes on by itself, a lateral in line would lie on it.
-                    let is_double =
-                        is_continued[parent as usize] && !shoot.goes_on && shoot.is_in_line();
-                    if on.nodes.len() >= 2 && !is_double {
-                        let limb = self.lateral(id as u32, shoot, on, whorl[parent as usize]);
-                        if let Some(branch) = limb {
-                            drawn[id] = branch;
-                        }
-                    }
+                let Some(parent) = shoot.parent.map(|p| p as usize) else { continue };
+                let on = &drawn[parent];
+                if on.nodes.len() >= 2
+                    && !lies_on(id, shoot)
+                    && let Some(limb) = self.lateral(id as u32, shoot, on, whorl[parent])
+                {
+                    drawn[id] = limb;
+                }
+            }
+            // What springs from a lateral that would lie on another springs from that, to other sides.
+            for (id, shoot) in shoots.iter().enumerate().filter(|(_, s)| s.depth == depth) {
+                let on = shoot.parent.and_then(|p| onward[p as usize]);
+                if let Some(on) = on.filter(|&on| lies_on(id, shoot) && !shoots[on].goes_on) {
+                    drawn[id] = drawn[on].clone();
+                    whorl[id] = shoot.rank + 1;
                 }
             }
         }
