@@ -8,7 +8,8 @@
 //! facet:
 //! - feet that overlap along the tube lie side by side in one band, shifted around where needed;
 //! - where there is no room, the later one goes up the tube into a band of its own;
-//! - where a tube is too short for that, all its feet are spread evenly and made smaller;
+//! - where a tube is too short for that, those below give way down the tube;
+//! - where it is too short for that, too, all its feet are spread evenly and made smaller;
 //! - one that would have to go too far, or has no room that f32 can tell apart, is left out: its branch passes
 //!   into the tube, closed for itself;
 //! - none lies across a bend of more than a right angle, where the tube has room elsewhere;
@@ -31,6 +32,9 @@ const ROOM_AROUND: f32 = 0.08;
 
 /// A foot is longer than wide by no more than the inverse.
 const LEAST_LEAN: f32 = 0.45;
+
+/// How many feet may lie side by side where they crowd, as is tried in turn.
+const BESIDE: [f32; 3] = [4.0, 2.0, 1.0];
 
 /// Near enough to the bark, in the branch's radii: its foot is laid onto it.
 const ON_BARK: f32 = 0.05;
@@ -412,7 +416,16 @@ fn lay(
     }
     sort(branches);
     let start = (rings.len(), holes.len());
-    if !sweep(path, branches, high, least, rings, holes) {
+    let fits = |branches: &[Branch], rings: &mut Vec<Ring>, holes: &mut Vec<Hole>| {
+        rings.truncate(start.0);
+        holes.truncate(start.1);
+        sweep(path, branches, high, least, rings, holes)
+    };
+    let is_laid = fits(branches, rings, holes)
+        || BESIDE
+            .into_iter()
+            .any(|beside| sink(branches, low, high, beside) && fits(branches, rings, holes));
+    if !is_laid {
         rings.truncate(start.0);
         holes.truncate(start.1);
         let each = room / branches.len() as f32;
@@ -424,6 +437,19 @@ fn lay(
         sweep(path, branches, f32::INFINITY, least, rings, holes);
     }
     settle(&rings[start.0..], &mut holes[start.1..]);
+}
+
+/// Makes room where feet crowd towards the tip: each lies as far down the tube, and no farther, as those above
+/// it need, of which so many lie side by side. False where that is below the tube's foot.
+fn sink(branches: &mut [Branch], low_m: f32, high_m: f32, beside: f32) -> bool {
+    let mut above_m = high_m;
+    for b in branches.iter_mut().rev() {
+        let block_m = b.half_m * ROOM_ALONG;
+        b.arc_m = b.arc_m.min(above_m - block_m).min(high_m - block_m);
+        above_m = b.arc_m + block_m - 2.0 * block_m / beside;
+    }
+    sort(branches);
+    branches.first().is_none_or(|b| b.arc_m - b.half_m * ROOM_ALONG >= low_m)
 }
 
 fn sort(branches: &mut [Branch]) {

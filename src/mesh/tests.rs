@@ -789,3 +789,29 @@ fn a_budget_coarsens_no_further_than_the_sagitta_asked_for() {
     // The foot takes more sides than there may be.
     assert!(fine.sagitta_m <= 0.0016, "the flare's, too: {}", fine.sagitta_m);
 }
+
+/// Feet that crowd give way by little: no wood is farther from its skeleton than a few diameters.
+#[test]
+fn wood_keeps_to_its_skeleton() {
+    const OFF_M: f32 = 0.4;
+    let names = species::builtin_names().into_iter().filter(|n| !n.starts_with("table3/"));
+    for name in names {
+        let s = species::load(name).unwrap();
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = grow(&s, target, Detail::FOREST, Seed::new(1)).unwrap();
+        let options = MeshOptions { foliage: FoliageLevel::None, ..MeshOptions::FOREST };
+        let tree = build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
+        let off_m = |at: Vec3| {
+            let of = |i: usize| {
+                let parent = skeleton.parent[i] as usize;
+                let (a, b) = (skeleton.position[parent], skeleton.position[i]);
+                let share = (at - a).dot(b - a) / (b - a).length_squared().max(1e-9);
+                at.distance(a.lerp(b, share.clamp(0.0, 1.0))) - 2.0 * skeleton.radius_m[parent]
+            };
+            (1..skeleton.len()).map(of).fold(f32::INFINITY, f32::min)
+        };
+        let above = tree.woods().into_iter().flat_map(|w| &w.position).filter(|p| p.z > 0.0);
+        let worst_m = above.map(|&p| off_m(p)).fold(0.0, f32::max);
+        assert!(worst_m < OFF_M, "{name}: {worst_m} m");
+    }
+}
