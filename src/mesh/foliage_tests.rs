@@ -221,6 +221,27 @@ fn a_shell_is_closed_and_holds_the_crown() {
     }
 }
 
+/// What one could not see of the wood is not there; of a seedling something stands.
+#[test]
+fn a_shell_hides_no_wood() {
+    for (name, height_m) in SPECIES.into_iter().flat_map(|n| [None, Some(0.1)].map(|h| (n, h))) {
+        let (skeleton, species, atlas) = grown_to(name, height_m);
+        let of = |foliage| {
+            let options = MeshOptions { foliage, ..MeshOptions::HERO };
+            build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap()
+        };
+        let tree = of(FoliageLevel::Shell);
+        tree.check().unwrap();
+        let all = of(FoliageLevel::Cards);
+        let wood = |t: &TreeMesh| t.triangles() - t.foliage.triangles();
+        assert!(wood(&tree) > 0 && wood(&tree) * 2 < wood(&all), "{name} {height_m:?}");
+        let (low, high) = tree.foliage.bounds();
+        let middle_m = 0.5 * (low.z + high.z);
+        let above = tree.woods().into_iter().flat_map(|w| &w.position).filter(|p| p.z > middle_m);
+        assert!(height_m.is_some() || above.count() == 0, "{name}");
+    }
+}
+
 /// Of its upper three tenths no part is bare that is longer than a twentieth of the tree.
 #[test]
 fn a_young_tree_has_leaves_up_its_leader() {

@@ -432,8 +432,11 @@ pub fn build(
         let taken = foliage::taken_by_cards(skeleton, species, atlas, options, b - usual);
         taken.map_or(usual, |taken| b - taken)
     });
-    let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
-    let made = wood::wood(skeleton, options, wood_budget, species, wind.as_ref(), seed);
+    let hides = level == FoliageLevel::Shell && !species.foliage.is_bare();
+    let outside = hides.then(|| shell::outside(skeleton, species.foliage.bearing_radius_m));
+    let with_wood = outside.as_ref().unwrap_or(skeleton);
+    let wind = options.wind.map(|profile| Wind::new(with_wood, skeleton.height_m(), profile, seed));
+    let made = wood::wood(with_wood, options, wood_budget, species, wind.as_ref(), seed);
     let triangles = made.triangles();
     if triangles == 0 {
         return Err(Error::new(format!("a skeleton of {} nodes has no wood", skeleton.len()))
@@ -489,7 +492,7 @@ pub fn leaves(
     seed: Seed,
 ) -> Result<Surface> {
     let seed = seed.derive("mesh", 0);
-    let wind = options.wind.map(|profile| Wind::new(skeleton, profile, seed));
+    let wind = options.wind.map(|profile| Wind::new(skeleton, skeleton.height_m(), profile, seed));
     let order = order(species, atlas, options, beside, wind.as_ref(), seed);
     Ok(foliage::foliage(skeleton, &order)?.surface)
 }

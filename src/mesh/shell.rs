@@ -9,9 +9,34 @@ use glam::{Vec2, Vec3};
 use super::Surface;
 use super::piece::straighten;
 use super::spot::{Hull, Spot};
+use crate::skeleton::Skeleton;
+
+/// How far up a shell stems go on in it, share of its height.
+const INTO: f32 = 0.3;
 
 /// Share of the twigs within the shell.
 const WITHIN: f32 = 0.9;
+
+/// A skeleton without the wood that a shell around its leaves hides: the feet of stems are left, on into the
+/// shell, and what lies lower than any leaf.
+pub fn outside(skeleton: &Skeleton, bearing_radius_m: f32) -> Skeleton {
+    let bears = skeleton.bears_leaves(bearing_radius_m);
+    let height_m = |i: usize| skeleton.position[i].z;
+    let lowest_m = (0..skeleton.len()).filter(|&i| bears[i]).map(height_m).reduce(f32::min);
+    let Some(lowest_m) = lowest_m else { return skeleton.clone() };
+    let stem_m = lowest_m + INTO * (skeleton.height_m() - lowest_m);
+    let is_stem = skeleton.is_stem();
+    // Something stands, however low the tree.
+    let is_foot = |i: usize| is_stem[i] && skeleton.parent_of(i as u32) == Some(0);
+    let is_shown = |i: usize| height_m(i) < if is_stem[i] { stem_m } else { lowest_m };
+    let mut keep: Vec<bool> = (0..skeleton.len()).map(|i| is_foot(i) || is_shown(i)).collect();
+    for i in (1..skeleton.len()).rev() {
+        if keep[i] {
+            keep[skeleton.parent[i] as usize] = true;
+        }
+    }
+    skeleton.subset(&keep)
+}
 
 /// A closed hull of about `budget` triangles at most, 48 at least; `margin_m` is how far twigs
 /// reach beyond their places.

@@ -102,7 +102,8 @@ pub struct Wind {
 }
 
 impl Wind {
-    pub fn new(skeleton: &Skeleton, profile: WindProfile, seed: Seed) -> Wind {
+    /// `height_m`: of the whole tree, of which the skeleton may be a part.
+    pub fn new(skeleton: &Skeleton, height_m: f32, profile: WindProfile, seed: Seed) -> Wind {
         work::count(Work::WindNodes, skeleton.len());
         let seed = seed.derive("wind", 0);
         let mut branch = vec![[0.0f32; 2]; skeleton.len()];
@@ -119,7 +120,7 @@ impl Wind {
         }
         let longest = branch.iter().map(|b| b[0]).fold(1e-6, f32::max);
         branch.iter_mut().for_each(|b| b[0] /= longest);
-        Wind { profile, seed, per_m: skeleton.height_m().max(1e-6).recip(), out: branch }
+        Wind { profile, seed, per_m: height_m.max(1e-6).recip(), out: branch }
     }
 
     /// How the rings of a tube move, appended to `out`: at each of `at_m`, arc lengths along a line
@@ -287,7 +288,7 @@ mod tests {
     fn what_is_high_far_out_or_at_a_tip_moves_more() {
         let s = tree();
         s.check().unwrap();
-        let wind = Wind::new(&s, WindProfile::Unity, Seed::new(1));
+        let wind = Wind::new(&s, s.height_m(), WindProfile::Unity, Seed::new(1));
         let lines: [&[u32]; 4] = [&[0, 1, 2], &[1, 3], &[1, 4], &[4, 5]];
         let place = |i: u32| s.position[i as usize];
         // At a share of the way from the first node to the last.
@@ -330,7 +331,13 @@ mod tests {
         let of = |profile| {
             let mut leaf = [[0; 4]];
             let foot = s.position[5] + Vec3::X;
-            Wind::new(&s, profile, Seed::new(1)).twig(&[s.position[5]], foot, 5, 7, &mut leaf);
+            Wind::new(&s, s.height_m(), profile, Seed::new(1)).twig(
+                &[s.position[5]],
+                foot,
+                5,
+                7,
+                &mut leaf,
+            );
             leaf[0]
         };
         let [unity, cry, speed] =

@@ -81,7 +81,7 @@ pub fn at_stage(grown: &Skeleton, species: &Species, stage: u16) -> Result<Skele
 
 impl Skeleton {
     /// Whether each node is of a stem: of an axis that stands on the ground.
-    pub(super) fn is_stem(&self) -> Vec<bool> {
+    pub(crate) fn is_stem(&self) -> Vec<bool> {
         let mut is_stem = vec![true; self.len()];
         for i in 1..self.len() {
             let p = self.parent[i] as usize;
@@ -92,7 +92,7 @@ impl Skeleton {
 
     /// The nodes marked in `keep` whose parents are kept too, axes numbered without gaps in the
     /// order they start. The root always stays.
-    pub(super) fn subset(&self, keep: &[bool]) -> Skeleton {
+    pub(crate) fn subset(&self, keep: &[bool]) -> Skeleton {
         let n = self.len();
         let mut new_id = vec![NO_PARENT; n];
         let mut new_axis = vec![NO_PARENT; n];
