@@ -742,6 +742,36 @@ fn a_forest_without_textures_has_colours_and_no_pictures_of_trees() {
     refused(&coloured, &["--wind-as is for glTF, not for .usda files", "write a .glb"]);
 }
 
+/// Options of which nothing comes.
+#[test]
+fn what_has_no_effect_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name).to_string_lossy().into_owned();
+    let told = |species: &str, more: &[&str], file: &str| {
+        let file = at(file);
+        let out = larix(&[&["tree", species, "--texture", "64", "-o", &file], more].concat());
+        assert!(out.status.success(), "{}", text(&out.stderr));
+        text(&out.stderr) + &text(&out.stdout)
+    };
+    for bare in [&["--bare"][..], &["--condition", "VI"]] {
+        let said = told("betula_pendula", &[bare, &["--variants"]].concat(), "bare.glb");
+        assert!(said.contains("--variants: Betula pendula bears no leaves here"), "{said}");
+    }
+    assert!(!told("betula_pendula", &["--variants"], "leafy.glb").contains("--variants"));
+    let said = told("betula_pendula", &["--profile", "web"], "birch.usda");
+    assert!(said.contains(".usda files are no smaller for --profile web"), "{said}");
+    assert!(!told("betula_pendula", &["--profile", "web"], "birch.glb").contains("no smaller"));
+    let said = told("pinus_sylvestris", &["--stage", "4"], "pole.glb");
+    assert!(said.contains("--stage 4: a stem of") && said.contains("--height"), "{said}");
+    assert!(!told("pinus_sylvestris", &["--stage", "12"], "grown.glb").contains("--stage 12:"));
+    let small = ["--height", "0.6", "--triangles", "100000"];
+    let said = told("corylus_avellana", &small, "small.glb");
+    assert!(said.contains("100000 triangles were allowed, it needs no more than these"), "{said}");
+    let said =
+        told("quercus_robur", &["--season", "winter", "--foliage", "geometry"], "winter.glb");
+    assert!(!said.contains("leaves or needles"), "{said}");
+}
+
 #[test]
 fn twigs_are_stored_once_or_refused_in_words() {
     let dir = tempfile::tempdir().unwrap();
@@ -767,7 +797,10 @@ fn twigs_are_stored_once_or_refused_in_words() {
         (
             &["--foliage", "geometry", "--profile", "engine"],
             "no.glb",
-            &["it goes without --lods, --impostor, --wind", "same seed, same tree"],
+            &[
+                "it goes without --lods, --impostor, --wind",
+                "--triangles 100000 grow the same tree",
+            ],
         ),
         (&["--foliage", "geometry"], "no.obj", &[".obj files hold nothing of --twigs instance"]),
     ];

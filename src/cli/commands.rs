@@ -327,8 +327,15 @@ fn check_scene(scene: &SceneArgs, run: &mut Recorder) -> Result<()> {
 
 /// A warning of what a profile stands for and a file does not hold.
 fn not_held(levels: &args::LevelArgs, formats: &[Format]) -> Option<String> {
-    if levels.profile != args::Profile::Engine {
+    if levels.profile == args::Profile::Dcc {
         return None;
+    }
+    if levels.profile == args::Profile::Web {
+        let is_alike = |f: &&Format| !matches!(f, Format::Glb | Format::Gltf | Format::X3d);
+        let files = extensions(formats.iter().filter(is_alike));
+        let told =
+            || format!("{files} files are no smaller for --profile web, which is for glTF and X3D");
+        return (!files.is_empty()).then(told);
     }
     let meant = [("wind", levels.wind.is_none()), ("bodies", levels.collision.is_none())];
     let meant: Vec<&str> = meant.into_iter().filter_map(|(m, is)| is.then_some(m)).collect();
@@ -705,6 +712,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     );
     let mut lines = vec![line];
     lines.extend(level_lines(&rows));
+    lines.extend(a.triangles.and_then(|most| spare_line(most, stats.unique_triangles, foliage)));
     lines.extend(["mesh", "export"].iter().flat_map(|stage| notes(run, stage)));
     let mut summary = summary("tree", Some(a.seed), run, Some(&scene));
     summary["levels"] = json!(rows);
@@ -760,12 +768,27 @@ fn check_twigs(
         return Ok(());
     }
     let asked = asked.join(", ");
+    let given = a.triangles.map_or(0, |n| n as usize);
+    let other = pipeline::tree::like_with_twigs_stored(given, foliage);
     let error =
         format!("--twigs instance is the form for close-ups alone: it goes without {asked}");
-    Err(Error::new(error).remedy(
+    Err(Error::new(error).remedy(format!(
         "leave that out (--profile engine asks for levels, impostor and wind), and write other forms in a \
-         run of their own: same seed, same tree",
-    ))
+         run of their own, where cards and --triangles {other} grow the same tree"
+    )))
+}
+
+/// Share of the triangles asked for of which it is worth a word that a tree takes no more.
+const SPARE: f32 = 0.5;
+
+/// That a tree takes far fewer triangles than were asked for, and what would take more.
+fn spare_line(most: u32, taken: u64, foliage: FoliageLevel) -> Option<String> {
+    let finer = match foliage {
+        FoliageLevel::Geometry => "this is its finest form",
+        _ => "--foliage geometry has every leaf and takes more",
+    };
+    let is_spare = (taken as f32) < SPARE * most as f32;
+    is_spare.then(|| format!("{most} triangles were allowed, it needs no more than these; {finer}"))
 }
 
 /// What was noted of a stage.

@@ -12,7 +12,7 @@ use super::fit;
 use super::levels::{self, LevelsJob};
 use super::light;
 use super::model::{Look, add_materials, prototype, tinted};
-use super::paint::{leaf_variants, paint};
+use super::paint::{leaf_variants, paint, tell_no_variants};
 use super::survey;
 use super::survey::{Survey, SurveyJob};
 use super::tolerance;
@@ -529,6 +529,14 @@ pub(super) fn detail(triangles: usize, foliage: FoliageLevel) -> Detail {
     Detail { max_nodes: max_nodes as u32, attractor_spacing_m: None }
 }
 
+/// Triangles of cards for which as many nodes are grown as for these of `foliage`.
+pub(super) fn like_with_cards(triangles: usize, foliage: FoliageLevel) -> usize {
+    match foliage {
+        FoliageLevel::Geometry => (triangles / 10).min(240_000),
+        _ => triangles,
+    }
+}
+
 /// Sum of the distances from a crown's points to the nearest node, and their count.
 fn fill_distance(skeleton: &Skeleton, crown: &crate::crown::Crown) -> (f64, usize) {
     let nodes: Vec<[f32; 3]> =
@@ -638,7 +646,7 @@ fn build_meshes(
         let finest = meshes.iter().filter_map(|of_model| of_model.first());
         let outcome = Outcome::items(nodes, "nodes", triangles, "triangles")
             .error(tolerance::sagitta(finest.clone(), job.wood.tolerance_m, warnings));
-        let outcome = levels::tell_leaves(finest.clone(), "", outcome);
+        let outcome = levels::tell_leaves(finest.clone(), "leaves or needles", "", outcome);
         levels::tell_thin(finest.clone(), warnings);
         let of_model =
             || models.iter().filter(|m| textures[m.species].is_some()).zip(finest.clone());
@@ -688,6 +696,12 @@ fn paint_all(
                 used.then(draw).transpose()
             })
             .collect::<Result<_>>()?;
+        if job.has_variants {
+            let drawn = species.iter().zip(&textures).filter_map(|(s, t)| Some((s, t.as_ref()?)));
+            for (species, _) in drawn.filter(|(_, t)| t.leaf_variants.is_empty()) {
+                tell_no_variants(species, warnings);
+            }
+        }
         for (s, _) in species.iter().zip(&is_used).filter(|(_, used)| **used) {
             warnings.extend(s.remarks.iter().cloned());
         }

@@ -117,12 +117,21 @@ pub fn table(told: &Told<'_>) -> Vec<Saved> {
     lines
 }
 
+/// Time, to two digits at least; nothing where none was measured.
+fn spared(seconds: f64) -> String {
+    match seconds {
+        s if s >= 0.1 => format!(", {s:.2} s"),
+        s if s > 0.0 => format!(", {:.2} ms", 1e3 * s),
+        _ => String::new(),
+    }
+}
+
 /// For people.
 pub fn lines(table: &[Saved]) -> Vec<String> {
     let line = |s: &Saved| {
         let saved = match s.bytes {
             0 => String::new(),
-            b => format!(": {:.1} MB, {:.2} s", b as f64 / 1e6, s.seconds),
+            b => format!(": {:.1} MB{}", b as f64 / 1e6, spared(s.seconds)),
         };
         format!("left out: {}, {} {}{saved}", s.what, s.count, s.of)
     };

@@ -171,9 +171,10 @@ pub fn tell_unmeshed<'a>(
 
 /// Adds to a report how much larger than the species' the leaves of these (finest) meshes are, where
 /// each is meshed for itself: the largest. Of crowns that are thin all the same [`tell_thin`] warns.
-/// `instead`: what else could be done than give more triangles.
+/// `what` they are; `instead`: what else could be done than give more triangles.
 pub fn tell_leaves<'a>(
     meshes: impl Iterator<Item = &'a TreeMesh>,
+    what: &str,
     instead: &str,
     outcome: Outcome,
 ) -> Outcome {
@@ -185,7 +186,7 @@ pub fn tell_leaves<'a>(
     let largest = each.max_by(|a, b| area(a.0).total_cmp(&area(b.0)));
     match largest {
         Some(([long, wide], whole)) if long.max(wide) > 1.05 => outcome.note(format!(
-            "leaves or needles {long:.1} times as long and {wide:.1} times as wide as the species', to hide \
+            "{what} {long:.1} times as long and {wide:.1} times as wide as the species', to hide \
              as much as all of them, which would take about {} --triangles{instead}",
             rounded_up(whole as f32),
         )),

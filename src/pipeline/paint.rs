@@ -77,6 +77,14 @@ pub(super) fn leaf_variants(
     Ok(variants)
 }
 
+/// Warns of looks asked for that a bare tree does not have.
+pub(super) fn tell_no_variants(species: &Species, warnings: &mut Vec<String>) {
+    warnings.push(format!(
+        "--variants: {} bears no leaves here that other colours were for",
+        species.name
+    ));
+}
+
 fn leaf(species: &Species, size_px: u32, seed: Seed, cache: &Cache) -> Result<Image> {
     if size_px == 0 {
         return Ok(texture::plain(species).leaf);

@@ -193,8 +193,7 @@ fn too_flat(worst_m: f32, sides: u32, asked_m: f32) -> Option<String> {
     };
     (worst_m > asked_m * 1.01).then(|| {
         format!(
-            "--tolerance: facets of the thickest wood, of {sides} sides, are up to {:.2} mm from its roundness, more than \
-             {:.2} mm{remedy}",
+            "--tolerance: facets of wood of {sides} sides are up to {:.2} mm from its roundness, more than {:.2} mm{remedy}",
             1e3 * worst_m,
             1e3 * asked_m
         )
@@ -213,7 +212,7 @@ mod tests {
     fn what_makes_wood_too_flat_is_told() {
         assert_eq!(too_flat(0.005, 12, 0.005), None);
         let told = |sides| too_flat(0.0053, sides, 0.005).unwrap();
-        assert!(told(64).contains(", of 64 sides, are up to 5.30 mm"));
+        assert!(told(64).contains("wood of 64 sides are up to 5.30 mm"));
         assert!(told(64).ends_with("more than 5.00 mm, and no wood has more sides"));
         assert!(told(12).ends_with("more than 5.00 mm; give more --triangles"));
     }

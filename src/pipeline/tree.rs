@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec2, Vec3};
 
 use super::cover::Subject;
-use super::forest::WoodJob;
+use super::forest::{self, WoodJob};
 use super::levels::{self, LevelsJob};
 use super::light;
 use super::model::{add_materials, prototype};
-use super::paint::{leaf_variants, paint};
+use super::paint::{leaf_variants, paint, tell_no_variants};
 use super::tolerance;
 use crate::cache::Cache;
 use crate::diagnostic::Result;
@@ -72,13 +72,21 @@ pub struct Grown {
 impl TreeJob {
     /// Twigs that are stored once stand on as many shoots, however few triangles are stored.
     fn detail(&self) -> Detail {
-        const INSTANCED: usize = 1_000_000;
         let triangles = match self.twigs {
             TwigsAs::Instanced => self.triangles.max(INSTANCED),
             TwigsAs::Merged => self.triangles,
         };
         self.wood.detail(triangles, self.foliage)
     }
+}
+
+/// Triangles at least by which a tree whose twigs are stored once branches.
+const INSTANCED: usize = 1_000_000;
+
+/// Triangles with which a tree with cards has the same branches as one whose twigs are stored once, in so
+/// many, and what they are.
+pub fn like_with_twigs_stored(triangles: usize, foliage: FoliageLevel) -> usize {
+    forest::like_with_cards(triangles.max(INSTANCED), foliage)
 }
 
 /// Rule file, and a scan if there is one, to a validated scene of one tree.
@@ -137,7 +145,7 @@ fn fitted(
 
 fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
     let species = &job.species;
-    run.stage("skeleton", |_| {
+    run.stage("skeleton", |warnings| {
         let target = Target::FromSpecies { height_m: job.height_m };
         let around = surroundings(job);
         let detail = job.detail();
@@ -153,6 +161,13 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
             .note(format!("about {:.0} years old", age_years(job, &skeleton)));
         if let Some(stage) = job.stage {
             outcome = outcome.note(format!("stage {stage} of {STAGES}"));
+            let height_m = skeleton.height_m();
+            if skeleton.branch_m() < height_m {
+                warnings.push(format!(
+                    "--stage {stage}: a stem of {height_m:.1} m and hardly a branch, as those it had then have died \
+                     since; --height {height_m:.1} in its place grows a young tree"
+                ));
+            }
         }
         Ok((skeleton, outcome))
     })
@@ -197,9 +212,14 @@ fn stand(
     let textures = run.stage("texture", |warnings| {
         warnings.extend(species.remarks.iter().cloned());
         let mut textures = paint(species, job.texture_px, job.seed, &job.cache)?;
-        if job.has_variants && job.foliage != FoliageLevel::None {
-            textures.leaf_variants =
-                leaf_variants(&own, job.state, job.texture_px, job.seed, &job.cache)?;
+        if job.has_variants {
+            if job.foliage != FoliageLevel::None {
+                textures.leaf_variants =
+                    leaf_variants(&own, job.state, job.texture_px, job.seed, &job.cache)?;
+            }
+            if textures.leaf_variants.is_empty() {
+                tell_no_variants(&own, warnings);
+            }
         }
         if !job.has_height_maps {
             textures.forget_heights();
@@ -235,7 +255,8 @@ fn stand(
             .error(tolerance::sagitta(meshes.first().into_iter(), job.wood.tolerance_m, warnings));
         let outcome = levels::tell_unmeshed(meshes.first().into_iter(), outcome, warnings);
         let instead = "; --twigs instance stores them in a few forms";
-        let outcome = levels::tell_leaves(meshes.first().into_iter(), instead, outcome);
+        let what = if species.foliage.is_bare() { "buds" } else { "leaves or needles" };
+        let outcome = levels::tell_leaves(meshes.first().into_iter(), what, instead, outcome);
         levels::tell_thin(meshes.first().into_iter(), warnings);
         levels::tell_fruitless(species, job.foliage, meshes.first().into_iter(), warnings);
         Ok((meshes, outcome))

@@ -213,6 +213,14 @@ impl Skeleton {
         sum / DIRECTIONS as f32
     }
 
+    /// Length of all that is no stem.
+    pub fn branch_m(&self) -> f32 {
+        let is_stem = self.is_stem();
+        let to_parent =
+            |i: usize| self.position[i].distance(self.position[self.parent[i] as usize]);
+        (1..self.len()).filter(|&i| !is_stem[i]).map(to_parent).sum()
+    }
+
     /// Whether the internode that ends at each node bears leaves: it is alive, and thinner than
     /// `bearing_radius_m` or the last of its axis.
     pub fn bears_leaves(&self, bearing_radius_m: f32) -> Vec<bool> {

@@ -201,10 +201,27 @@ fn lay(chain: Vec<Node>, defaults: Node) -> Node {
 
 fn unknown(name: &str) -> String {
     let names = builtin_names();
-    match super::near::nearest(name, &names) {
-        Some(near) => format!("did you mean `{near}`?"),
-        None => format!("{}.", suggest(name, &names)),
+    if let Some(near) = super::near::nearest(name, &names) {
+        return format!("did you mean `{near}`?");
     }
+    let like = called_like(name);
+    match like.is_empty() {
+        true => format!("{}.", suggest(name, &names)),
+        false => format!("did you mean {}?", like.join(" or ")),
+    }
+}
+
+/// Built-in species with that in one of their names, as they are shown.
+fn called_like(name: &str) -> Vec<String> {
+    const SHORTEST: usize = 3;
+    let plain = |text: &str| text.to_lowercase().replace([' ', '-'], "_");
+    let name = plain(name);
+    if name.len() < SHORTEST {
+        return Vec::new();
+    }
+    let all = list().unwrap_or_default().into_iter();
+    let like = all.filter(|l| l.id.contains(&name) || plain(&l.common).contains(&name));
+    like.map(|l| format!("`{}` ({})", l.id, l.common)).collect()
 }
 
 fn read_file(path: &Path) -> Result<String> {
@@ -564,6 +581,15 @@ mod tests {
         let error = load("larix_sibrica").unwrap_err();
         assert_eq!(error.message(), "unknown species `larix_sibrica`");
         assert!(error.remedy_text().unwrap().contains("did you mean `larix_sibirica`?"));
+        for (typed, meant) in [
+            ("oak", "`quercus_robur` (Pedunculate oak)?"),
+            ("Silver Birch", "did you mean `betula_pendula` (Silver birch)?"),
+            ("quercus", "did you mean `quercus_robur`"),
+        ] {
+            let told = load(typed).unwrap_err().remedy_text().unwrap().to_owned();
+            assert!(told.contains(meant), "{told}");
+        }
+        assert!(load("baobab").unwrap_err().remedy_text().unwrap().starts_with("known here: "));
         let error = load("nowhere/at_all.toml").unwrap_err();
         assert!(error.to_string().starts_with("nowhere/at_all.toml: can't read the rule file"));
     }
