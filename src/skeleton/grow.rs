@@ -295,9 +295,9 @@ impl<'a> Tree<'a> {
         self.draw_stems(&shoots, &mut drawn, &mut whorl);
         let budget = (SCAFFOLD_SHARE * self.max_nodes as f32) as usize;
         let deepest = shoots.iter().map(|s| s.depth).max().unwrap_or(0);
+        // The other shoot on which one in line would lie.
         let lies_on = |id: usize, shoot: &Shoot| {
-            let on = shoot.parent.and_then(|p| onward[p as usize]);
-            shoot.is_in_line() && on.is_some_and(|on| on != id)
+            onward[shoot.parent? as usize].filter(|&on| on != id && shoot.is_in_line())
         };
         // Order by order, so that what the budget leaves out is the finest.
         for depth in 1..=deepest {
@@ -308,7 +308,7 @@ impl<'a> Tree<'a> {
                 let Some(parent) = shoot.parent.map(|p| p as usize) else { continue };
                 let on = &drawn[parent];
                 if on.nodes.len() >= 2
-                    && !lies_on(id, shoot)
+                    && lies_on(id, shoot).is_none()
                     && let Some(limb) = self.lateral(id as u32, shoot, on, whorl[parent])
                 {
                     drawn[id] = limb;
@@ -316,8 +316,7 @@ impl<'a> Tree<'a> {
             }
             // What springs from a lateral that would lie on another springs from that, to other sides.
             for (id, shoot) in shoots.iter().enumerate().filter(|(_, s)| s.depth == depth) {
-                let on = shoot.parent.and_then(|p| onward[p as usize]);
-                if let Some(on) = on.filter(|&on| lies_on(id, shoot) && !shoots[on].goes_on) {
+                if let Some(on) = lies_on(id, shoot).filter(|&on| !shoots[on].goes_on) {
                     drawn[id] = drawn[on].clone();
                     whorl[id] = shoot.rank + 1;
                 }

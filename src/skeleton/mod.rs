@@ -216,9 +216,7 @@ impl Skeleton {
     /// Length of all that is no stem.
     pub fn branch_m(&self) -> f32 {
         let is_stem = self.is_stem();
-        let to_parent =
-            |i: usize| self.position[i].distance(self.position[self.parent[i] as usize]);
-        (1..self.len()).filter(|&i| !is_stem[i]).map(to_parent).sum()
+        (1..self.len()).filter(|&i| !is_stem[i]).map(|i| self.internode_m(i as u32)).sum()
     }
 
     /// Whether the internode that ends at each node bears leaves: it is alive, and thinner than
