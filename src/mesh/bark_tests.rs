@@ -207,3 +207,45 @@ fn old_bark_leaves_no_chips() {
         assert_eq!(chips, 0, "{name}, seed {seed}: {triangles:?}");
     }
 }
+
+/// The tile between two barks begins where the old one stands in its own tile, and ends where the upper one
+/// does: all in one line around the stem, once, and well within the tile.
+#[test]
+fn one_bark_goes_over_into_another_without_a_seam() {
+    let names = ["pinus_sylvestris", "pinus_sibirica", "populus_tremula", "larix_sibirica"];
+    for (name, seed) in names.iter().flat_map(|n| (1..=4).map(move |s| (n, s))) {
+        let s = species::load(name).unwrap();
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = grow(&s, target, Detail::HERO, Seed::new(seed)).unwrap();
+        let tree =
+            build(&skeleton, &s, &Atlas::whole(0.4), &MeshOptions::HERO, Seed::new(seed)).unwrap();
+        let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
+        let of = |surface: &Surface| -> HashMap<[u32; 3], Vec<Vec2>> {
+            let mut out: HashMap<_, Vec<Vec2>> = HashMap::new();
+            for (p, uv) in surface.position.iter().zip(&surface.uv) {
+                out.entry(key(*p)).or_default().push(*uv);
+            }
+            out
+        };
+        let [old, upper] = [&tree.wood, &tree.upper_wood].map(of);
+        let between = &tree.transition_wood;
+        assert!(!between.is_empty(), "{name} {seed}");
+        let mut met = [0, 0];
+        for (p, uv) in between.position.iter().zip(&between.uv) {
+            let place = uv.y.rem_euclid(1.0);
+            let is_within = (0.049..0.951).contains(&place);
+            assert!(is_within, "{name} {seed}: {place} of the tile");
+            // Branches have the bark of their own girth.
+            let ends = [(&old, 0.05), (&upper, 0.95)].map(|(o, end)| (o, place - end));
+            for (k, (other, off)) in ends.into_iter().enumerate() {
+                let others = other.get(&key(*p)).filter(|_| off.abs() < 1e-3);
+                let Some(others) = others else { continue };
+                met[k] += 1;
+                // Whole tiles look alike.
+                let near = |o: &&Vec2| (**o - *uv - (**o - *uv).round()).length() < 1e-3;
+                assert!(others.iter().any(|o| near(&o)), "{name} {seed}: {uv} {others:?}");
+            }
+        }
+        assert!(met.iter().all(|m| *m > 6), "{name} {seed}: {met:?}");
+    }
+}

@@ -342,7 +342,7 @@ fn between(a: &Ring, b: &Ring, t: f32) -> Ring {
 }
 
 /// The ring at an arc length of the path.
-fn at(path: &[Ring], arc_m: f32, least: Least) -> Ring {
+pub fn at(path: &[Ring], arc_m: f32, least: Least) -> Ring {
     let i = path.partition_point(|r| r.arc_m <= arc_m).clamp(1, path.len() - 1);
     let (a, b) = (&path[i - 1], &path[i]);
     let t = (arc_m - a.arc_m) / (b.arc_m - a.arc_m).max(1e-9);
@@ -682,6 +682,7 @@ mod tests {
             repeats: 1.0,
             u: 0.0,
             v: 0.0,
+            bark: 0,
         };
         let path = knots.map(ring);
         let mut found = 0;

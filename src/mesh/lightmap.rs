@@ -193,11 +193,7 @@ mod tests {
         for (name, side_px) in [("betula_pendula", 1024), ("pinus_sylvestris", 2048)] {
             let mut tree = tree(name);
             let before = tree.clone();
-            let parts = |t: &mut TreeMesh| {
-                let TreeMesh { wood, upper_wood, twig_wood, foliage, .. } = t;
-                let mut all = [wood, upper_wood, twig_wood, foliage];
-                unwrap(&mut all, side_px).unwrap()
-            };
+            let parts = |t: &mut TreeMesh| unwrap(&mut t.surfaces_mut(), side_px).unwrap();
             let size = parts(&mut tree);
             tree.check().unwrap();
             assert_eq!(tree.triangles(), before.triangles());
@@ -209,7 +205,7 @@ mod tests {
             let [w, h] = [size.width as usize, size.height as usize];
             let mut map = vec![u32::MAX; w * h];
             let (mut charts, mut twice, mut covered) = (0, 0, 0);
-            for s in [&tree.wood, &tree.upper_wood, &tree.twig_wood, &tree.foliage] {
+            for s in tree.woods().into_iter().chain([&tree.foliage]) {
                 // What meets in one place of both tree and map is one chart: a bark's seam.
                 let mut known = HashMap::new();
                 let mut root: Vec<u32> = (0u32..)

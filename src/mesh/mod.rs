@@ -20,6 +20,7 @@ mod shade;
 mod shell;
 mod spot;
 mod stamp;
+mod transition;
 mod tube;
 mod twigs;
 mod wind;
@@ -34,6 +35,7 @@ use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
 use crate::texture::Atlas;
+use young::BARKS;
 
 pub use foliage::{FoliageLevel, HEIGHTS, at_heights};
 pub use leaf::StandIn;
@@ -119,6 +121,8 @@ pub struct TreeMesh {
     /// The part of the wood with the bark of the upper stem and the branches; empty where the
     /// species has none. Closed only together with the other woods.
     pub upper_wood: Surface,
+    /// The part between the two, one tile of bark long, likewise.
+    pub transition_wood: Surface,
     /// The part with the bark of twigs, likewise.
     pub twig_wood: Surface,
     /// Empty for a bare tree, and where [`TreeMesh::twigs`] are its leaves.
@@ -162,8 +166,14 @@ impl TreeMesh {
     }
 
     /// The wood, bark by bark.
-    pub fn woods(&self) -> [&Surface; 3] {
-        [&self.wood, &self.upper_wood, &self.twig_wood]
+    pub fn woods(&self) -> [&Surface; BARKS] {
+        [&self.wood, &self.upper_wood, &self.transition_wood, &self.twig_wood]
+    }
+
+    /// All but twigs that are stored once.
+    pub fn surfaces_mut(&mut self) -> [&mut Surface; BARKS + 2] {
+        let TreeMesh { wood, upper_wood, transition_wood, twig_wood, foliage, fruit, .. } = self;
+        [wood, upper_wood, transition_wood, twig_wood, foliage, fruit]
     }
 
     pub fn wood_triangles(&self) -> usize {
@@ -172,8 +182,9 @@ impl TreeMesh {
 
     /// Least and greatest corner of all that is there.
     pub fn bounds(&self) -> (Vec3, Vec3) {
-        [&self.wood, &self.upper_wood, &self.twig_wood, &self.foliage, &self.fruit]
-            .iter()
+        self.woods()
+            .into_iter()
+            .chain([&self.foliage, &self.fruit])
             .filter(|s| !s.is_empty())
             .map(|s| s.bounds())
             .chain((!self.twigs.is_empty()).then(|| bounds_of(&self.outer_twigs())))
@@ -245,8 +256,7 @@ impl TreeMesh {
     /// Scales the tree about its root collar.
     pub fn scale(&mut self, factor: f32) {
         self.sagitta_m *= factor;
-        let TreeMesh { wood, upper_wood, twig_wood, foliage, fruit, .. } = self;
-        for surface in [wood, upper_wood, twig_wood, foliage, fruit] {
+        for surface in self.surfaces_mut() {
             surface.position.par_iter_mut().with_min_len(CHUNK).for_each(|p| *p *= factor);
         }
         self.twigs.iter_mut().for_each(|twigs| twigs.scale(factor));
@@ -448,12 +458,13 @@ pub fn build(
     let fruit = fruit::fruit(skeleton, &order);
     order.budget = order.budget.map(|b| b.saturating_sub(fruit.triangles()));
     let leaves = foliage::foliage(skeleton, &order)?;
-    let [wood, upper_wood, twig_wood] = made.surface;
+    let [wood, upper_wood, transition_wood, twig_wood] = made.surface;
     let wood::Count { axes, without: unmeshed_axes, sagitta: (sagitta_m, sagitta_sides) } =
         made.count;
     Ok(TreeMesh {
         wood,
         upper_wood,
+        transition_wood,
         twig_wood,
         foliage: leaves.surface,
         is_hull: leaves.is_hull,

@@ -173,6 +173,7 @@ mod tests {
             repeats: 6.0,
             u: 0.0,
             v: z,
+            bark: 0,
         }
     }
 

@@ -57,9 +57,9 @@ const LOBES_SEEN: f32 = 2.4;
 pub const BURIED: f32 = 1.12;
 /// How far a stem goes on below ground, so that no slope shows its end.
 pub const BELOW_GROUND_M: f32 = 0.3;
-/// Rings where two barks mix, by heights and by radii: of stems that are off by more than this share of
-/// their foot, without and with detail.
-const MIXED_RINGS: [[u32; 2]; 3] = [[2, 0], [6, 3], [24, 12]];
+/// Rings where two barks mix, without and with detail; none in stems that are off by more than this share of their
+/// foot.
+const MIXED_RINGS: [u32; 2] = [3, 12];
 const ROUGH: f32 = 0.1;
 /// Nodes that one straight piece may replace.
 const SPAN: usize = 24;
@@ -86,6 +86,8 @@ pub struct Ring {
     /// Where its bark begins, and tiles of bark along.
     pub u: f32,
     pub v: f32,
+    /// Which bark it and the band below have, but for twigs.
+    pub bark: usize,
 }
 
 impl Ring {
@@ -121,19 +123,12 @@ impl Least {
     }
 }
 
-/// Where one bark of a stem gives way to another: that of the upper stem between heights, that of twigs
-/// between radii.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Mixed {
-    pub height_m: Option<[f32; 2]>,
-    pub radius_m: Option<[f32; 2]>,
-}
-
 /// How an axis begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Foot {
-    /// In the ground; rings enough where one bark gives way to another. One of many stems may be plainer.
-    Ground { mixed: Mixed, is_one_of_many: bool },
+    /// In the ground; rings enough where between these radii, metres, its bark gives way to that of twigs. One of
+    /// many stems may be plainer.
+    Ground { mixed_m: Option<[f32; 2]>, is_one_of_many: bool },
     /// On the axis of a parent of this radius and direction; the tubes pass through each other.
     Inside { parent_radius_m: f32, parent_direction: Vec3 },
     /// Out of a hole in the parent's bark.
@@ -263,22 +258,21 @@ pub fn rings(
     lobes.clear();
     let (mut shift, mut across, mut most_sides) = (0.0, None, MAX_SIDES);
     match foot {
-        Foot::Ground { mixed, is_one_of_many } => {
+        Foot::Ground { mixed_m, is_one_of_many } => {
             path.extend_from_slice(kept);
             let is_rough = tolerance_m > ROUGH * kept[0].radius_m;
-            let counts = MIXED_RINGS[if is_rough { 0 } else { 1 + usize::from(detail) }];
-            let thin = mixed.radius_m.and_then(|[from, to]| {
+            let thin = mixed_m.filter(|_| !is_rough).and_then(|[from, to]| {
                 let at = |radius_m: f32| thins_m(path, radius_m);
                 Some([at(from)?, at(to)?])
             });
-            for (range_m, rings) in [mixed.height_m, thin].into_iter().zip(counts) {
-                let Some([low, high]) = range_m else { continue };
+            if let Some([low, high]) = thin {
+                let rings = MIXED_RINGS[usize::from(detail)];
                 for k in 0..rings {
                     let t = (k as f32 + 0.5) / rings as f32;
                     insert(path, low + (high - low) * t, least.step_m, |r| r);
                 }
             }
-            if is_one_of_many && tolerance_m > ROUGH * kept[0].radius_m {
+            if is_one_of_many && is_rough {
                 path.iter_mut().for_each(|k| k.radius_m *= as_wide(sides.of(k.radius_m)));
                 shift = sink(path);
             } else {
@@ -312,14 +306,10 @@ pub fn rings(
             r.sides = r.sides.max(sides.of_stem(r.radius_m, kept[0].radius_m));
         }
     }
-    if let Foot::Ground { mixed, .. } = foot {
+    if let Foot::Ground { mixed_m: Some([a, b]), .. } = foot {
         // The line between two barks winds through facets: bands of one number of sides.
-        let within = |range: Option<[f32; 2]>, x: f32| {
-            range.is_some_and(|[a, b]| (a.min(b)..=a.max(b)).contains(&x))
-        };
         for i in start + 1..out.len() {
-            let ring = &out[i];
-            if within(mixed.height_m, ring.centre.z) || within(mixed.radius_m, ring.radius_m) {
+            if (a.min(b)..=a.max(b)).contains(&out[i].radius_m) {
                 out[i].sides = out[i - 1].sides;
             }
         }
@@ -661,6 +651,7 @@ fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, across: Option<Vec3>, out
             repeats: 1.0,
             u: 0.0,
             v: 0.0,
+            bark: 0,
         });
     }
     let rings = &mut out[start..];
@@ -727,11 +718,11 @@ mod tests {
     #[test]
     fn rings_stand_close_where_twig_bark_begins_on_a_stem() {
         let kept = [0.0, 10.0].map(|z| Knot { at: Vec3::Z * z, radius_m: 0.1 - 0.01 * z });
-        let mixed = Mixed { height_m: None, radius_m: Some([0.05, 0.03]) };
+        let mixed_m = Some([0.05, 0.03]);
         let mut out = Vec::new();
         rings(
             &kept,
-            Foot::Ground { mixed, is_one_of_many: false },
+            Foot::Ground { mixed_m, is_one_of_many: false },
             Least::within(10.0),
             &Sides::new(0.001, Stem::TRUE),
             true,

@@ -21,8 +21,11 @@ use super::facing::{Facing, may_stray, mend_last};
 use super::junction::{Hole, mask};
 use super::patch::{fill, on_edge};
 use super::path::{MAX_SIDES, MIN_SIDES, Ring, fold};
+use super::transition::SPAN;
 use super::wind::{Sway, Wind};
-use super::young::{BARKS, Blend, COATS, Coat, FINEST, FOLDED_GIRTH, Limits, Luck, Mix, Young};
+use super::young::{
+    BARKS, Blend, COATS, Coat, FINEST, FOLDED_GIRTH, Limits, Luck, Mix, TRANSITION, Young,
+};
 use crate::seed::Seed;
 
 /// Tables of the rings of every number of sides.
@@ -109,6 +112,12 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, (radius_m, from_m): (f32, f32
         let share = |inverse: u32| key.wrapping_mul(inverse) as f32 * 2f32.powi(-32);
         (below.u, below.v) = (share(0xc13f_a9a9), share(0x91e1_0da6));
     }
+    // A tile between two barks is laid whole, from its foot on.
+    let transition = rings.iter().position(|r| r.bark == TRANSITION).map(|first| {
+        let past = rings[first..].iter().position(|r| r.bark != TRANSITION);
+        let last = past.map_or(rings.len(), |n| first + n) - 1;
+        (first, last, SPAN / (rings[last].arc_m - rings[first - 1].arc_m).max(1e-6))
+    });
     let spiral = if key.is_multiple_of(2) { SPIRAL } else { -SPIRAL };
     for (i, ring) in rings.iter_mut().enumerate() {
         (ring.u, ring.girth) = (below.u, around(ring));
@@ -117,18 +126,25 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, (radius_m, from_m): (f32, f32
         let is_off = below.repeats > OFF * round || round > OFF * below.repeats;
         // The apex is a point.
         let is_foot = i <= flare || ring.arc_m <= from_m;
-        let stays = is_foot || ring.radius_m == 0.0 || !is_off;
+        let between = transition.filter(|(first, last, _)| (*first..=*last).contains(&i));
+        let stays = is_foot || ring.radius_m == 0.0 || !is_off || between.is_some();
         ring.repeats = if stays { below.repeats } else { whole(round) };
         let girth = 0.5 * (below.girth + ring.girth);
         let repeats = 0.5 * (below.repeats + ring.repeats);
         let is_folded = girth < FOLDED_GIRTH[1];
         let density =
             if is_folded { FINEST } else { (repeats / girth).clamp(DENSITY[0], DENSITY[1]) };
-        ring.v = below.v + (ring.arc_m - below.arc_m) * density / repeat_m;
+        let per_m = between.map_or(density / repeat_m, |of| of.2);
+        ring.v = below.v + (ring.arc_m - below.arc_m) * per_m;
         if !is_folded {
             ring.u = below.u + spiral * (ring.v - below.v);
         }
         below = *ring;
+    }
+    if let Some((first, ..)) = transition {
+        let foot = rings[first - 1].v - 0.5 * (1.0 - SPAN);
+        let back = foot - foot.floor();
+        rings.iter_mut().for_each(|ring| ring.v -= back);
     }
 }
 

@@ -2,7 +2,8 @@
 
 use super::chain::{Chains, Pieces};
 use super::junction::{self, Branch, Hole};
-use super::path::{FLARE, Foot, Knot, Least, Mixed, Ring, Scratch, Sides, Start, Stem, rings};
+use super::path::{FLARE, Foot, Knot, Least, Ring, Scratch, Sides, Start, Stem, rings};
+use super::transition;
 use super::tube::{Bark, Outlet, Shape, lay_bark};
 use super::wind::Wind;
 use super::young::{BARKS, Upper, Young};
@@ -90,10 +91,7 @@ pub fn wood(
     let planner = Planner {
         skeleton,
         chains: &chains,
-        mixed: Mixed {
-            height_m: young.upper.map(|u| u.height_m),
-            radius_m: young.of_stem().twig_m,
-        },
+        young,
         least: Least::within(reach_m(&skeleton.position)),
         is_welded: options.junctions == Junctions::Welded,
         stem: if options.is_flat() { Stem::TRUE } else { Stem::NEAR },
@@ -119,7 +117,7 @@ pub fn wood(
 struct Planner<'a> {
     skeleton: &'a Skeleton,
     chains: &'a Chains,
-    mixed: Mixed,
+    young: Young,
     least: Least,
     is_welded: bool,
     stem: Stem,
@@ -345,12 +343,18 @@ impl Planner<'_> {
             // Past a flare or a collar; the same whatever was left out of the axis.
             let foot_m = FLARE * knots[0].radius_m;
             let beyond = (self.chains.radius_after(c, foot_m), foot_m + shift_m);
+            let is_stem = c == root && !self.is_one_of_many(c);
+            let young = if is_stem { self.young.of_stem() } else { self.young };
+            let tile_m = |radius_m: f32| {
+                young.transition_m(radius_m, BARK_REPEAT_M).filter(|_| !self.options.is_flat())
+            };
+            transition::part(made, holes, &young, self.least, tile_m);
             lay_bark(made, BARK_REPEAT_M, beyond, self.chains.chain[c as usize].axis);
             bark.tube(&Shape {
                 rings: made,
                 holes,
                 out_of,
-                is_stem: c == root && !self.is_one_of_many(c),
+                is_stem,
                 line: self.chains.line(c),
                 arcs_m: pieces.arcs_m(self.chains, c),
                 shift_m,
@@ -374,8 +378,8 @@ impl Planner<'_> {
     fn foot(&self, c: u32) -> Foot {
         let is_one_of_many = self.is_one_of_many(c);
         // Stems of a stool are thin for most of their length.
-        let radius_m = self.mixed.radius_m.filter(|_| !is_one_of_many);
-        Foot::Ground { mixed: Mixed { radius_m, ..self.mixed }, is_one_of_many }
+        let mixed_m = self.young.of_stem().twig_m.filter(|_| !is_one_of_many);
+        Foot::Ground { mixed_m, is_one_of_many }
     }
 
     /// How a chain begins that comes out of no hole.

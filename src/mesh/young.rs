@@ -8,8 +8,12 @@ use glam::Vec4;
 use super::path::Ring;
 use crate::seed::Seed;
 
-/// Barks of a tree: old, that of the upper stem and branches, that of twigs.
-pub const BARKS: usize = 3;
+/// Barks of a tree: old, that of the upper stem and branches, what lies between the two, that of twigs.
+pub const BARKS: usize = 4;
+pub const OLD: usize = 0;
+pub const UPPER: usize = 1;
+pub const TRANSITION: usize = 2;
+const TWIG: usize = 3;
 /// Each laid in one way or the other.
 pub const COATS: usize = 2 * BARKS;
 
@@ -51,6 +55,13 @@ pub struct Young {
 pub struct Upper {
     pub radius_m: [f32; 2],
     pub height_m: [f32; 2],
+}
+
+impl Upper {
+    /// 0 where bark is old, 1 where it is that of the upper stem.
+    pub fn share(&self, ring: &Ring) -> f32 {
+        part(ring.radius_m, self.radius_m).max(part(ring.centre.z, self.height_m))
+    }
 }
 
 /// Two coats, and the share of the second; between 0 and 1 the facets mix.
@@ -113,34 +124,42 @@ impl Young {
     }
 
     pub fn is_there(&self, bark: usize) -> bool {
-        [true, self.upper.is_some(), self.twig_m.is_some()].get(bark).copied().unwrap_or(false)
+        match bark {
+            OLD => true,
+            TWIG => self.twig_m.is_some(),
+            _ => self.upper.is_some(),
+        }
     }
 
+    /// How long a tile of transition is on wood of a radius; `None` where twigs' bark begins.
+    pub fn transition_m(&self, radius_m: f32, repeat_m: f32) -> Option<f32> {
+        let girth = TAU * radius_m / repeat_m;
+        let is_twig = self.twig_m.is_some_and(|r| part(radius_m, r) > 0.0);
+        let density = girth.round().max(1.0) / girth.max(1e-6);
+        (!is_twig && girth > FOLDED_GIRTH[0]).then(|| repeat_m / density)
+    }
+
+    /// Of a ring whose bark is known but for twigs.
     pub fn at(&self, ring: &Ring) -> Mix {
-        let part = |x: f32, range: [f32; 2]| {
-            let span = range[1] - range[0];
-            let span = if span.abs() < 1e-9 { 1e-9 } else { span };
-            ((x - range[0]) / span).clamp(0.0, 1.0)
-        };
-        let upper = self
-            .upper
-            .map_or(0.0, |u| part(ring.radius_m, u.radius_m).max(part(ring.centre.z, u.height_m)));
+        if ring.bark == TRANSITION {
+            return Mix { coat: [Coat::of(TRANSITION, false); 2], share: 0.0 };
+        }
         let twig = self.twig_m.map_or(0.0, |r| part(ring.radius_m, r));
         let folded = part(ring.girth, FOLDED_GIRTH);
         let mixes = |share: f32| share > 0.0 && share < 1.0;
-        let all = |barks: [usize; 2]| barks.map(|b| Coat::of(b, folded >= 0.5));
-        let most = usize::from(upper >= 0.5);
-        match twig {
-            _ if mixes(twig) => Mix { coat: all([most, 2]), share: twig },
-            ..=0.0 if mixes(upper) => Mix { coat: all([0, 1]), share: upper },
-            _ if mixes(folded) => {
-                let bark = if twig > 0.0 { 2 } else { most };
-                Mix { coat: [false, true].map(|f| Coat::of(bark, f)), share: folded }
-            }
-            ..=0.0 => Mix { coat: all([0, 1]), share: upper },
-            _ => Mix { coat: all([most, 2]), share: twig },
+        if mixes(folded) && !mixes(twig) {
+            let bark = if twig > 0.0 { TWIG } else { ring.bark };
+            return Mix { coat: [false, true].map(|f| Coat::of(bark, f)), share: folded };
         }
+        Mix { coat: [ring.bark, TWIG].map(|b| Coat::of(b, folded >= 0.5)), share: twig }
     }
+}
+
+/// How far on the way from one end of a range to the other, 0…1.
+fn part(x: f32, range: [f32; 2]) -> f32 {
+    let span = range[1] - range[0];
+    let span = if span.abs() < 1e-9 { 1e-9 } else { span };
+    ((x - range[0]) / span).clamp(0.0, 1.0)
 }
 
 /// A tube's random phase, which few ask for: of its buttresses, and of where barks meet.

@@ -70,11 +70,12 @@ impl Subject<'_> {
         let triangles = tree.triangles() - tree.foliage.triangles();
         let beside = mesh::Beside { triangles, is_meshed: &is_meshed };
         let foliage = mesh::leaves(self.skeleton, self.species, atlas, options, beside, self.seed)?;
-        let [wood, upper_wood, twig_wood] = tree.woods().map(Clone::clone);
+        let [wood, upper_wood, transition_wood, twig_wood] = tree.woods().map(Clone::clone);
         let fruit = tree.fruit.clone();
         let mut tree = TreeMesh {
             wood,
             upper_wood,
+            transition_wood,
             twig_wood,
             foliage,
             twigs: Vec::new(),

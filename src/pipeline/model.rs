@@ -23,6 +23,7 @@ const LEAF_SPECULAR: f32 = 0.3;
 pub struct Look {
     bark: u32,
     upper_bark: u32,
+    transition_bark: u32,
     twig_bark: u32,
     leaf: u32,
     /// Of hulls: one colour.
@@ -36,6 +37,9 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
     let bark = add_bark(scene, &format!("{stem}_bark"), textures.bark);
     let upper_bark =
         textures.bark_upper.map_or(bark, |t| add_bark(scene, &format!("{stem}_bark_upper"), t));
+    let transition_bark = textures
+        .bark_transition
+        .map_or(upper_bark, |t| add_bark(scene, &format!("{stem}_bark_transition"), t));
     let twig_bark =
         textures.bark_twig.map_or(upper_bark, |t| add_bark(scene, &format!("{stem}_bark_twig"), t));
     let name = format!("{stem}_leaf");
@@ -87,7 +91,7 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
     let own = species.own_fruit.as_deref();
     let fruit =
         own.map_or(leaf, |model| add_fruit(scene, &format!("{stem}_fruit"), model, is_plain));
-    Look { bark, upper_bark, twig_bark, leaf, crown, fruit }
+    Look { bark, upper_bark, transition_bark, twig_bark, leaf, crown, fruit }
 }
 
 /// The material of a user's own cones; `is_plain`: in their mean colour.
@@ -219,6 +223,7 @@ pub(super) fn parts_of(mesh: TreeMesh, look: Look) -> Vec<Part> {
     vec![
         part("wood", mesh.wood, look.bark),
         part("upper_wood", mesh.upper_wood, look.upper_bark),
+        part("transition_wood", mesh.transition_wood, look.transition_bark),
         part("twig_wood", mesh.twig_wood, look.twig_bark),
         part("foliage", mesh.foliage, if mesh.is_hull { look.crown } else { look.leaf }),
         part("fruit", mesh.fruit, look.fruit),

@@ -151,7 +151,7 @@ mod tests {
         use crate::pipeline::model::add_materials;
         use crate::scene::Scene;
         let frame = Frame::local(glam::DVec3::ZERO);
-        for (size_px, barks) in [(0, 2), (64, 3 + 3)] {
+        for (size_px, barks) in [(0, 2), (64, 4 + 4)] {
             let mut scene = Scene::empty("both".into(), frame.clone());
             for name in ["betula_pendula", "pinus_sylvestris"] {
                 let species = crate::species::load(name).unwrap();

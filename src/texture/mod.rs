@@ -26,6 +26,8 @@ pub struct TreeTextures {
     pub bark: BarkTextures,
     /// The bark of the upper stem and the branches, where the species has one of its own.
     pub bark_upper: Option<BarkTextures>,
+    /// Between the two: one tile high, see [`bark::draw_transition`].
+    pub bark_transition: Option<BarkTextures>,
     /// That of twigs: colour alone.
     pub bark_twig: Option<BarkTextures>,
     /// Twigs with alpha, sRGB; colour goes on under the transparent pixels.
@@ -51,12 +53,16 @@ pub struct LeafVariant {
 }
 
 impl TreeTextures {
+    /// Those there are, from the foot up.
+    pub fn barks(&self) -> impl Iterator<Item = &BarkTextures> {
+        let more = [&self.bark_upper, &self.bark_transition, &self.bark_twig];
+        std::iter::once(&self.bark).chain(more.into_iter().flatten())
+    }
+
     fn pixels(&self) -> usize {
         let of = |image: &Image| image.width() as usize * image.height() as usize;
-        let barks = [Some(&self.bark), self.bark_upper.as_ref(), self.bark_twig.as_ref()];
-        let pictures = barks
-            .into_iter()
-            .flatten()
+        let pictures = self
+            .barks()
             .flat_map(|b| [Some(&b.colour), b.normal.as_ref(), b.orm.as_ref(), b.height.as_ref()]);
         let leaf = [Some(&self.leaf), self.leaf_normal.as_ref()];
         pictures.chain(leaf).flatten().map(of).sum()
@@ -82,8 +88,15 @@ pub struct BarkTextures {
 impl TreeTextures {
     /// For who writes none.
     pub fn forget_heights(&mut self) {
-        let barks = [Some(&mut self.bark), self.bark_upper.as_mut(), self.bark_twig.as_mut()];
-        barks.into_iter().flatten().for_each(|bark| bark.height = None);
+        let more = [&mut self.bark_upper, &mut self.bark_transition, &mut self.bark_twig];
+        let barks = std::iter::once(&mut self.bark).chain(more.into_iter().flatten());
+        barks.for_each(|bark| bark.height = None);
+    }
+}
+
+impl From<bark::Drawn> for BarkTextures {
+    fn from(drawn: bark::Drawn) -> Self {
+        drawn.pictures.into()
     }
 }
 
@@ -110,18 +123,12 @@ pub fn for_species(species: &Species, size_px: u32, seed: Seed) -> TreeTextures 
     let bark = &species.bark;
     // No two species have the same furrows, though their files say the same of them.
     let of_bark = seed.derive(&species.name, 0);
-    let ((leaf, atlas), (lower, upper)) = rayon::join(
-        || leaves(species, size_px, seed),
-        || {
-            rayon::join(
-                || own_bark(species).unwrap_or_else(|| bark::draw(bark, size_px, of_bark).into()),
-                || bark::draw_upper(bark, size_px, of_bark).map(BarkTextures::from),
-            )
-        },
-    );
+    let ((leaf, atlas), (lower, upper, between)) =
+        rayon::join(|| leaves(species, size_px, seed), || barks(species, size_px, of_bark));
     let textures = TreeTextures {
         bark: lower,
         bark_upper: upper,
+        bark_transition: between,
         bark_twig: bark::draw_twig(bark, size_px, of_bark),
         leaf: leaf.into(),
         leaf_normal: own_normals(species),
@@ -131,6 +138,22 @@ pub fn for_species(species: &Species, size_px: u32, seed: Seed) -> TreeTextures 
     };
     work::count(Work::TexturePixels, textures.pixels());
     textures
+}
+
+/// The bark of the stem; where there are, that of its upper part and what lies between the two.
+fn barks(
+    species: &Species,
+    size_px: u32,
+    seed: Seed,
+) -> (BarkTextures, Option<BarkTextures>, Option<BarkTextures>) {
+    let bark = &species.bark;
+    let draw_upper = || bark::draw_upper(bark, size_px, seed);
+    if let Some(own) = own_bark(species) {
+        return (own, draw_upper().map(BarkTextures::from), None);
+    }
+    let (lower, upper) = rayon::join(|| bark::draw(bark, size_px, seed), draw_upper);
+    let between = upper.as_ref().map(|upper| bark::draw_transition(bark, &lower, upper, seed));
+    (lower.into(), upper.map(BarkTextures::from), between.map(BarkTextures::from))
 }
 
 /// A species without pictures: bark and leaves in a colour each, one pixel wide. Leaves then fill
@@ -147,6 +170,7 @@ pub fn plain(species: &Species) -> TreeTextures {
     TreeTextures {
         bark,
         bark_upper: None,
+        bark_transition: None,
         bark_twig: None,
         leaf: pixel(species.foliage.colour),
         leaf_normal: None,

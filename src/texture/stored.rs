@@ -17,6 +17,7 @@ const SOURCES: &[(&str, &str)] = &[
     ("bark/mod.rs", include_str!("bark/mod.rs")),
     ("bark/relief.rs", include_str!("bark/relief.rs")),
     ("bark/style.rs", include_str!("bark/style.rs")),
+    ("bark/transition.rs", include_str!("bark/transition.rs")),
     ("canvas.rs", include_str!("canvas.rs")),
     ("ground.rs", include_str!("ground.rs")),
     ("mod.rs", include_str!("mod.rs")),
@@ -62,6 +63,7 @@ struct Head {
     atlas: Atlas,
     bark: BarkHead,
     upper: Option<BarkHead>,
+    transition: Option<BarkHead>,
     twig: Option<BarkHead>,
     has_leaf_normal: bool,
     crown: [u8; 3],
@@ -110,6 +112,7 @@ impl TreeTextures {
             atlas: self.atlas.clone(),
             bark: BarkHead::of(&self.bark),
             upper: self.bark_upper.as_ref().map(BarkHead::of),
+            transition: self.bark_transition.as_ref().map(BarkHead::of),
             twig: self.bark_twig.as_ref().map(BarkHead::of),
             has_leaf_normal: self.leaf_normal.is_some(),
             crown: self.crown,
@@ -117,10 +120,8 @@ impl TreeTextures {
         let of_bark = |b: &BarkTextures| {
             [Some(b.colour.clone()), b.normal.clone(), b.orm.clone(), b.height.clone()]
         };
-        let barks = [Some(&self.bark), self.bark_upper.as_ref(), self.bark_twig.as_ref()];
         let leaf = [Some(self.leaf.clone()), self.leaf_normal.clone()].into_iter().flatten();
-        let images: Vec<Image> =
-            leaf.chain(barks.into_iter().flatten().flat_map(of_bark).flatten()).collect();
+        let images: Vec<Image> = leaf.chain(self.barks().flat_map(of_bark).flatten()).collect();
         let head = serde_json::to_vec(&head).map_err(|e| Error::new(e.to_string()))?;
         let pictures: Vec<Bytes> = images.par_iter().map(Image::png).collect::<Result<_>>()?;
         Ok([Bytes::from(head)].into_iter().chain(pictures).collect())
@@ -138,6 +139,7 @@ impl TreeTextures {
         Ok(TreeTextures {
             bark: head.bark.read(&mut parts)?,
             bark_upper: head.upper.as_ref().map(|b| b.read(&mut parts)).transpose()?,
+            bark_transition: head.transition.as_ref().map(|b| b.read(&mut parts)).transpose()?,
             bark_twig: head.twig.as_ref().map(|b| b.read(&mut parts)).transpose()?,
             leaf,
             leaf_normal,

@@ -225,10 +225,8 @@ fn by_size(bench: &Bench<'_>, species: &Species) -> Result<Vec<Point>> {
 
 /// As PNG.
 fn bytes(textures: &TreeTextures) -> Result<usize> {
-    let barks = [Some(&textures.bark), textures.bark_upper.as_ref(), textures.bark_twig.as_ref()];
-    let of_bark = barks
-        .into_iter()
-        .flatten()
+    let of_bark = textures
+        .barks()
         .flat_map(|b| [Some(&b.colour), b.normal.as_ref(), b.orm.as_ref()].into_iter().flatten());
     of_bark.chain([&textures.leaf]).map(|image| Ok(image.png()?.len())).sum()
 }

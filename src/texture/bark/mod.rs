@@ -4,11 +4,13 @@
 //! scars) and the loss of bark are laid over that. Normals, occlusion and roughness follow from
 //! the one height field. The colour of ridges is held to the species' own, whatever the pattern.
 //!
-//! Limit: a tile shows no change up or around the stem but that of the second bark.
+//! Limit: a tile shows no change up or around the stem but that of the second bark, and of the one between
+//! (see `transition`).
 
 mod mark;
 mod relief;
 mod style;
+mod transition;
 
 use rayon::prelude::*;
 
@@ -19,6 +21,7 @@ use crate::seed::Seed;
 use crate::species::model::{Bark, BarkStyle};
 
 pub use relief::normal_map;
+pub use transition::PURE;
 
 /// One tile of bark shows this many metres in both directions.
 pub const BARK_REPEAT_M: f32 = 1.0;
@@ -92,13 +95,24 @@ pub struct BarkPictures {
     pub depth_m: f32,
 }
 
+/// Pictures, and the heights that their last one has in steps.
+pub struct Drawn {
+    pub pictures: BarkPictures,
+    heights: Vec<f32>,
+}
+
 /// The bark of the stem, `size_px` square.
-pub fn draw(bark: &Bark, size_px: u32, seed: Seed) -> BarkPictures {
+pub fn draw(bark: &Bark, size_px: u32, seed: Seed) -> Drawn {
     pictures(bark.style, bark.colour, bark.relief_m, bark, size_px, seed)
 }
 
+/// What lies between the bark of the stem and that of its upper part.
+pub fn draw_transition(bark: &Bark, old: &Drawn, upper: &Drawn, seed: Seed) -> BarkPictures {
+    transition::draw(old, upper, bark.upper_style.unwrap_or(bark.style), seed)
+}
+
 /// The bark of the upper stem and the branches, where the species has one of its own.
-pub fn draw_upper(bark: &Bark, size_px: u32, seed: Seed) -> Option<BarkPictures> {
+pub fn draw_upper(bark: &Bark, size_px: u32, seed: Seed) -> Option<Drawn> {
     let colour = bark.upper?;
     let style = bark.upper_style.unwrap_or(bark.style);
     // Younger bark is thinner; of the same pattern, its furrows are not yet as dark.
@@ -120,7 +134,8 @@ pub fn draw_twig(bark: &Bark, size_px: u32, seed: Seed) -> Option<BarkTextures> 
     };
     let own = Bark { dark, ..bark.clone() };
     let size_px = (size_px / 4).max(64);
-    let p = pictures(style, colour, 0.002, &own, size_px, seed.derive("twig bark", 0));
+    let drawn = pictures(style, colour, 0.002, &own, size_px, seed.derive("twig bark", 0));
+    let p = drawn.pictures;
     Some(BarkTextures {
         colour: p.colour.into(),
         normal: None,
@@ -142,7 +157,7 @@ fn pictures(
     bark: &Bark,
     size_px: u32,
     seed: Seed,
-) -> BarkPictures {
+) -> Drawn {
     let n = size_px.max(16) as usize;
     let mut texels = texels(style, bark, n, seed);
     let heights = relief::spread(&mut texels);
@@ -157,13 +172,14 @@ fn pictures(
         let rough = mix(t.roughness, 0.95, 0.5 * (1.0 - open));
         [byte(open), byte(rough), 0, 255]
     });
-    BarkPictures {
+    let pictures = BarkPictures {
         colour: picture(paint(&texels, light, bark.dark)),
         normal: normal_map(&heights, n, depth_m / BARK_REPEAT_M),
         orm: picture(orm.collect()),
         height: picture(heights.iter().map(|&h| [byte(h), byte(h), byte(h), 255]).collect()),
         depth_m,
-    }
+    };
+    Drawn { pictures, heights }
 }
 
 /// `n` × `n` texels, the first row on top.

@@ -6,6 +6,14 @@ use BarkStyle::*;
 const ALL: [BarkStyle; 10] =
     [Birch, Paper, Plates, Flakes, Ridges, Furrows, Scales, Smooth, Diamonds, Blisters];
 
+fn draw(bark: &Bark, size_px: u32, seed: Seed) -> BarkPictures {
+    super::draw(bark, size_px, seed).pictures
+}
+
+fn draw_upper(bark: &Bark, size_px: u32, seed: Seed) -> BarkPictures {
+    super::draw_upper(bark, size_px, seed).unwrap().pictures
+}
+
 fn bark(style: BarkStyle, lost: f32) -> Bark {
     let own = load("quercus_robur").unwrap().bark;
     Bark { style, colour: [120, 100, 84], dark: [50, 40, 34], relief_m: 0.02, lost, ..own }
@@ -176,7 +184,7 @@ fn patterns_run_their_way() {
         assert!(ratio > 1.1, "{style:?}: {ratio}");
     }
     let birch = load("betula_pendula").unwrap().bark;
-    let upper = draw_upper(&birch, 256, Seed::new(1)).unwrap().colour;
+    let upper = draw_upper(&birch, 256, Seed::new(1)).colour;
     assert!(changes(&upper) < 0.7, "{}", changes(&upper));
     let lower = draw(&birch, 256, Seed::new(1)).colour;
     let black =
@@ -207,7 +215,7 @@ fn furrows_are_fainter_on_younger_wood() {
         at(0.9) / at(0.1)
     };
     let stem = draw(&own, 256, Seed::new(1));
-    let branch = draw_upper(&own, 256, Seed::new(1)).unwrap();
+    let branch = draw_upper(&own, 256, Seed::new(1));
     let twig = draw_twig(&own, 256, Seed::new(1)).unwrap();
     assert!(branch.depth_m < 0.6 * stem.depth_m);
     let [stem, branch, twig] =
@@ -230,5 +238,45 @@ fn bark_falls_in_strips_along_the_stem() {
             across > 2 * along,
             "{style:?}: {across} borders across the stem, {along} along it"
         );
+    }
+}
+
+/// It goes on from the one bark and into the other, row by row less of the one, and tiles around.
+#[test]
+fn a_transition_is_one_bark_at_its_foot_and_another_at_its_top() {
+    let n = 128;
+    for name in ["pinus_sylvestris", "populus_tremula", "betula_pendula", "quercus_robur"] {
+        let bark = load(name).unwrap().bark;
+        let seed = Seed::new(3);
+        let [old, upper] =
+            [super::draw(&bark, n, seed), super::draw_upper(&bark, n, seed).unwrap()];
+        let between = draw_transition(&bark, &old, &upper, seed);
+        let rows = (PURE * n as f32) as u32 - 1;
+        let row = |p: &Picture, y: u32| (0..n).map(|x| p.at(x, y)).collect::<Vec<_>>();
+        let all = |p: &BarkPictures, y| [&p.colour, &p.normal, &p.orm].map(|p| row(p, y));
+        for y in 0..rows {
+            let foot = n - 1 - y;
+            assert!(all(&between, foot) == all(&old.pictures, foot), "{name}: row {foot}");
+            assert!(all(&between, y) == all(&upper.pictures, y), "{name}: row {y}");
+        }
+        let off = |a: [u8; 4], b: [u8; 4]| (0..3).map(|c| a[c].abs_diff(b[c])).max().unwrap();
+        let own = &between.colour;
+        let share = |y: u32| {
+            let like = |x: &u32| {
+                let [a, b] =
+                    [&old, &upper].map(|p| off(own.at(*x, y), p.pictures.colour.at(*x, y)));
+                b < a
+            };
+            (0..n).filter(like).count() as f32 / n as f32
+        };
+        let band = |k: u32| (0..n / 4).map(|y| share(k * n / 4 + y)).sum::<f32>() / (n / 4) as f32;
+        let bands = [0, 1, 2, 3].map(band);
+        assert!(bands.windows(2).all(|w| w[0] > w[1]), "{name}: {bands:?}");
+        assert!(bands[0] > 0.8 && bands[3] < 0.2, "{name}: {bands:?}");
+        let across = |x: u32, to: u32| {
+            (0..n).map(|y| u32::from(off(own.at(x, y), own.at(to, y)))).sum::<u32>()
+        };
+        let within = (0..n - 1).map(|x| across(x, x + 1)).max().unwrap();
+        assert!(across(n - 1, 0) <= within, "{name}: a seam");
     }
 }

@@ -224,8 +224,7 @@ fn beside(shift_m: f32) -> Result<(Apart, f32)> {
         Subject { skeleton: &skeleton, species: &species, textures: &textures, seed: Seed::new(1) };
     let tree = subject.mesh(&mesh_options(2_000))?;
     let mut moved = tree.clone();
-    let TreeMesh { wood, upper_wood, twig_wood, foliage, fruit, .. } = &mut moved;
-    for s in [wood, upper_wood, twig_wood, foliage, fruit] {
+    for s in moved.surfaces_mut() {
         s.position.iter_mut().for_each(|p| p.z += shift_m);
     }
     let scene = model_scene(&species, vec![tree, moved], textures);
