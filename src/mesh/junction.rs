@@ -76,6 +76,13 @@ pub struct Hole {
     half_m: f32,
 }
 
+impl Hole {
+    /// Whether the foot or the room about it lies at an arc length.
+    pub fn is_about(&self, arc_m: f32) -> bool {
+        (self.arc_m - arc_m).abs() <= self.half_m * ROOM_ALONG
+    }
+}
+
 #[cfg(test)]
 impl Hole {
     /// `x` and `t`: middle and half width.
@@ -627,6 +634,19 @@ fn block(b: &Branch, arc_m: f32, sides: u32, taken: u64, is_empty: bool) -> Opti
         arc_m,
         half_m: b.half_m,
     })
+}
+
+/// Puts a ring into the band below another, where no foot lies.
+pub fn part(rings: &mut Vec<Ring>, holes: &mut [Hole], above: usize, ring: Ring) {
+    rings.insert(above, ring);
+    let parted = above as u32 - 1;
+    for hole in &mut *holes {
+        hole.band +=
+            u32::from(hole.band > parted || hole.band == parted && hole.arc_m > ring.arc_m);
+    }
+    let of = |band: u32| holes.partition_point(|hole| hole.band < band);
+    let moved = of(parted)..of(parted + 2);
+    settle(rings, &mut holes[moved]);
 }
 
 /// Where feet lie within their bands, now that the rings stand; and where their branches begin.

@@ -83,17 +83,15 @@ impl End {
     fn at(rings: &[Ring], holes: &[Hole], arc_m: f32, near_m: f32) -> End {
         let above = rings.partition_point(|r| r.arc_m <= arc_m).clamp(1, rings.len() - 1);
         let [to_low, to_high] = [arc_m - rings[above - 1].arc_m, rings[above].arc_m - arc_m];
-        let is_open = holes.iter().any(|h| h.band as usize == above - 1);
-        let is_new = to_low.min(to_high) > near_m && !is_open;
+        let is_free = !holes.iter().any(|h| h.band as usize == above - 1 && h.is_about(arc_m));
+        let is_new = to_low.min(to_high) > near_m && is_free;
         let ring = if to_low < to_high && !is_new { above - 1 } else { above };
         End { ring, arc_m: if is_new { arc_m } else { rings[ring].arc_m }, is_new }
     }
 
     fn put(&self, rings: &mut Vec<Ring>, holes: &mut [Hole], least: Least) -> usize {
         if self.is_new {
-            rings.insert(self.ring, junction::at(rings, self.arc_m, least));
-            let above = holes.iter_mut().filter(|h| h.band as usize >= self.ring);
-            above.for_each(|h| h.band += 1);
+            junction::part(rings, holes, self.ring, junction::at(rings, self.arc_m, least));
         }
         self.ring
     }

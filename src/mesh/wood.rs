@@ -28,6 +28,8 @@ const LIKELY: f32 = 1.8;
 const MOST_STEM: f32 = 0.7;
 /// Triangles of a tree from which on its foot has lobes: a first coarser level is looked at from as near.
 const NEAR: usize = 6_000;
+/// Triangles of a tree below which bark changes at a ring: it is seen from afar.
+const FAR_BELOW: usize = 1_000;
 /// How far from its place the foot of a branch may lie, in its half widths, where every leaf is seen, and
 /// that it hangs from wood.
 const FAR: f32 = 3.0;
@@ -324,6 +326,12 @@ impl Planner<'_> {
                 made.clear();
                 junction::open(path, branches, self.least, self.far, made, holes);
             }
+            let is_stem = c == root && !self.is_one_of_many(c);
+            let young = if is_stem { self.young.of_stem() } else { self.young };
+            let is_far = self.options.triangle_budget.is_some_and(|most| most < FAR_BELOW);
+            let tile_m =
+                |radius_m: f32| young.transition_m(radius_m, BARK_REPEAT_M).filter(|_| !is_far);
+            transition::part(made, holes, &young, self.least, tile_m);
             for hole in &*holes {
                 is_crowded[hole.child as usize] = false;
                 out_of[hole.child as usize] = start.len() as u32;
@@ -343,12 +351,6 @@ impl Planner<'_> {
             // Past a flare or a collar; the same whatever was left out of the axis.
             let foot_m = FLARE * knots[0].radius_m;
             let beyond = (self.chains.radius_after(c, foot_m), foot_m + shift_m);
-            let is_stem = c == root && !self.is_one_of_many(c);
-            let young = if is_stem { self.young.of_stem() } else { self.young };
-            let tile_m = |radius_m: f32| {
-                young.transition_m(radius_m, BARK_REPEAT_M).filter(|_| !self.options.is_flat())
-            };
-            transition::part(made, holes, &young, self.least, tile_m);
             lay_bark(made, BARK_REPEAT_M, beyond, self.chains.chain[c as usize].axis);
             bark.tube(&Shape {
                 rings: made,

@@ -66,6 +66,20 @@ impl Picture {
         png::encode(self.width, self.height, &raw)
     }
 
+    /// Of another size, each pixel the mean of those it covers.
+    pub fn resized(&self, width: u32, height: u32) -> Picture {
+        let raw = self.data.as_flattened().to_vec();
+        let filter = image::imageops::FilterType::Triangle;
+        ImageBuffer::<image::Rgba<u8>, _>::from_raw(self.width, self.height, raw).map_or_else(
+            || Picture::filled(width, height, self.mean_colour()),
+            |own| {
+                let out = image::imageops::resize(&own, width, height, filter);
+                let data = out.pixels().map(|p| p.0).collect();
+                Picture { width, height, data }
+            },
+        )
+    }
+
     pub fn is_opaque(&self) -> bool {
         self.data.iter().all(|p| p[3] == 255)
     }

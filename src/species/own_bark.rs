@@ -194,6 +194,22 @@ mod tests {
 
     /// A rule file begun from one with a picture holds every key, and is the same tree.
     #[test]
+    fn a_picture_goes_over_into_an_upper_bark_that_is_named_beside_it() {
+        let folder = tempfile::tempdir().unwrap();
+        save(folder.path().join("bark.png"), [96, 200], [90, 80, 70, 255]);
+        let text = "extends = 'betula_pendula'\n[bark]\npicture = 'bark.png'\nupper = [9, 200, 7]";
+        let path = folder.path().join("own.toml");
+        std::fs::write(&path, text).unwrap();
+        let species = load(&path.to_string_lossy()).unwrap();
+        let drawn = crate::texture::for_species(&species, 64, crate::seed::Seed::new(1));
+        let between = drawn.bark_transition.unwrap();
+        let picture = between.colour.picture();
+        assert_eq!(picture.at(5, 63), [90, 80, 70, 255]);
+        let upper = drawn.bark_upper.unwrap().colour.picture().at(5, 0);
+        assert_eq!(picture.at(5, 0), upper);
+    }
+
+    #[test]
     fn a_template_of_a_picture_has_no_upper_bark_either() {
         let folder = tempfile::tempdir().unwrap();
         save(folder.path().join("bark.png"), [64, 64], [90, 80, 70, 255]);

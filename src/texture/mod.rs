@@ -147,13 +147,19 @@ fn barks(
     seed: Seed,
 ) -> (BarkTextures, Option<BarkTextures>, Option<BarkTextures>) {
     let bark = &species.bark;
-    let draw_upper = || bark::draw_upper(bark, size_px, seed);
-    if let Some(own) = own_bark(species) {
-        return (own, draw_upper().map(BarkTextures::from), None);
+    let own = own_bark(species);
+    if let (Some(own), None) = (&own, bark.upper) {
+        return (own.clone(), None, None);
     }
-    let (lower, upper) = rayon::join(|| bark::draw(bark, size_px, seed), draw_upper);
+    let draw_lower = || match species.own_bark.as_ref() {
+        Some(own) => bark::of_own(own, size_px),
+        None => bark::draw(bark, size_px, seed),
+    };
+    let (lower, upper) = rayon::join(draw_lower, || bark::draw_upper(bark, size_px, seed));
     let between = upper.as_ref().map(|upper| bark::draw_transition(bark, &lower, upper, seed));
-    (lower.into(), upper.map(BarkTextures::from), between.map(BarkTextures::from))
+    // A user's own goes as it came.
+    let lower = own.unwrap_or_else(|| lower.into());
+    (lower, upper.map(BarkTextures::from), between.map(BarkTextures::from))
 }
 
 /// A species without pictures: bark and leaves in a colour each, one pixel wide. Leaves then fill

@@ -18,7 +18,7 @@ use super::BarkTextures;
 use super::noise::mix;
 use crate::raster::Picture;
 use crate::seed::Seed;
-use crate::species::model::{Bark, BarkStyle};
+use crate::species::model::{Bark, BarkStyle, OwnBark};
 
 pub use relief::normal_map;
 pub use transition::PURE;
@@ -26,6 +26,8 @@ pub use transition::PURE;
 /// One tile of bark shows this many metres in both directions.
 pub const BARK_REPEAT_M: f32 = 1.0;
 
+/// Of a user's bark that says nothing of it, of 255.
+const PLAIN_ROUGHNESS: u8 = 230;
 /// How far the colour of young bark's furrows is from that of its ridges, over that of old bark's.
 const YOUNG_FURROWS: f32 = 0.5;
 
@@ -104,6 +106,27 @@ pub struct Drawn {
 /// The bark of the stem, `size_px` square.
 pub fn draw(bark: &Bark, size_px: u32, seed: Seed) -> Drawn {
     pictures(bark.style, bark.colour, bark.relief_m, bark, size_px, seed)
+}
+
+/// A user's own bark in a size: what is dark is deep, how deep is not known.
+pub fn of_own(own: &OwnBark, size_px: u32) -> Drawn {
+    let n = size_px.max(16);
+    let sized = |picture: &Picture| picture.resized(n, n);
+    let colour = sized(&own.colour);
+    let heights = colour.data.iter().map(|p| {
+        let [r, g, b] = [0, 1, 2].map(|c| f32::from(p[c]) / 255.0);
+        0.2126 * r + 0.7152 * g + 0.0722 * b
+    });
+    let heights: Vec<f32> = heights.collect();
+    let plain = |pixel| Picture::filled(n, n, pixel);
+    let rough = own.roughness.as_deref().map(sized);
+    let orm = rough.map_or(plain([255, PLAIN_ROUGHNESS, 0, 255]), |mut rough| {
+        rough.data.iter_mut().for_each(|p| *p = [255, p[1], 0, 255]);
+        rough
+    });
+    let normal = own.normal.as_deref().map_or(plain([128, 128, 255, 255]), sized);
+    let height = plain([255; 4]);
+    Drawn { pictures: BarkPictures { colour, normal, orm, height, depth_m: 0.0 }, heights }
 }
 
 /// What lies between the bark of the stem and that of its upper part.

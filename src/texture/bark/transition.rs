@@ -41,15 +41,10 @@ pub fn draw(old: &Drawn, upper: &Drawn, style: BarkStyle, seed: Seed) -> BarkPic
         |height: f32, of: &BarkPictures| 1.0 + (height - 1.0) * of.depth_m / depth_m.max(1e-9);
     let both = old.heights.par_iter().zip(&upper.heights).zip(&share);
     let heights: Vec<f32> = both.map(|((&h, &k), &t)| mix(level(h, a), level(k, b), t)).collect();
-    let mut normal = relief::normal_map(&heights, n, depth_m / BARK_REPEAT_M);
-    // Foot and top have other neighbours than each other.
-    let rows = normal.data.par_chunks_mut(n).zip(a.normal.data.par_chunks(n));
-    let rows = rows.zip(b.normal.data.par_chunks(n)).zip(share.par_chunks(n));
-    rows.for_each(|(((out, old), upper), share)| match share {
-        all if all.iter().all(|t| *t == 0.0) => out.copy_from_slice(old),
-        all if all.iter().all(|t| *t == 1.0) => out.copy_from_slice(upper),
-        _ => {}
-    });
+    let normal = match a.depth_m > 0.0 {
+        true => normals(&heights, depth_m, [a, b], &share),
+        false => mixed(&a.normal, &b.normal),
+    };
     let height = heights.iter().map(|h| (255.0 * h).round().clamp(0.0, 255.0) as u8);
     BarkPictures {
         colour: mixed(&a.colour, &b.colour),
@@ -58,6 +53,27 @@ pub fn draw(old: &Drawn, upper: &Drawn, style: BarkStyle, seed: Seed) -> BarkPic
         height: Picture { data: height.map(|h| [h, h, h, 255]).collect(), ..a.height },
         depth_m,
     }
+}
+
+/// Those of the heights, but where there is one bark alone: foot and top have other neighbours than each other.
+fn normals(
+    heights: &[f32],
+    depth_m: f32,
+    [old, upper]: [&BarkPictures; 2],
+    share: &[f32],
+) -> Picture {
+    let n = old.normal.width as usize;
+    let mut normal = relief::normal_map(heights, n, depth_m / BARK_REPEAT_M);
+    let rows = normal.data.par_chunks_mut(n).zip(share.par_chunks(n));
+    let rows = rows.zip(old.normal.data.par_chunks(n)).zip(upper.normal.data.par_chunks(n));
+    rows.for_each(|(((row, share), old), upper)| {
+        if share.iter().all(|t| *t == 0.0) {
+            row.copy_from_slice(old);
+        } else if share.iter().all(|t| *t == 1.0) {
+            row.copy_from_slice(upper);
+        }
+    });
+    normal
 }
 
 /// Of the upper bark, texel by texel, the first row on top: over each row as much as it is high.
