@@ -705,3 +705,25 @@ fn cards_hang_on_wood_that_is_there() {
         assert!(cards > 2_000.0 && afloat / cards < 0.14, "{name}: {afloat} of {cards}");
     }
 }
+
+/// From healthy to old dead a tree has ever fewer leaves, on as many or fewer branches.
+#[test]
+fn leaves_get_fewer_as_a_tree_declines() {
+    use crate::skeleton::decline::in_condition;
+    use crate::species::state::{Condition, State};
+    for name in ["larix_sibirica", "betula_pendula", "picea_abies", "pinus_sylvestris"] {
+        let (skeleton, species, atlas) = grown(name);
+        for level in [FoliageLevel::Geometry, FoliageLevel::Cards] {
+            let area_sq_m = |condition| {
+                let s = in_condition(&skeleton, species.kind, condition, Seed::new(1));
+                let share = State { condition, ..State::default() }.leaf_share(&species);
+                let tree = (s, species.clone(), atlas.clone());
+                let order = Order { share, ..order(&tree, level, None) };
+                foliage(&tree.0, &order).unwrap().surface.area_sq_m()
+            };
+            let areas = Condition::ALL.map(area_sq_m);
+            assert!(areas[..5].windows(2).all(|w| w[1] < w[0]), "{name}, {level:?}: {areas:?}");
+            assert!(areas[4] > 0.0, "{name}, {level:?}: some still hang");
+        }
+    }
+}

@@ -16,10 +16,11 @@ pub fn in_condition(s: &Skeleton, kind: Kind, condition: Condition, seed: Seed) 
     let seed = seed.derive("decline", 0);
     let wood = if kind == Kind::Conifer { &CONIFER } else { &BROADLEAF };
     match condition {
-        Condition::Healthy | Condition::FreshDead => s.clone(),
+        Condition::Healthy => s.clone(),
         Condition::Weakened => dried(s, 0.12, wood, seed),
         Condition::StronglyWeakened => dried(s, 0.42, wood, seed),
-        Condition::Dying => dried(s, 0.75, wood, seed),
+        // What dies was dying: its last leaves hang where they did.
+        Condition::Dying | Condition::FreshDead => dried(s, 0.75, wood, seed),
         Condition::OldDead => broken(s, wood, seed),
     }
 }

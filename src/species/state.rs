@@ -26,7 +26,7 @@ pub enum Condition {
     StronglyWeakened,
     /// IV: the last leaves are yellowing.
     Dying,
-    /// V: died this year; dry leaves still hang.
+    /// V: died this year; its last leaves still hang, dry.
     FreshDead,
     /// VI: bare, top and twigs broken, bark falling off.
     OldDead,
@@ -117,7 +117,7 @@ impl State {
             Condition::Weakened => 0.8,
             Condition::StronglyWeakened => 0.6,
             Condition::Dying => 0.45,
-            Condition::FreshDead => 0.5,
+            Condition::FreshDead => 0.4,
             Condition::OldDead => 0.0,
         };
         of_season * of_condition
@@ -294,7 +294,7 @@ mod tests {
                     [pair[0], pair[1]].map(|s| s.look(&species, Seed::new(1)).foliage.colour);
                 assert!(green(colours[1]) < green(colours[0]), "{name}: {colours:?}");
             }
-            for pair in looks[..4].windows(2) {
+            for pair in looks.windows(2) {
                 assert!(pair[1].leaf_share(&species) < pair[0].leaf_share(&species));
             }
             assert_eq!(state("VI", "summer").leaf_share(&species), 0.0);
