@@ -26,6 +26,8 @@ use super::path::{Knot, Least, Ring, Sides, Start};
 /// Flare of a collar, and of a twig too thin for one: width of the hole over the branch's.
 const COLLAR: f32 = 1.45;
 const NO_COLLAR: f32 = 1.1;
+/// Width of the ring that ends it, over the branch's.
+pub const COLLAR_END: f32 = 1.1;
 /// Room about a foot within its block: along, share of its length; around, in facets.
 const ROOM_ALONG: f32 = 1.2;
 const ROOM_AROUND: f32 = 0.08;
@@ -261,7 +263,8 @@ pub fn leave(
             wide_m: wide,
             rise_m,
             has_collar,
-            sides: sides.of(wide.max(radius)),
+            // A ring of the collar may be wider than a foot on thinner wood.
+            sides: sides.of(wide.max(COLLAR_END * radius)),
         },
     })
 }

@@ -9,6 +9,8 @@
 
 use glam::{Quat, Vec3};
 
+use super::junction::COLLAR_END;
+
 /// Least radius of a ring, and least distance between rings, metres; both grow with the distance
 /// from the origin so that f32 still tells the corners apart.
 const LEAST_RADIUS_M: f32 = 5e-4;
@@ -336,7 +338,7 @@ fn leave(kept: &[Knot], start: &Start, least_step: f32, path: &mut Vec<Knot>) {
         let length: f32 = kept.windows(2).map(|w| w[0].at.distance(w[1].at)).sum();
         let lean = start.direction.dot(start.away);
         let least_height_m = r * (0.1 + (1.0 - lean * lean).max(0.0).sqrt());
-        for (rise, wide) in [(start.rise_m, 1.1), (start.rise_m + 1.6 * r, 1.0)] {
+        for (rise, wide) in [(start.rise_m, COLLAR_END), (start.rise_m + 1.6 * r, 1.0)] {
             let arc = start.arc_m + rise;
             let Some((_, k)) = locate(kept, arc).filter(|_| arc + r < length) else { continue };
             let at = shifted(k.at, arc);

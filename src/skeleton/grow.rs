@@ -77,6 +77,10 @@ const NODES_OF_STEM: usize = 24;
 const ABREAST: f32 = 0.36;
 /// Stems of one tree; their axes have the first ids of the scaffold.
 const MAX_STEMS: u32 = 64;
+/// Share of the crown's height up to which a stem goes from which on it is the tree's top.
+const STEM_TO_TOP: f32 = 0.95;
+/// By how much a limb turns off the end of its stem over what limbs do beside one.
+const LEANS: f32 = 0.35;
 /// Share of the nodes that the scaffold may take.
 const SCAFFOLD_SHARE: f32 = 0.65;
 
@@ -292,6 +296,15 @@ impl<'a> Tree<'a> {
                 *on = Some(id);
             }
         }
+        // A stem that ends among its limbs leans over into the last of them.
+        let mut leans = vec![false; shoots.len()];
+        if self.growth.stem < STEM_TO_TOP {
+            let newest = shoots.iter().enumerate().filter(|(_, s)| s.depth == 1 && s.rank == 0);
+            for (id, shoot) in newest {
+                let ends = shoot.parent.is_some_and(|p| onward[p as usize].is_none());
+                leans[id] = ends;
+            }
+        }
         self.draw_stems(&shoots, &mut drawn, &mut whorl);
         let budget = (SCAFFOLD_SHARE * self.max_nodes as f32) as usize;
         let deepest = shoots.iter().map(|s| s.depth).max().unwrap_or(0);
@@ -309,7 +322,7 @@ impl<'a> Tree<'a> {
                 let on = &drawn[parent];
                 if on.nodes.len() >= 2
                     && lies_on(id, shoot).is_none()
-                    && let Some(limb) = self.lateral(id as u32, shoot, on, whorl[parent])
+                    && let Some(limb) = self.lateral(id as u32, shoot, on, whorl[parent], leans[id])
                 {
                     drawn[id] = limb;
                 }
@@ -374,7 +387,7 @@ impl<'a> Tree<'a> {
                 draws.unit(),
             );
         }
-        StemLine { top_m, foot, spread, waves, is_straight_topped: share > 0.95 }
+        StemLine { top_m, foot, spread, waves, is_straight_topped: share > STEM_TO_TOP }
     }
 
     fn draw_stem(
@@ -430,11 +443,18 @@ impl<'a> Tree<'a> {
     }
 
     /// Draws a lateral on its parent, if it lives and has room.
-    fn lateral(&mut self, id: u32, shoot: &Shoot, on: &Drawn, internode: u32) -> Option<Drawn> {
+    fn lateral(
+        &mut self,
+        id: u32,
+        shoot: &Shoot,
+        on: &Drawn,
+        internode: u32,
+        leans: bool,
+    ) -> Option<Drawn> {
         let habit = self.habit(shoot.depth);
         let mut draws = self.seed.derive("branch", u64::from(id)).draws();
         let lives = draws.unit() < habit.keep;
-        let is_leader = shoot.is_in_line();
+        let is_leader = shoot.is_in_line() || leans;
         if !lives && !is_leader {
             return None;
         }
@@ -462,10 +482,11 @@ impl<'a> Tree<'a> {
         let spin = self.growth.roll_deg.to_radians() * (internode * sets + (sets - 1 - set)) as f32;
         let azimuth = shoot.azimuth_rad + spin + habit.irregular * draws.between(-0.9, 0.9);
         let tilt = match habit.angle_deg {
-            _ if is_leader => 0.0,
+            _ if shoot.is_in_line() => 0.0,
             Some(pair) => mix(pair).to_radians(),
             None => shoot.tilt_rad,
         };
+        let tilt = if leans { LEANS * tilt } else { tilt };
         let tilt = tilt * (1.0 + 0.5 * habit.irregular * draws.between(-1.0, 1.0));
         let direction = leaned(ahead, azimuth, tilt, habit.flat);
 
@@ -659,7 +680,7 @@ impl<'a> Tree<'a> {
         let e = self.envelope;
         let (axis, order) = polish::axes(&self.position, &self.parent, &self.scaffold);
         polish::smooth(&mut self.position, &self.parent, &axis, &self.scaffold, 2);
-        let from = if self.growth.stem < 0.95 { 3 } else { 2 };
+        let from = if self.growth.stem < STEM_TO_TOP { 3 } else { 2 };
         let hang = self.growth.hang * (1.0 - youth(e.height_m));
         let placed = (axis.as_slice(), order.as_slice());
         polish::hang(&mut self.position, &self.parent, placed, from, hang, self.clearance_m);

@@ -440,3 +440,32 @@ fn no_limb_hangs_to_the_ground() {
         assert!(lowest > 0.05 * tree.height_m(), "seed {seed}: {lowest} m");
     }
 }
+
+/// Where the crown takes the stem over, it leans into a limb: no corner, and no stump beside one.
+#[test]
+fn a_stem_that_ends_among_its_limbs_leans_over_into_one() {
+    const THICK_M: f32 = 0.07;
+    for (name, seed) in
+        ["quercus_robur", "tilia_cordata"].iter().flat_map(|n| (1..=6).map(move |s| (n, s)))
+    {
+        let s = species::load(name).unwrap();
+        let detail = Detail { max_nodes: 3_000, attractor_spacing_m: None };
+        let target = Target::FromSpecies { height_m: None };
+        let tree = grow(&s, target, detail, Seed::new(seed)).unwrap();
+        let way = |i: usize| {
+            (tree.position[i] - tree.position[tree.parent[i] as usize]).normalize_or(Vec3::Z)
+        };
+        // From the root, its axis goes on, or the thickest that springs from its end.
+        let mut at = 1;
+        while tree.radius_m[at] > THICK_M {
+            let springs = (at + 1..tree.len()).filter(|&i| tree.parent[i] as usize == at);
+            let rank = |i: &usize| (tree.axis[*i] == tree.axis[at], tree.radius_m[*i]);
+            let Some(next) = springs.max_by(|a, b| rank(a).partial_cmp(&rank(b)).unwrap()) else {
+                panic!("{name} {seed}: ends {} m thick", tree.radius_m[at]);
+            };
+            let turn_deg = way(at).angle_between(way(next)).to_degrees();
+            assert!(turn_deg < 45.0, "{name} {seed}: a corner of {turn_deg:.0}°");
+            at = next;
+        }
+    }
+}
