@@ -7,9 +7,9 @@
 //! corner and turns at another, whose twin is the last vertex. The foot of a
 //! branch is a hole in the facets of one band (see `junction`); its corners are the first ring of
 //! the branch.
-//! Where one bark gives way to a younger one, the line between them winds through the facets of
-//! thick wood (see `blend`) and goes around those of thin wood. Its rings are in both surfaces;
-//! together all are closed.
+//! Old bark goes over into that of the upper stem in a tile between two rings (see `transition`). Where bark
+//! gives way to that of twigs, the line between them winds through the facets of thick wood (see `blend`) and
+//! goes around those of thin wood. Rings between two barks are in both surfaces; together all are closed.
 
 use std::f32::consts::TAU;
 
@@ -237,7 +237,9 @@ impl<'a> Bark<'a> {
         // Large trees have six vertices to seven triangles, or somewhat more.
         let vertices = triangles / 8 * 7;
         let Bark { surface, young, .. } = self;
-        for (_, s) in surface.iter_mut().enumerate().filter(|(k, _)| young.is_there(*k)) {
+        // A transition is a few rings.
+        let is_large = |k: usize| k != TRANSITION && young.is_there(k);
+        for (_, s) in surface.iter_mut().enumerate().filter(|(k, _)| is_large(*k)) {
             s.position.reserve(vertices);
             s.normal.reserve(vertices);
             s.uv.reserve(vertices);
