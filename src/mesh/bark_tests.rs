@@ -249,3 +249,30 @@ fn one_bark_goes_over_into_another_without_a_seam() {
         assert!(met.iter().all(|m| *m > 6), "{name} {seed}: {met:?}");
     }
 }
+
+/// As wide as it is high, and about where it is on the level before.
+#[test]
+fn a_transition_is_to_scale_and_stays_from_level_to_level() {
+    let names = ["quercus_robur", "pinus_sylvestris", "betula_pendula", "populus_tremula"];
+    for (name, seed) in names.iter().flat_map(|n| (1..=4).map(move |s| (n, s))) {
+        let s = species::load(name).unwrap();
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = grow(&s, target, Detail::HERO, Seed::new(seed)).unwrap();
+        let mut feet_m = Vec::new();
+        for triangles in [20_000, 8_000, 3_000] {
+            let options = MeshOptions { triangle_budget: Some(triangles), ..MeshOptions::HERO };
+            let tree = build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(seed)).unwrap();
+            let all = densities(&[&tree.transition_wood]);
+            let mut ratios: Vec<f32> = all.iter().map(|([low, high], _)| high / low).collect();
+            ratios.sort_by(f32::total_cmp);
+            let middle = ratios[ratios.len() / 2];
+            assert!(middle < 1.8, "{name} {seed}: {middle} times as long as wide");
+            // On limbs there are others.
+            let from_stem = |p: &&Vec3| p.truncate().length() < 0.5;
+            let stem = tree.transition_wood.position.iter().filter(from_stem).map(|p| p.z);
+            feet_m.push(stem.fold(f32::INFINITY, f32::min));
+        }
+        let off_m = feet_m.iter().map(|z| (z - feet_m[0]).abs()).fold(0.0, f32::max);
+        assert!(off_m < 0.5, "{name} {seed}: it begins at {feet_m:?}");
+    }
+}

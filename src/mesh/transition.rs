@@ -4,13 +4,13 @@
 
 use super::junction::{self, Hole};
 use super::path::{Least, Ring};
-use super::young::{TRANSITION, UPPER, Young};
+use super::young::{TRANSITION, UPPER, Upper, Young};
 use crate::texture::bark::PURE;
 
 /// How much of the tile is laid: what is left out at both ends is of one bark alone.
 pub const SPAN: f32 = 1.0 - PURE;
-/// How much longer or shorter than it is to scale a tile may be laid.
-const STRETCH: f32 = 1.6;
+/// How much longer or shorter than it is to scale a tile may be laid, as is tried in turn.
+const STRETCH: [f32; 2] = [1.2, 1.6];
 /// A ring no farther from where the tile ends than this share of it is its end.
 const NEAR: f32 = 0.12;
 /// Where a tile finds no room it is moved by so much of its length, so often at most up and down.
@@ -27,23 +27,54 @@ pub fn part(
     tile_m: impl Fn(f32) -> Option<f32>,
 ) {
     let Some(upper) = &young.upper else { return };
-    let share = |ring: &Ring| upper.share(ring);
-    let below_apex = rings.len().saturating_sub(1);
-    let Some(first) = rings[..below_apex].iter().position(|r| share(r) >= 0.5) else { return };
-    let mut from = first;
-    if let Some(before) = first.checked_sub(1) {
-        let [a, b] = [share(&rings[before]), share(&rings[first])];
-        let t = ((0.5 - a) / (b - a).max(1e-6)).clamp(0.0, 1.0);
-        let [low, high] = [&rings[before], &rings[first]];
-        let middle_m = low.arc_m + (high.arc_m - low.arc_m) * t;
-        let radius_m = low.radius_m + (high.radius_m - low.radius_m) * t;
+    let Some(middle) = middle(rings, upper) else { return };
+    let mut from = 0;
+    if let Middle::At { first, arc_m, radius_m } = middle {
+        from = first;
         let long_m = tile_m(radius_m).map(|m| m * SPAN);
-        if let Some([start, end]) = long_m.and_then(|m| ends(rings, holes, middle_m, m, least)) {
+        if let Some([start, end]) = long_m.and_then(|m| ends(rings, holes, arc_m, m, least)) {
             rings[start + 1..=end].iter_mut().for_each(|r| r.bark = TRANSITION);
             from = end + 1;
         }
     }
     rings[from..].iter_mut().for_each(|r| r.bark = UPPER);
+}
+
+/// Where a tube is half old.
+enum Middle {
+    BelowIt,
+    /// Below its ring `first`.
+    At {
+        first: usize,
+        arc_m: f32,
+        radius_m: f32,
+    },
+}
+
+/// `None` where all is old. The same however many rings a tube has: by its own height and radius, which are
+/// straight between them.
+fn middle(rings: &[Ring], upper: &Upper) -> Option<Middle> {
+    let half = |range: [f32; 2]| 0.5 * (range[0] + range[1]);
+    let (high_m, thin_m) = (half(upper.height_m), half(upper.radius_m));
+    let is_upper = |r: &Ring| r.centre.z >= high_m || r.radius_m <= thin_m;
+    if high_m <= 0.0 || rings.first().is_some_and(is_upper) {
+        return Some(Middle::BelowIt);
+    }
+    // The apex is a point.
+    let first = rings[..rings.len().saturating_sub(1)].iter().position(is_upper)?;
+    let [low, high] = [&rings[first - 1], &rings[first]];
+    let share = |a: f32, b: f32, x: f32| if a == b { 1.0 } else { (x - a) / (b - a) };
+    let by_height = share(low.centre.z, high.centre.z, high_m);
+    let by_radius = share(low.radius_m, high.radius_m, thin_m);
+    // The one that it reaches first.
+    let within = [by_height, by_radius].into_iter().filter(|t| (0.0..=1.0).contains(t));
+    let t = within.fold(1.0, f32::min);
+    let mix = |a: f32, b: f32| a + (b - a) * t;
+    Some(Middle::At {
+        first,
+        arc_m: mix(low.arc_m, high.arc_m),
+        radius_m: mix(low.radius_m, high.radius_m),
+    })
 }
 
 /// The rings between which a tile lies so long, its middle where it is to be or as near as feet leave it room;
@@ -59,13 +90,16 @@ fn ends(
     let within_m = [foot.arc_m, last.arc_m];
     let near_m = (NEAR * long_m).max(2.0 * least.step_m);
     let steps = (0..=STEPS).flat_map(|k| [k, -k]).map(|k| STEP * long_m * k as f32);
-    let [low, high] = steps.into_iter().find_map(|off_m| {
+    let within = |off_m: f32, most: f32| {
         let low_m = (middle_m - 0.5 * long_m + off_m).max(within_m[0]);
         let [low, high] = [low_m, low_m + long_m].map(|m| End::at(rings, holes, m, near_m));
         let stretch = (high.arc_m - low.arc_m) / long_m;
-        let fits = high.arc_m <= within_m[1] && stretch * STRETCH >= 1.0 && stretch <= STRETCH;
+        let fits = high.arc_m <= within_m[1] && stretch * most >= 1.0 && stretch <= most;
         fits.then_some([low, high])
-    })?;
+    };
+    let found =
+        STRETCH.into_iter().find_map(|most| steps.clone().find_map(|off_m| within(off_m, most)));
+    let [low, high] = found?;
     // The upper one first: that moves nothing below.
     let end = high.put(rings, holes, least);
     let start = low.put(rings, holes, least);

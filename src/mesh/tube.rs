@@ -116,7 +116,11 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, (radius_m, from_m): (f32, f32
     let transition = rings.iter().position(|r| r.bark == TRANSITION).map(|first| {
         let past = rings[first..].iter().position(|r| r.bark != TRANSITION);
         let last = past.map_or(rings.len(), |n| first + n) - 1;
-        (first, last, SPAN / (rings[last].arc_m - rings[first - 1].arc_m).max(1e-6))
+        let [low, high] = [&rings[first - 1], &rings[last]];
+        let per_m = SPAN / (high.arc_m - low.arc_m).max(1e-6);
+        // As wide as it is high, whatever the tiles below.
+        let repeats = whole(0.5 * TAU * (low.radius_m + high.radius_m) / repeat_m);
+        (first, last, per_m, repeats)
     });
     let spiral = if key.is_multiple_of(2) { SPIRAL } else { -SPIRAL };
     for (i, ring) in rings.iter_mut().enumerate() {
@@ -126,15 +130,16 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, (radius_m, from_m): (f32, f32
         let is_off = below.repeats > OFF * round || round > OFF * below.repeats;
         // The apex is a point.
         let is_foot = i <= flare || ring.arc_m <= from_m;
-        let between = transition.filter(|(first, last, _)| (*first..=*last).contains(&i));
-        let stays = is_foot || ring.radius_m == 0.0 || !is_off || between.is_some();
-        ring.repeats = if stays { below.repeats } else { whole(round) };
+        let within = |from: usize| transition.filter(|t| (t.0 - from..=t.1).contains(&i));
+        let stays = is_foot || ring.radius_m == 0.0 || !is_off;
+        let own = if stays { below.repeats } else { whole(round) };
+        ring.repeats = within(1).map_or(own, |t| t.3);
         let girth = 0.5 * (below.girth + ring.girth);
         let repeats = 0.5 * (below.repeats + ring.repeats);
         let is_folded = girth < FOLDED_GIRTH[1];
         let density =
             if is_folded { FINEST } else { (repeats / girth).clamp(DENSITY[0], DENSITY[1]) };
-        let per_m = between.map_or(density / repeat_m, |of| of.2);
+        let per_m = within(0).map_or(density / repeat_m, |t| t.2);
         ring.v = below.v + (ring.arc_m - below.arc_m) * per_m;
         if !is_folded {
             ring.u = below.u + spiral * (ring.v - below.v);

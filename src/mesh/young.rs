@@ -57,13 +57,6 @@ pub struct Upper {
     pub height_m: [f32; 2],
 }
 
-impl Upper {
-    /// 0 where bark is old, 1 where it is that of the upper stem.
-    pub fn share(&self, ring: &Ring) -> f32 {
-        part(ring.radius_m, self.radius_m).max(part(ring.centre.z, self.height_m))
-    }
-}
-
 /// Two coats, and the share of the second; between 0 and 1 the facets mix.
 #[derive(Clone, Copy)]
 pub struct Mix {
