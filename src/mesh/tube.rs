@@ -80,12 +80,27 @@ const DENSITY: [f32; 2] = [0.7, FINEST];
 /// Bark winds about its stem, as the grain of wood does, by so many tiles a tile along: the marks of a
 /// tile do not stand in a column.
 const SPIRAL: f32 = 0.16;
+/// How far below a tile between two barks, in tiles.
+const NEAR_TILES: f32 = 1.5;
 /// Tiles around change where the density is off by more than this factor.
 const OFF: f32 = 1.45;
 /// Where a tube flares, its radius grows towards its foot by more than this share of the way; and
 /// times the girth above that it may have there.
 const FLARES: f32 = 0.1;
 const FLARED: f32 = 1.8;
+
+/// How a tile between two barks is laid.
+#[derive(Clone, Copy)]
+struct Laying {
+    /// The ring from which on its tiles around count.
+    changes: usize,
+    /// Its first ring above its foot, and its last.
+    first: usize,
+    last: usize,
+    /// Tiles along a metre, and around.
+    per_m: f32,
+    repeats: f32,
+}
 
 /// Lays bark along a tube: whole tiles around, so that it closes on itself, and as many along as
 /// there are around a metre, so that a taper does not stretch it. Where the number around changes,
@@ -113,6 +128,7 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, (radius_m, from_m): (f32, f32
         (below.u, below.v) = (share(0xc13f_a9a9), share(0x91e1_0da6));
     }
     // A tile between two barks is laid whole, from its foot on.
+    // Their number around changes over the longest band near below, where that shears least.
     let transition = rings.iter().position(|r| r.bark == TRANSITION).map(|first| {
         let past = rings[first..].iter().position(|r| r.bark != TRANSITION);
         let last = past.map_or(rings.len(), |n| first + n) - 1;
@@ -120,7 +136,11 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, (radius_m, from_m): (f32, f32
         let per_m = SPAN / (high.arc_m - low.arc_m).max(1e-6);
         // As wide as it is high, whatever the tiles below.
         let repeats = whole(0.5 * TAU * (low.radius_m + high.radius_m) / repeat_m);
-        (first, last, per_m, repeats)
+        let near = |k: &usize| rings[*k].arc_m >= low.arc_m - NEAR_TILES * repeat_m;
+        let long_m = |k: &usize| rings[*k].arc_m - rings[*k - 1].arc_m;
+        let bands = (flare + 1..first).rev().take_while(near);
+        let changes = bands.max_by(|a, b| long_m(a).total_cmp(&long_m(b))).unwrap_or(first - 1);
+        Laying { changes, first, last, per_m, repeats }
     });
     let spiral = if key.is_multiple_of(2) { SPIRAL } else { -SPIRAL };
     for (i, ring) in rings.iter_mut().enumerate() {
@@ -130,23 +150,24 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, (radius_m, from_m): (f32, f32
         let is_off = below.repeats > OFF * round || round > OFF * below.repeats;
         // The apex is a point.
         let is_foot = i <= flare || ring.arc_m <= from_m;
-        let within = |from: usize| transition.filter(|t| (t.0 - from..=t.1).contains(&i));
         let stays = is_foot || ring.radius_m == 0.0 || !is_off;
         let own = if stays { below.repeats } else { whole(round) };
-        ring.repeats = within(1).map_or(own, |t| t.3);
+        let laid = transition.filter(|t| (t.changes..=t.last).contains(&i));
+        ring.repeats = laid.map_or(own, |t| t.repeats);
         let girth = 0.5 * (below.girth + ring.girth);
         let repeats = 0.5 * (below.repeats + ring.repeats);
         let is_folded = girth < FOLDED_GIRTH[1];
         let density =
             if is_folded { FINEST } else { (repeats / girth).clamp(DENSITY[0], DENSITY[1]) };
-        let per_m = within(0).map_or(density / repeat_m, |t| t.2);
+        let between = transition.filter(|t| (t.first..=t.last).contains(&i));
+        let per_m = between.map_or(density / repeat_m, |t| t.per_m);
         ring.v = below.v + (ring.arc_m - below.arc_m) * per_m;
         if !is_folded {
             ring.u = below.u + spiral * (ring.v - below.v);
         }
         below = *ring;
     }
-    if let Some((first, ..)) = transition {
+    if let Some(Laying { first, .. }) = transition {
         let foot = rings[first - 1].v - 0.5 * (1.0 - SPAN);
         let back = foot - foot.floor();
         rings.iter_mut().for_each(|ring| ring.v -= back);
