@@ -8,6 +8,14 @@ use super::*;
 use crate::skeleton::{Detail, Target, grow};
 use crate::species;
 
+/// Seen from near.
+fn grown(name: &str, seed: u64) -> (Species, Skeleton) {
+    let s = species::load(name).unwrap();
+    let target = Target::FromSpecies { height_m: None };
+    let skeleton = grow(&s, target, Detail::HERO, Seed::new(seed)).unwrap();
+    (s, skeleton)
+}
+
 /// By area, the shares of a wood whose bark adjoins some of more than twice or less than half its
 /// density: within a tube, across a seam, at a junction.
 #[derive(Debug, Default)]
@@ -80,9 +88,7 @@ fn evenness(surfaces: &[&Surface]) -> Evenness {
 #[test]
 fn bark_lies_evenly_across_seams_and_rings() {
     for name in species::builtin_names() {
-        let s = species::load(name).unwrap();
-        let target = Target::FromSpecies { height_m: None };
-        let skeleton = grow(&s, target, Detail::HERO, Seed::new(1)).unwrap();
+        let (s, skeleton) = grown(name, 1);
         let options = MeshOptions { foliage: FoliageLevel::None, ..MeshOptions::HERO };
         let tree = build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
         let e = evenness(&tree.woods());
@@ -152,9 +158,7 @@ fn bark_is_as_fine_as_its_wood_is_thin() {
 /// A leader is older than branches of its girth: the stem's bark goes higher than theirs would.
 #[test]
 fn a_leader_keeps_the_bark_of_its_stem() {
-    let s = species::load("betula_pendula").unwrap();
-    let target = Target::FromSpecies { height_m: None };
-    let skeleton = grow(&s, target, Detail::HERO, Seed::new(1)).unwrap();
+    let (s, skeleton) = grown("betula_pendula", 1);
     let options = MeshOptions { foliage: FoliageLevel::None, ..MeshOptions::HERO };
     let tree = build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
     let thick =
@@ -171,9 +175,7 @@ fn old_bark_leaves_no_chips() {
     for (name, seed) in
         ["betula_pendula", "pinus_sylvestris"].iter().flat_map(|n| (1..=8).map(move |s| (n, s)))
     {
-        let s = species::load(name).unwrap();
-        let target = Target::FromSpecies { height_m: None };
-        let skeleton = grow(&s, target, Detail::HERO, Seed::new(seed)).unwrap();
+        let (s, skeleton) = grown(name, seed);
         let tree =
             build(&skeleton, &s, &Atlas::whole(0.4), &MeshOptions::HERO, Seed::new(seed)).unwrap();
         let old = &tree.wood;
@@ -214,9 +216,7 @@ fn old_bark_leaves_no_chips() {
 fn one_bark_goes_over_into_another_without_a_seam() {
     let names = ["pinus_sylvestris", "pinus_sibirica", "populus_tremula", "larix_sibirica"];
     for (name, seed) in names.iter().flat_map(|n| (1..=4).map(move |s| (n, s))) {
-        let s = species::load(name).unwrap();
-        let target = Target::FromSpecies { height_m: None };
-        let skeleton = grow(&s, target, Detail::HERO, Seed::new(seed)).unwrap();
+        let (s, skeleton) = grown(name, seed);
         let tree =
             build(&skeleton, &s, &Atlas::whole(0.4), &MeshOptions::HERO, Seed::new(seed)).unwrap();
         let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
@@ -255,9 +255,7 @@ fn one_bark_goes_over_into_another_without_a_seam() {
 fn a_transition_is_to_scale_and_stays_from_level_to_level() {
     let names = ["quercus_robur", "pinus_sylvestris", "betula_pendula", "populus_tremula"];
     for (name, seed) in names.iter().flat_map(|n| (1..=4).map(move |s| (n, s))) {
-        let s = species::load(name).unwrap();
-        let target = Target::FromSpecies { height_m: None };
-        let skeleton = grow(&s, target, Detail::HERO, Seed::new(seed)).unwrap();
+        let (s, skeleton) = grown(name, seed);
         let mut feet_m = Vec::new();
         for triangles in [20_000, 8_000, 3_000] {
             let options = MeshOptions { triangle_budget: Some(triangles), ..MeshOptions::HERO };
