@@ -135,6 +135,7 @@ fn sheet<const COLUMNS: usize>(
     let sign = if is_front { 1.0 } else { -1.0 };
     let columns = columns.map(|(edge, own)| (Vec3A::from(edge), Vec3A::from(own) * sign));
     let [base, heading] = [pose.base, pose.heading].map(Vec3A::from);
+    let bent = pose.bent_near(base + heading * (0.5 * pose.size_m), BENT);
     let mut first = None;
     for row in outline {
         let t = row.t;
@@ -151,7 +152,7 @@ fn sheet<const COLUMNS: usize>(
                 _ => (0.0, 0.0),
             };
             let p = base + (heading * t + edge * reach + fall) * pose.size_m;
-            let normal = pose.bent(own, p, BENT).normalize_or(Vec3A::Z);
+            let normal = bent(own, p).normalize_or(Vec3A::Z);
             (p.into(), normal.into(), cell.uv(0.5 + way * away, t))
         });
         first.get_or_insert(out.blade::<COLUMNS, 0>(vertices, []));

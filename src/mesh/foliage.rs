@@ -271,8 +271,9 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let outlines = atlas.outlines(shape.rows());
     let fold = stance(f.shape).fold;
     let wind = order.wind.map(|wind| (wind, kept.as_slice()));
+    let cards = seed.stage("card");
     let stand = |k: usize| {
-        let mut draws = seed.derive("card", kept[k].key).draws();
+        let mut draws = cards.seed(kept[k].key).draws();
         let larger = larger_at(&kept[k]).max(enlarge.recip());
         let mut pose = Pose::of(
             &kept[k],
@@ -308,6 +309,8 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
             form::set(twig, &poses, seed, wind)
         }
         (None, None) => {
+            // Found once: most cards take them.
+            let usual: Vec<usize> = atlas.nearest(usual_m).collect();
             let emit = |k, out: &mut Piece| {
                 let (mut pose, mut draws) = stand(k);
                 pose.lift();
@@ -316,9 +319,14 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
                 let size_m = pose.size_m * draws.between(least, most).exp();
                 let like_usual = (LIKE_USUAL[0]..LIKE_USUAL[1]).contains(&(size_m / usual_m));
                 let takes_usual = like_usual && !f.is_bare();
-                let cells = atlas.nearest(if takes_usual { usual_m } else { size_m });
-                let pick = draws.index(cells.clone().count());
-                let id = cells.clone().nth(pick).unwrap_or(0);
+                let id = match takes_usual {
+                    true => usual[draws.index(usual.len())],
+                    false => {
+                        let cells = atlas.nearest(size_m);
+                        let pick = draws.index(cells.clone().count());
+                        cells.clone().nth(pick).unwrap_or(0)
+                    }
+                };
                 let fold = fold * draws.between(0.6, 1.3);
                 card::emit(&pose, shape, fold, &atlas.cells()[id], &outlines[id], out);
                 if has_stalks {

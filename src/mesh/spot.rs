@@ -400,9 +400,13 @@ pub fn thinned(
         hold * tip * hull.depth(s.at).clamp(least, 1.0) * small
     };
     let places = Places::new(most);
-    let (weights, place): (Vec<f32>, Vec<u32>) =
-        spots.iter().map(|s| (weight(s), places.of(s, hull))).unzip();
-    let total: f64 = weights.iter().map(|&w| f64::from(w)).sum();
+    let mut total = 0.0;
+    let each = spots.iter().map(|s| {
+        let weight = weight(s);
+        total += f64::from(weight);
+        (weight, places.of(s, hull))
+    });
+    let (weights, place): (Vec<f32>, Vec<u32>) = each.unzip();
     let evenness = held.map(|(count, less, less_sq)| {
         let count = f64::from(count.max(1));
         ((count - less).powi(2) / ((count - less_sq) * count)) as f32
@@ -475,6 +479,9 @@ const CLOTHES: f32 = 0.5;
 /// Fall of the tips of twigs that hang, share of their length.
 pub const SAG: [f32; 2] = [0.05, 0.28];
 
+/// Share of the way from the crown's middle in where its outside is; the rest is across its ellipsoid.
+const AWAY: f32 = 0.4;
+
 /// How one twig stands.
 #[derive(Debug, Clone, Copy)]
 pub struct Pose {
@@ -542,12 +549,23 @@ impl Pose {
         own * (1.0 - share) + self.out_at(at) * share
     }
 
+    /// [`Pose::bent`] for places so near each other that they are about as far from the crown's middle as
+    /// the first: a function of the place.
+    #[inline]
+    pub fn bent_near(&self, first: Vec3A, share: f32) -> impl Fn(Vec3A, Vec3A) -> Vec3A + use<> {
+        let crown = Vec3A::from(self.crown);
+        let share = if self.is_plain { 0.0 } else { share };
+        let per_m = share * AWAY * (first - crown).length().max(1e-6).recip();
+        let still = Vec3A::from(self.outward) * ((1.0 - AWAY) * share) - crown * per_m;
+        move |own, at| own * (1.0 - share) + still + at * per_m
+    }
+
     /// Which way the crown's outside is at a place; of length 1 at most.
     #[inline]
     pub fn out_at(&self, at: Vec3A) -> Vec3A {
         let outward = Vec3A::from(self.outward);
         let away = (at - Vec3A::from(self.crown)).normalize_or(outward);
-        outward * 0.6 + away * 0.4
+        outward * (1.0 - AWAY) + away * AWAY
     }
 
     /// Off the shoot by phyllotaxis, drawn down (or up) by the species' droop, turned to the light

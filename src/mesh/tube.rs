@@ -24,7 +24,7 @@ use super::path::{MAX_SIDES, MIN_SIDES, Ring, fold};
 use super::transition::SPAN;
 use super::wind::{Sway, Wind};
 use super::young::{
-    BARKS, Blend, COATS, Coat, FINEST, FOLDED_GIRTH, Limits, Luck, Mix, TRANSITION, Young,
+    BARKS, Blend, COATS, Coat, FINEST, FOLDED_GIRTH, Limits, Luck, Mix, OLD, TRANSITION, Young,
 };
 use crate::seed::Seed;
 
@@ -258,21 +258,19 @@ impl<'a> Bark<'a> {
         self.rims.clear();
     }
 
-    /// Room for so many triangles in each bark; what stays free is given back at the end.
+    /// Room for so many triangles in the bark of thin wood, which is most of a large tree; what stays free is
+    /// given back at the end. The rest grows as it comes: each column costs a page though it stays empty.
     pub fn reserve(&mut self, triangles: usize) {
         // Large trees have six vertices to seven triangles, or somewhat more.
         let vertices = triangles / 8 * 7;
-        let Bark { surface, young, .. } = self;
-        // A transition is a few rings.
-        let is_large = |k: usize| k != TRANSITION && young.is_there(k);
-        for (_, s) in surface.iter_mut().enumerate().filter(|(k, _)| is_large(*k)) {
-            s.position.reserve(vertices);
-            s.normal.reserve(vertices);
-            s.uv.reserve(vertices);
-            s.index.reserve(triangles * 3);
-            if self.wind.is_some() {
-                s.wind.reserve(vertices);
-            }
+        let most = (0..BARKS).rev().find(|&k| k != TRANSITION && self.young.is_there(k));
+        let s = &mut self.surface[most.unwrap_or(OLD)];
+        s.position.reserve(vertices);
+        s.normal.reserve(vertices);
+        s.uv.reserve(vertices);
+        s.index.reserve(triangles * 3);
+        if self.wind.is_some() {
+            s.wind.reserve(vertices);
         }
     }
 
