@@ -280,3 +280,28 @@ fn a_transition_is_one_bark_at_its_foot_and_another_at_its_top() {
         assert!(across(n - 1, 0) <= within, "{name}: a seam");
     }
 }
+
+/// The last of the old bark ends in tongues, not in a level hem.
+#[test]
+fn a_transition_ends_in_tongues() {
+    const GROUPS: u32 = 16;
+    let n = 128;
+    for name in ["populus_tremula", "betula_pendula", "tilia_cordata"] {
+        let bark = load(name).unwrap().bark;
+        // Standard deviation of the height at which the old bark ends, share of the tile.
+        let uneven = |seed| {
+            let [old, upper] =
+                [super::draw(&bark, n, seed), super::draw_upper(&bark, n, seed).unwrap()];
+            let own = draw_transition(&bark, &old, &upper, seed).colour;
+            let is_upper = |x, y| own.at(x, y) == upper.pictures.colour.at(x, y);
+            let columns = |g: u32| g * n / GROUPS..(g + 1) * n / GROUPS;
+            let top =
+                |g: u32| (0..n).find(|&y| columns(g).any(|x| !is_upper(x, y))).unwrap_or(n) as f32;
+            let tops: Vec<f32> = (0..GROUPS).map(|g| top(g) / n as f32).collect();
+            let mean = tops.iter().sum::<f32>() / GROUPS as f32;
+            (tops.iter().map(|t| (t - mean).powi(2)).sum::<f32>() / GROUPS as f32).sqrt()
+        };
+        let mean = [1, 2, 3].map(|k| uneven(Seed::new(k))).iter().sum::<f32>() / 3.0;
+        assert!(mean > 0.07, "{name}: {mean}");
+    }
+}

@@ -82,12 +82,13 @@ fn shares(old: &[f32], n: usize, falls_off: bool, seed: Seed) -> Vec<f32> {
     let rank = ranks(old);
     let place = |i: usize| [i % n, i / n].map(|k| (k as f32 + 0.5) / n as f32);
     let every = || (0..n * n).into_par_iter().with_min_len(n);
-    let holds = |i: usize| {
+    let chance = |i: usize| {
         let [u, v] = place(i);
         // Tongues are longer than they are wide.
-        let chance = (0.5 + 0.5 * noise.fractal(u, v, [5, 2], 4)).clamp(0.0, 1.0);
-        mix(if falls_off { rank[i] } else { 1.0 - rank[i] }, chance, CHANCE)
+        0.5 + 0.5 * noise.fractal(u, v, [5, 2], 4)
     };
+    let chance = ranks(&every().map(chance).collect::<Vec<_>>());
+    let holds = |i: usize| mix(if falls_off { rank[i] } else { 1.0 - rank[i] }, chance[i], CHANCE);
     let holds = ranks(&every().map(holds).collect::<Vec<_>>());
     let share = |i: usize| {
         let up = (1.0 - place(i)[1] - PURE) / (1.0 - 2.0 * PURE);
