@@ -5,12 +5,14 @@
 //! cone of base R2 and h3 the lower cone, which narrows from R3 to R4 downward; R5 is the
 //! cylinder's radius. Where the source leaves it open: the cylinder ends where the cones meet, so
 //! R3 = R2 = CW / 2, and R4 is the share of R3 that the caller gives, at least R5. The cones are one
-//! closed surface, the cylinder another that goes into it. Limit: crowns of one height round about.
+//! closed surface, the cylinder another that goes into it. A tree whose twigs are bare has boughs up to the cones
+//! in their place. Limit: crowns of one height round about.
 
 use std::f32::consts::TAU;
 
-use glam::{Vec2, Vec3};
+use glam::{Quat, Vec2, Vec3};
 
+use super::spot::GOLDEN_RAD;
 use super::{Surface, TreeMesh};
 use crate::diagnostic::{Error, Result};
 
@@ -124,6 +126,49 @@ impl Scheme {
     }
 }
 
+/// Boughs of a bare crown; the share of it up to which they leave the stem; how far they rise by the way they go
+/// outwards; and the width of one at the stem over its length.
+const BOUGHS: u32 = 13;
+const HIGHEST: f32 = 0.85;
+const RISE: f32 = 0.6;
+const STOUT: f32 = 0.14;
+
+impl Scheme {
+    /// For a tree without leaves, which one sees through: in place of both cones boughs that end on them, a
+    /// triangle of two faces each, and a leader.
+    pub fn bare_crown(&self) -> Surface {
+        let top_m = self.h4_m + self.h2_m;
+        let rows = [(self.r4_m, self.h1_m), (self.r3_m, self.h4_m), (0.0, top_m)];
+        let mut out = turned(&[(0.0, self.h4_m), (self.r5_m, self.h4_m), (0.0, top_m)], 3);
+        for k in 0..BOUGHS {
+            let up = HIGHEST * (k as f32 / BOUGHS as f32);
+            let foot = Vec3::Z * (self.h1_m + up * (top_m - self.h1_m));
+            let (s, c) = (k as f32 * GOLDEN_RAD).sin_cos();
+            let away = Vec3::new(c, s, RISE);
+            let way = away * rows.windows(2).find_map(|w| meets(foot.z, w)).unwrap_or(self.r5_m);
+            let length_m = way.length().max(1e-6);
+            let half = Quat::from_axis_angle(way / length_m, k as f32) * Vec3::new(-s, c, 0.0);
+            let (half, normal) = (half * (0.5 * STOUT * length_m), half.cross(way / length_m));
+            for side in [1.0, -1.0] {
+                let first = out.position.len() as u32;
+                out.position.extend([foot - half * side, foot + half * side, foot + way]);
+                out.normal.extend([normal * side; 3]);
+                out.uv.extend([Vec2::ZERO, Vec2::X, Vec2::new(0.5, length_m)]);
+                out.index.extend([first, first + 1, first + 2]);
+            }
+        }
+        out
+    }
+}
+
+/// How far from the axis a line that leaves it at a height, and rises, meets a cone between two (radius, height).
+fn meets(from_m: f32, cone: &[(f32, f32)]) -> Option<f32> {
+    let [(r0, z0), (r1, z1)] = [cone[0], cone[1]];
+    let slope = (r1 - r0) / (z1 - z0).max(1e-6);
+    let r = (r0 + slope * (from_m - z0)) / (1.0 - RISE * slope);
+    (r > 0.0 && (z0..=z1).contains(&(from_m + RISE * r))).then_some(r)
+}
+
 /// The surface of a profile of (radius, height), closed if that goes from the axis up and back to it, turned about the
 /// axis; u goes around once, v up in metres.
 fn turned(profile: &[(f32, f32)], sides: u32) -> Surface {
@@ -207,6 +252,29 @@ mod tests {
             assert_eq!((of[0].bounds().1.z, of[1].bounds().0.z), (3.0, 3.0));
             assert_eq!(s.mesh(sides, Some(0.0)).upper_wood, mesh.wood);
             assert_eq!(s.mesh(sides, Some(11.0)), mesh);
+        }
+    }
+
+    #[test]
+    fn boughs_end_on_the_cones() {
+        let wide = Measures { crown_width_m: 14.0, widest_m: 9.0, lower_share: 0.1, ..PINE };
+        for measures in [PINE, wide] {
+            let s = Scheme::new(&measures).unwrap();
+            let bare = s.bare_crown();
+            bare.check().unwrap();
+            assert_eq!(open_edges(&[&bare]), 0);
+            let cones = s.mesh(8, None).foliage;
+            assert_eq!(bare.triangles(), cones.triangles());
+            let ((_, low), (_, top)) = (cones.bounds(), bare.bounds());
+            assert_eq!(low.z, top.z);
+            let out = |p: &Vec3| {
+                let low = s.r4_m + (s.r3_m - s.r4_m) * (p.z - s.h1_m) / s.h3_m;
+                let high = s.r2_m * (1.0 - (p.z - s.h4_m) / s.h2_m);
+                p.truncate().length() - if p.z < s.h4_m { low } else { high }
+            };
+            let tips = bare.position.iter().filter(|p| out(p).abs() < 1e-3).count();
+            assert!(tips >= 2 * BOUGHS as usize, "{tips}");
+            assert!(bare.position.iter().all(|p| out(p) < 0.3));
         }
     }
 

@@ -271,7 +271,8 @@ pub fn tell_fruitless<'a>(
     }
 }
 
-/// A tree as two cones and a cylinder (P18); the cylinder alone for a bare one.
+/// A tree as two cones and a cylinder (P18); with boughs for cones where all its twigs are bare, and the cylinder
+/// alone where there are none.
 fn scheme(tree: &TreeMesh, crown_base_m: f32, species: &Species) -> Result<TreeMesh> {
     const SIDES: u32 = 8;
     let size = &species.size;
@@ -291,7 +292,8 @@ fn scheme(tree: &TreeMesh, crown_base_m: f32, species: &Species) -> Result<TreeM
     // Half way up where the barks mix.
     let [low, high] = species.bark.upper_from;
     let upper_from_m = species.bark.upper.as_ref().map(|_| 0.5 * (low + high) * height_m);
-    let mut mesh = p18::Scheme::new(&measures)?.mesh(SIDES, upper_from_m);
+    let scheme = p18::Scheme::new(&measures)?;
+    let mut mesh = scheme.mesh(SIDES, upper_from_m);
     // As deep in the ground as the tree, for slopes.
     let foot_m = tree.bounds().0.z.min(0.0);
     for Surface { position, uv, .. } in [&mut mesh.wood, &mut mesh.upper_wood] {
@@ -301,6 +303,8 @@ fn scheme(tree: &TreeMesh, crown_base_m: f32, species: &Species) -> Result<TreeM
     }
     if tree.foliage.is_empty() {
         mesh.foliage = Surface::default();
+    } else if species.foliage.is_bare() {
+        mesh.foliage = scheme.bare_crown();
     }
     mesh.leaf_cover = 1.0;
     Ok(mesh)

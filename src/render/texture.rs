@@ -88,7 +88,10 @@ impl<'a> Pyramid<'a> {
             if last.width.min(last.height) < 2 * LEAST_SIDE {
                 break;
             }
-            levels.push(halved(last, is_srgb));
+            // What a mask hides counts for nothing, whatever its alpha: files have some there, for viewers that
+            // average before they cut.
+            let cut = cutoff.filter(|_| purpose == Purpose::Picture && levels.len() == 1);
+            levels.push(halved(last, is_srgb, cut));
         }
         if let (Purpose::Outline, Some(cutoff), Some(wanted)) = (purpose, cutoff, wanted) {
             levels[1..].par_iter_mut().for_each(|level| keep_coverage(level, cutoff, wanted));
@@ -156,7 +159,8 @@ impl<'a> Pyramid<'a> {
     }
 }
 
-fn halved<'a>(from: &Level<'_>, is_srgb: bool) -> Level<'a> {
+/// Half as large; `cutoff`: alpha counts whole from there on, and not at all below.
+fn halved<'a>(from: &Level<'_>, is_srgb: bool, cutoff: Option<f32>) -> Level<'a> {
     let (width, height) = (from.width / 2, from.height / 2);
     let table = &*LINEAR_FROM_SRGB;
     let texels: Vec<[u8; 4]> = (0..height)
@@ -168,6 +172,7 @@ fn halved<'a>(from: &Level<'_>, is_srgb: bool) -> Level<'a> {
                 for i in [0, 1, from.width, from.width + 1] {
                     let t = from.texels[2 * y * from.width + 2 * x + i];
                     let a = f32::from(t[3]);
+                    let a = cutoff.map_or(a, |c| if a >= 255.0 * c { 255.0 } else { 0.0 });
                     alpha += a;
                     weight += a;
                     for k in 0..3 {
@@ -242,6 +247,24 @@ mod tests {
         }
         // The red behind the leaves never bleeds into what is seen.
         assert!(pyramid.levels[3].texels.iter().all(|t| t[3] == 0 || t[1] > t[0]));
+    }
+
+    #[test]
+    fn what_a_mask_hides_counts_for_nothing_in_smaller_pictures() {
+        // Lines an eighth apart, and between them alpha that the mask hides.
+        let mut picture = Picture::filled(64, 64, [20, 160, 30, 110]);
+        for (x, y) in (0..64).flat_map(|y| (0..8).map(move |x| (8 * x, y))) {
+            picture.set(x, y, [90, 60, 30, 255]);
+        }
+        let pyramid =
+            Pyramid::new(&picture, Colorspace::Srgb, Some(0.5), Purpose::Picture).unwrap();
+        for (x, y) in [(0.3, 0.4), (0.7, 0.2)] {
+            let [r, g, b] =
+                pyramid.colour(Vec2::new(x, y), 3.0, Edge::Repeat).map(srgb_from_linear);
+            assert!((r - 90.0).abs() < 1.0 && (g - 60.0).abs() < 1.0 && (b - 30.0).abs() < 1.0);
+            let alpha = pyramid.alpha(Vec2::new(x, y), 3.0, Edge::Repeat);
+            assert!((alpha - 0.125).abs() < 0.01, "{alpha}");
+        }
     }
 
     #[test]

@@ -26,6 +26,7 @@ const SOURCES: &[(&str, &str)] = &[
     ("stored.rs", include_str!("stored.rs")),
     ("twig.rs", include_str!("twig.rs")),
     ("twig/needle.rs", include_str!("twig/needle.rs")),
+    ("../raster/cutout.rs", include_str!("../raster/cutout.rs")),
     ("../raster/pad.rs", include_str!("../raster/pad.rs")),
     ("../raster/encoded.rs", include_str!("../raster/encoded.rs")),
     ("../raster/picture.rs", include_str!("../raster/picture.rs")),

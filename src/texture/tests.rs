@@ -1,5 +1,6 @@
 use super::*;
 use crate::species::model::*;
+use crate::species::state::{Season, State};
 
 /// Species of every leaf shape and bark style, for tests of both rooms.
 pub(crate) fn samples() -> Vec<Species> {
@@ -259,6 +260,24 @@ fn smaller_versions_keep_the_leaves() {
             }
             let share = f64::from(passed) / f64::from(n * n);
             assert!((share / whole - 1.0).abs() < 0.25, "{} 1/{block}: {share} of {whole}", s.id);
+        }
+    }
+}
+
+/// Twigs thinner than a pixel are thinned, not thickened.
+#[test]
+fn bare_twigs_show_as_much_in_small_pictures() {
+    let winter = State { season: Season::Winter, ..State::default() };
+    for name in ["larix_sibirica", "betula_pendula", "quercus_robur"] {
+        let bare = winter.look(&crate::species::load(name).unwrap(), Seed::new(4));
+        let shown = |size_px| {
+            let atlas = for_species(&bare, size_px, Seed::new(4)).atlas;
+            atlas.cells().iter().map(|c| c.coverage).sum::<f32>()
+        };
+        let whole = shown(1024);
+        for (size_px, most) in [(64, 0.35), (128, 0.2), (256, 0.15), (384, 0.15)] {
+            let share = shown(size_px) / whole;
+            assert!((share - 1.0).abs() < most, "{name} {size_px}: {share}");
         }
     }
 }

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::atlas::{Atlas, BANDS, Cell};
 use super::canvas::{Canvas, Leaf, Stroke};
 use super::outline::Outline;
-use crate::raster::{Picture, keep_cover, pad_transparent};
+use crate::raster::{Picture, keep_cover, pad_transparent, spread};
 use crate::seed::{Draws, Seed};
 use crate::species::model::{Bark, Foliage, LeafShape};
 use crate::species::{Species, own};
@@ -35,6 +35,11 @@ const PAINT_LIMIT: usize = 60_000;
 pub const CUTOFF: f32 = 0.5;
 /// The most that smaller versions show, in parts of what the picture does.
 const MOST_COVER: f32 = 1.25;
+/// Pixels along a cell below which bare twigs, a pixel wide, would be much too thick; along the one they are
+/// drawn in then; and along a block of pixels that shows as much of them.
+const COARSE: u32 = 256;
+const FINE: u32 = 512;
+const BLOCK: usize = 5;
 /// Sideways bend of a leaf's tip at most, share of its length.
 const MOST_BENT: f32 = 0.14;
 /// Shift of a leaf's halves against each other at most, share of its length.
@@ -72,6 +77,8 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
         .enumerate()
         .map(|(k, (part, _))| {
             let side = if part == Part::Leaf { quarter / 2 } else { quarter };
+            // Bare twigs are never thinner than a pixel: coarse ones are drawn fine, and thinned.
+            let finer = if f.is_bare() && side < COARSE { FINE.div_ceil(side) } else { 1 };
             let factor = if side > 600 { 2 } else { 3 };
             let size_m = match part {
                 Part::Twig => twig_m,
@@ -79,7 +86,7 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
                 Part::Leaf => leaf_length_m(f) / LEAF_SHARE,
             };
             let mut painter = Painter {
-                canvas: Canvas::new(side as usize, factor),
+                canvas: Canvas::new((side * finer) as usize, factor),
                 species,
                 outline: &outline,
                 size_m,
@@ -91,7 +98,12 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
                 Part::Leaf => painter.single(),
                 _ => painter.cell(part == Part::Bough),
             }
-            (painter.canvas.resolve(1.25), side, size_m)
+            let pixels = painter.canvas.resolve(1.25);
+            let pixels = match finer {
+                1 => pixels,
+                _ => reduced(&pixels, side as usize, finer as usize),
+            };
+            (pixels, side, size_m)
         })
         .collect();
     let mut picture = Picture::filled(quarter * 2, quarter * 2, [0; 4]);
@@ -118,6 +130,27 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
     finish(&mut picture);
     let atlas = Atlas::new(cells, leaves, places).unwrap_or_else(|| Atlas::whole(twig_m));
     (picture, atlas)
+}
+
+/// A square picture of `side` pixels from one `times` as large, which shows as much.
+fn reduced(fine: &[[u8; 4]], side: usize, times: usize) -> Vec<[u8; 4]> {
+    let is_seen = |p: &[u8; 4]| f32::from(p[3]) >= 255.0 * CUTOFF;
+    let block = |i: usize| {
+        let at = (i / side * side * times + i % side) * times;
+        let rows = (0..times).map(move |y| at + y * side * times);
+        rows.flat_map(|row| &fine[row..row + times]).filter(|p| is_seen(p))
+    };
+    let count = |i: usize| block(i).count();
+    let alpha: Vec<f32> =
+        (0..side * side).map(|i| count(i) as f32 / (times * times) as f32).collect();
+    let alpha = spread(&alpha, side, BLOCK);
+    let pixel = |(i, alpha): (usize, f32)| {
+        let all = count(i).max(1) as u32;
+        let sum = block(i).fold([0; 3], |sum, p| [0, 1, 2].map(|c| sum[c] + u32::from(p[c])));
+        let [r, g, b] = sum.map(|s| (s / all) as u8);
+        [r, g, b, (255.0 * alpha).round() as u8]
+    };
+    alpha.into_iter().enumerate().map(pixel).collect()
 }
 
 /// The last eighth of the picture, half bark and half the leaves' mean colour; their middles.
