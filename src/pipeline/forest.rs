@@ -636,6 +636,9 @@ fn build_meshes(
                 let height_m = Some(crown.height_m);
                 let subject = Subject { skeleton: s, species, textures: t, seed };
                 if plan.is_coarsest {
+                    // Without leaves one sees through it.
+                    let look = job.state.look_of_many(species);
+                    let subject = Subject { species: &look, ..subject };
                     return Ok(vec![levels::coarsest_alone(&subject, &options, height_m)?]);
                 }
                 levels::meshes(&subject, &options, meshed, height_m)
