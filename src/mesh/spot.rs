@@ -549,13 +549,13 @@ impl Pose {
         own * (1.0 - share) + self.out_at(at) * share
     }
 
-    /// [`Pose::bent`] for places so near each other that they are about as far from the crown's middle as
-    /// the first: a function of the place.
+    /// [`Pose::bent`] as a function of the own normal and the place, for places so near to one of them, `middle`,
+    /// that they are about as far from the crown's.
     #[inline]
-    pub fn bent_near(&self, first: Vec3A, share: f32) -> impl Fn(Vec3A, Vec3A) -> Vec3A + use<> {
+    pub fn bent_near(&self, middle: Vec3A, share: f32) -> impl Fn(Vec3A, Vec3A) -> Vec3A + use<> {
         let crown = Vec3A::from(self.crown);
         let share = if self.is_plain { 0.0 } else { share };
-        let per_m = share * AWAY * (first - crown).length().max(1e-6).recip();
+        let per_m = share * AWAY * (middle - crown).length().max(1e-6).recip();
         let still = Vec3A::from(self.outward) * ((1.0 - AWAY) * share) - crown * per_m;
         move |own, at| own * (1.0 - share) + still + at * per_m
     }
