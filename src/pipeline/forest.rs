@@ -35,6 +35,7 @@ use crate::scene::{
 use crate::seed::Seed;
 use crate::skeleton::surroundings::{Neighbour, Surroundings};
 use crate::skeleton::{self, Detail, Skeleton, Target, decline};
+use crate::species::Species;
 use crate::species::state::State;
 use crate::terrain::{Facets, Terrain};
 use crate::texture::{self, TreeTextures};
@@ -179,12 +180,12 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     let unmade = job.eye.as_ref().map_or(0, |eye| view::cull(&mut models, &survey, eye));
     let mut plans = plans(job, &survey, &models);
     let skeletons = grow(job, &survey, &models, &plans, run)?;
-    let textures = paint_all(job, &models, run)?;
+    let looks = looks(job);
+    let textures = paint_all(job, &models, &looks, run)?;
+    let of = Grown { models: &models, skeletons: &skeletons, looks: &looks, textures: &textures };
     if let Some(tolerance_m) = job.wood.tolerance_m {
-        let of = (&models[..], &skeletons[..], &textures[..]);
         plans = within(job, &survey, of, &plans, tolerance_m, run)?;
     }
-    let of = (&models[..], &skeletons[..], &textures[..]);
     let meshes = build_meshes(job, &survey, of, &plans, run)?;
     let mut finest = Vec::with_capacity(meshes.len());
     let mut coarse = Vec::with_capacity(meshes.len());
@@ -193,8 +194,8 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
         finest.extend(of_model);
     }
     let facets = survey.terrain.facets(job.terrain_error_m, TERRAIN_TRIANGLES);
-    let Assembled { mut scene, looks, stretch } =
-        assemble(job, &survey, &facets, &models, finest, textures);
+    let Assembled { mut scene, materials, stretch } =
+        assemble(job, &survey, &facets, &models, finest, &looks, textures);
     let mut crown_error_m = None;
     if job.tells_fit {
         crown_error_m = run.stage("fit", |_| {
@@ -220,7 +221,7 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     let forms = job.forms();
     if !forms.is_empty() {
         run.stage("levels", |warnings| {
-            levels::add(&mut scene, coarse, &looks, &forms, job.sheet_px())?;
+            levels::add(&mut scene, coarse, &materials, &forms, job.sheet_px())?;
             rows = levels::rows(&scene);
             Ok(((), levels::outcome(&rows, scene.prototypes.len(), warnings)))
         })?;
@@ -276,6 +277,34 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
         Ok(((scene, left_out), outcome))
     })?;
     Ok(Forest { scene, rows, chosen, clipped, pruned, crown_error_m, survey })
+}
+
+/// The species as their trees look in the state that was asked for, by species index.
+fn looks(job: &ForestJob) -> Vec<Species> {
+    job.survey.species.iter().map(|s| job.state.look_of_many(s)).collect()
+}
+
+/// Models with their skeletons, and how their species look.
+#[derive(Clone, Copy)]
+struct Grown<'a> {
+    models: &'a [Model],
+    /// Of each model.
+    skeletons: &'a [Skeleton],
+    /// Of each species; textures where a model is of it.
+    looks: &'a [Species],
+    textures: &'a [Option<TreeTextures>],
+}
+
+impl<'a> Grown<'a> {
+    /// What is meshed as model `m`; the seed is that of a tree's `mesh` stage.
+    fn subject(&self, m: usize, job: &ForestJob, survey: &Survey) -> Option<Subject<'a>> {
+        let model = &self.models[m];
+        let textures = self.textures[model.species].as_ref()?;
+        let key = survey.trees[model.exemplar].crown.key;
+        let seed = job.survey.seed.derive("mesh", key);
+        let species = &self.looks[model.species];
+        Some(Subject { skeleton: &self.skeletons[m], species, textures, seed })
+    }
 }
 
 fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {
@@ -558,7 +587,7 @@ fn fill_distance(skeleton: &Skeleton, crown: &crate::crown::Crown) -> (f64, usiz
 fn within(
     job: &ForestJob,
     survey: &Survey,
-    (models, skeletons, textures): (&[Model], &[Skeleton], &[Option<TreeTextures>]),
+    grown: Grown<'_>,
     plans: &[Plan],
     tolerance_m: f32,
     run: &mut Recorder,
@@ -572,21 +601,17 @@ fn within(
             };
             m.members.iter().map(of).fold(f32::INFINITY, f32::min).max(tolerance_m)
         };
-        let reached: Vec<tolerance::Reached> = models
+        let reached: Vec<tolerance::Reached> = plans
             .par_iter()
-            .zip(skeletons)
-            .zip(plans)
+            .enumerate()
             .filter(|(_, plan)| !plan.is_coarsest)
-            .filter_map(|((m, s), plan)| textures[m.species].as_ref().map(|t| (m, s, plan, t)))
-            .map(|(m, skeleton, plan, textures)| {
-                let species = &job.survey.species[m.species];
-                let leaf_share = job.state.leaf_share(species);
+            .filter_map(|(m, plan)| Some((m, plan, grown.subject(m, job, survey)?)))
+            .map(|(m, plan, subject)| {
+                let leaf_share = job.state.leaf_share(subject.species);
                 let options =
                     |n: usize| MeshOptions { leaf_share, ..job.wood.options(n, job.foliage) };
-                let key = survey.trees[m.exemplar].crown.key;
-                let seed = job.survey.seed.derive("mesh", key);
-                let subject = Subject { skeleton, species, textures, seed };
-                tolerance::fewest(&subject, &options, plan.triangles, told(m))
+                let told_m = told(&grown.models[m]);
+                tolerance::fewest(&subject, &options, plan.triangles, told_m)
             })
             .collect::<Result<_>>()?;
         let outcome = tolerance::outcome(&reached, warnings);
@@ -609,41 +634,33 @@ fn within(
 fn build_meshes(
     job: &ForestJob,
     survey: &Survey,
-    (models, skeletons, textures): (&[Model], &[Skeleton], &[Option<TreeTextures>]),
+    grown: Grown<'_>,
     plans: &[Plan],
     run: &mut Recorder,
 ) -> Result<Vec<Vec<TreeMesh>>> {
     run.stage("mesh", |warnings| {
         let meshed = job.forms().meshed;
-        let meshes: Vec<Vec<TreeMesh>> = models
+        let meshes: Vec<Vec<TreeMesh>> = plans
             .par_iter()
-            .zip(plans)
-            .zip(skeletons)
-            .filter_map(|((m, plan), s)| textures[m.species].as_ref().map(|t| (m, plan, s, t)))
-            .map(|(m, plan, s, t)| {
+            .enumerate()
+            .filter_map(|(m, plan)| Some((m, plan, grown.subject(m, job, survey)?)))
+            .map(|(m, plan, subject)| {
                 let mut options = MeshOptions {
                     wind: job.levels.wind,
+                    leaf_share: job.state.leaf_share(subject.species),
                     ..job.wood.options(plan.triangles, job.foliage)
                 };
                 if plan.is_rough {
                     options = options.roughened();
                 }
-                let crown = &survey.trees[m.exemplar].crown;
-                let seed = job.survey.seed.derive("mesh", crown.key);
-                let species = &job.survey.species[m.species];
-                let leaf_share = job.state.leaf_share(species);
-                let options = MeshOptions { leaf_share, ..options };
-                let height_m = Some(crown.height_m);
-                let subject = Subject { skeleton: s, species, textures: t, seed };
+                let height_m = Some(survey.trees[grown.models[m].exemplar].crown.height_m);
                 if plan.is_coarsest {
-                    // Without leaves one sees through it.
-                    let look = job.state.look_of_many(species);
-                    let subject = Subject { species: &look, ..subject };
                     return Ok(vec![levels::coarsest_alone(&subject, &options, height_m)?]);
                 }
                 levels::meshes(&subject, &options, meshed, height_m)
             })
             .collect::<Result<_>>()?;
+        let Grown { models, skeletons, looks, textures } = grown;
         let nodes = skeletons.iter().map(Skeleton::len).sum();
         let triangles = meshes.iter().flatten().map(TreeMesh::triangles).sum();
         let finest = meshes.iter().filter_map(|of_model| of_model.first());
@@ -653,7 +670,7 @@ fn build_meshes(
         levels::tell_thin(finest.clone(), warnings);
         let of_model =
             || models.iter().filter(|m| textures[m.species].is_some()).zip(finest.clone());
-        for (k, species) in job.survey.species.iter().enumerate() {
+        for (k, species) in looks.iter().enumerate() {
             let its = of_model().filter(|(m, _)| m.species == k).map(|(_, mesh)| mesh);
             levels::tell_fruitless(species, job.foliage, its, warnings);
         }
@@ -674,6 +691,7 @@ fn build_meshes(
 fn paint_all(
     job: &ForestJob,
     models: &[Model],
+    looks: &[Species],
     run: &mut Recorder,
 ) -> Result<Vec<Option<TreeTextures>>> {
     let (species, size_px, seed) = (&job.survey.species, job.texture_px, job.survey.seed);
@@ -682,11 +700,11 @@ fn paint_all(
             (0..species.len()).map(|s| models.iter().any(|m| m.species == s)).collect();
         let textures: Vec<Option<TreeTextures>> = species
             .par_iter()
+            .zip(looks)
             .zip(&is_used)
-            .map(|(s, &used)| {
+            .map(|((s, look), &used)| {
                 let draw = || {
-                    let look = job.state.look_of_many(s);
-                    let mut textures = paint(&look, size_px, seed, &job.cache)?;
+                    let mut textures = paint(look, size_px, seed, &job.cache)?;
                     if job.has_variants && job.foliage != FoliageLevel::None {
                         textures.leaf_variants =
                             leaf_variants(s, job.state, size_px, seed, &job.cache)?;
@@ -715,14 +733,14 @@ fn paint_all(
 
 /// Draws the pictures that a scene of this survey will need, into the cache.
 pub(super) fn paint_ahead(job: &ForestJob, survey: &Survey, run: &mut Recorder) -> Result<()> {
-    paint_all(job, &models(job, survey), run).map(drop)
+    paint_all(job, &models(job, survey), &looks(job), run).map(drop)
 }
 
 /// A scene before it is checked.
 struct Assembled {
     scene: Scene,
     /// Of each prototype.
-    looks: Vec<Look>,
+    materials: Vec<Look>,
     /// By how much models are widened or narrowed against their height to fit their trees, RMS in
     /// percent.
     stretch: Option<f64>,
@@ -734,6 +752,7 @@ fn assemble(
     facets: &Facets,
     models: &[Model],
     meshes: Vec<TreeMesh>,
+    looks: &[Species],
     textures: Vec<Option<TreeTextures>>,
 ) -> Assembled {
     let species = &job.survey.species;
@@ -741,19 +760,19 @@ fn assemble(
     let mut scene = Scene::empty(job.name.clone(), survey.frame.clone());
     add_terrain(&mut scene, &survey.terrain, facets, survey, job.survey.seed);
     let mut by_species = Vec::new();
-    for (s, t) in species.iter().zip(textures) {
+    for (s, t) in looks.iter().zip(textures) {
         by_species.push(t.map(|t| add_materials(&mut scene, s, t)));
     }
-    let mut looks = Vec::with_capacity(models.len());
+    let mut materials = Vec::with_capacity(models.len());
     let mut numbers = vec![0; species.len()];
     for (m, (model, mesh)) in models.iter().zip(meshes).enumerate() {
         let Some(Some(look)) = by_species.get(model.species) else { continue };
         numbers[model.species] += 1;
         let s = &species[model.species];
         let of_model = job.survey.seed.derive("tint", survey.trees[model.exemplar].crown.key);
-        let tint = job.state.tint(s, &job.state.look_of_many(s), of_model);
+        let tint = job.state.tint(s, &looks[model.species], of_model);
         let look = &tinted(&mut scene, *look, tint, numbers[model.species]);
-        looks.push(*look);
+        materials.push(*look);
         let width_m = mesh.crown_diameter_m();
         let name = format!("{}_{:02}", identifier(&s.name), numbers[model.species]);
         scene.prototypes.push(prototype(name, s, mesh, *look));
@@ -794,7 +813,7 @@ fn assemble(
     }
     let count = stretch_sq.len() as f64;
     let stretch = (count > 0.0).then(|| 100.0 * (stretch_sq.iter().sum::<f64>() / count).sqrt());
-    Assembled { scene, looks, stretch }
+    Assembled { scene, materials, stretch }
 }
 
 fn add_terrain(scene: &mut Scene, terrain: &Terrain, facets: &Facets, survey: &Survey, seed: Seed) {
