@@ -1,5 +1,6 @@
 //! The program as a user meets it: right files, clear refusals, earlier output left whole.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -544,6 +545,55 @@ fn levels_lie_beside_the_scene_and_say_how_far_off_they_are() {
         assert_eq!(document.nodes().any(|n| n.name() == Some("terrain")), has_terrain, "{name}");
         let bodies = document.nodes().filter(|n| n.name().is_some_and(|n| n.starts_with("UCX_")));
         assert_eq!(bodies.count() > 0, has_terrain, "{name}");
+    }
+}
+
+/// Area of the crowns in a file that are no leaves, by the species that its meshes are named after, square
+/// metres.
+fn crown_area_sq_m(file: &Path) -> BTreeMap<String, f32> {
+    let (document, buffers, _) = gltf::import(file).unwrap();
+    let mut area_sq_m = BTreeMap::new();
+    for mesh in document.meshes() {
+        let species: Vec<&str> = mesh.name().unwrap().split('_').take(2).collect();
+        let crowns = mesh
+            .primitives()
+            .filter(|p| p.material().name().is_some_and(|m| m.ends_with("_crown")));
+        for primitive in crowns {
+            let reader = primitive.reader(|b| Some(&buffers[b.index()]));
+            let position: Vec<glam::Vec3> =
+                reader.read_positions().unwrap().map(glam::Vec3::from).collect();
+            let index: Vec<u32> = reader.read_indices().unwrap().into_u32().collect();
+            let of_one = |corners: &[u32]| {
+                let [a, b, c] = [0, 1, 2].map(|k| position[corners[k] as usize]);
+                0.5 * (b - a).cross(c - a).length()
+            };
+            let total: f32 = index.chunks_exact(3).map(of_one).sum();
+            *area_sq_m.entry(species.join("_")).or_default() += total;
+        }
+    }
+    area_sq_m
+}
+
+/// The coarsest model of a bare tree is no whole crown, beside finer ones or alone.
+#[test]
+fn a_forest_in_winter_is_seen_through_from_near_and_far() {
+    let dir = tempfile::tempdir().unwrap();
+    let sheds =
+        |species: &str| ["Betula", "Larix", "Populus"].iter().any(|g| species.starts_with(g));
+    for (name, more) in
+        [("forest_LOD4", &["--lods", "4"][..]), ("forest", &["--scene-triangles", "1000"])]
+    {
+        let made = |season: &str| {
+            let to = dir.path().join(season);
+            small_demo(&to, &[more, &["--season", season]].concat());
+            crown_area_sq_m(&to.join(format!("{name}.glb")))
+        };
+        let (winter, summer) = (made("winter"), made("summer"));
+        assert!(summer.keys().any(|s| sheds(s)) && summer.keys().any(|s| !sheds(s)));
+        for (species, summer_sq_m) in &summer {
+            let share = winter[species] / summer_sq_m;
+            assert_eq!(share < 0.2, sheds(species), "{name} {species}: {share}");
+        }
     }
 }
 
