@@ -666,7 +666,9 @@ fn build_meshes(
         let finest = meshes.iter().filter_map(|of_model| of_model.first());
         let outcome = Outcome::items(nodes, "nodes", triangles, "triangles")
             .error(tolerance::sagitta(finest.clone(), job.wood.tolerance_m, warnings));
-        let outcome = levels::tell_leaves(finest.clone(), "leaves or needles", "", outcome);
+        let is_bare = models.iter().any(|m| looks[m.species].foliage.is_bare());
+        let what = if is_bare { "leaves, needles or buds" } else { "leaves or needles" };
+        let outcome = levels::tell_leaves(finest.clone(), what, "", outcome);
         levels::tell_thin(finest.clone(), warnings);
         let of_model =
             || models.iter().filter(|m| textures[m.species].is_some()).zip(finest.clone());
