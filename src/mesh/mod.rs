@@ -76,6 +76,17 @@ impl Surface {
         self.index.is_empty()
     }
 
+    /// Adds the triangles of a surface with the same columns.
+    pub fn append(&mut self, mut more: Surface) {
+        let first = self.position.len() as u32;
+        self.index.extend(more.index.iter().map(|i| first + i));
+        self.position.append(&mut more.position);
+        self.normal.append(&mut more.normal);
+        self.uv.append(&mut more.uv);
+        self.wind.append(&mut more.wind);
+        self.lightmap_uv.append(&mut more.lightmap_uv);
+    }
+
     /// Least and greatest corner; zero for an empty surface.
     pub fn bounds(&self) -> (Vec3, Vec3) {
         if self.position.is_empty() {
@@ -204,12 +215,13 @@ impl TreeMesh {
     pub fn crown_diameter_m(&self) -> f32 {
         const SECTORS: usize = 16;
         const FEW: usize = 100;
-        let twigs: Vec<Vec3>;
+        let shoots: Vec<Vec3>;
         let crown = if !self.twigs.is_empty() {
-            twigs = self.twigs.iter().flat_map(Twigs::tips).collect();
-            &twigs
+            shoots = self.twigs.iter().flat_map(Twigs::tips).collect();
+            &shoots
         } else if self.foliage.is_empty() {
-            &self.wood.position
+            shoots = self.woods().into_iter().flat_map(|w| &w.position).copied().collect();
+            &shoots
         } else {
             &self.foliage.position
         };

@@ -271,8 +271,8 @@ pub fn tell_fruitless<'a>(
     }
 }
 
-/// A tree as two cones and a cylinder (P18); with boughs for cones where all its twigs are bare, and the cylinder
-/// alone where there are none.
+/// A tree as two cones and a cylinder (P18); with boughs for cones where all its twigs are bare, which are of wood
+/// where there are none.
 fn scheme(tree: &TreeMesh, crown_base_m: f32, species: &Species) -> Result<TreeMesh> {
     const SIDES: u32 = 8;
     let size = &species.size;
@@ -303,6 +303,8 @@ fn scheme(tree: &TreeMesh, crown_base_m: f32, species: &Species) -> Result<TreeM
     }
     if tree.foliage.is_empty() {
         mesh.foliage = Surface::default();
+        let wood = if mesh.upper_wood.is_empty() { &mut mesh.wood } else { &mut mesh.upper_wood };
+        wood.append(scheme.bare_crown());
     } else if species.foliage.is_bare() {
         mesh.foliage = scheme.bare_crown();
     }
@@ -700,6 +702,33 @@ mod tests {
         let textures = crate::texture::for_species(&species, 64, seed);
         let subject = Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
         make(&subject, &WoodJob::default().options(budget, FoliageLevel::Cards)).unwrap()
+    }
+
+    #[test]
+    fn the_coarsest_form_of_a_tree_without_twigs_reaches_its_top() {
+        for name in ["picea_abies", "betula_pendula", "pinus_sylvestris"] {
+            let trees = tree_of((name, 8_000, 8_000), |subject, options| {
+                let options = MeshOptions { leaf_share: 0.0, ..*options };
+                meshes(subject, &options, SHARES.len() + 1, None)
+            });
+            let (finest, coarsest) = (&trees[0], trees.last().unwrap());
+            assert!(finest.foliage.is_empty() && coarsest.foliage.is_empty());
+            let [top, top_of_coarsest] = [finest, coarsest].map(|tree| tree.bounds().1.z);
+            assert!(
+                (top_of_coarsest / top - 1.0).abs() < 0.02,
+                "{name}: {top_of_coarsest} of {top}"
+            );
+            let reach_m = |tree: &TreeMesh| {
+                let corners = tree.woods().into_iter().flat_map(|w| &w.position);
+                corners.map(|p| p.truncate().length()).fold(0.0, f32::max)
+            };
+            let [reach, of_coarsest] = [finest, coarsest].map(reach_m);
+            assert!(
+                (0.6..1.1).contains(&(of_coarsest / reach)),
+                "{name}: {of_coarsest} of {reach}"
+            );
+            coarsest.woods().iter().for_each(|w| w.check().unwrap());
+        }
     }
 
     #[test]

@@ -37,7 +37,8 @@ pub(super) fn paint(
     Ok(textures)
 }
 
-/// The leaves in the colours they have in other seasons and conditions, as far as these differ.
+/// The leaves in the colours they have in other seasons and conditions, as far as these differ; none of a picture
+/// or model of the user's, whose colours are its own.
 ///
 /// # Errors
 /// A picture that can't be encoded.
@@ -60,7 +61,7 @@ pub(super) fn leaf_variants(
     let conditions = CONDITIONS.map(|(name, condition)| (name, State { condition, ..state }));
     let own = state.look(species, seed).foliage;
     let mut variants = Vec::new();
-    if state.leaf_share(species) == 0.0 {
+    if is_own(species) || state.leaf_share(species) == 0.0 {
         return Ok(variants);
     }
     for (name, state) in seasons.into_iter().chain(conditions) {
@@ -77,12 +78,20 @@ pub(super) fn leaf_variants(
     Ok(variants)
 }
 
-/// Warns of looks asked for that a bare tree does not have.
+/// Whether its leaves are pictures or models of the user's.
+fn is_own(species: &Species) -> bool {
+    species.own_picture.is_some() || species.own_model.is_some()
+}
+
+/// Warns of looks asked for that a bare tree, or one with leaves of the user's, does not have.
 pub(super) fn tell_no_variants(species: &Species, warnings: &mut Vec<String>) {
-    warnings.push(format!(
-        "--variants: {} bears no leaves here that other colours were for",
-        species.name
-    ));
+    let name = &species.name;
+    warnings.push(match is_own(species) {
+        true => {
+            format!("--variants: the leaves of {name} are your own, in their own colours alone")
+        }
+        false => format!("--variants: {name} bears no leaves here that other colours were for"),
+    });
 }
 
 fn leaf(species: &Species, size_px: u32, seed: Seed, cache: &Cache) -> Result<Image> {
@@ -143,6 +152,10 @@ mod tests {
         let dead = State { condition: Condition::OldDead, ..state };
         let variants = leaf_variants(&spruce, dead, 64, Seed::new(1), &cache).unwrap();
         assert!(variants.is_empty(), "no picture of leaves that are not there");
+        let picture = crate::raster::Picture::filled(8, 8, [9; 4]);
+        let own = Species { own_picture: Some(picture.into()), ..species };
+        let variants = leaf_variants(&own, state, 64, Seed::new(1), &cache).unwrap();
+        assert!(variants.is_empty(), "drawn leaves are not those of the picture");
     }
 
     #[test]
