@@ -193,8 +193,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     };
     // A picture of the user's has no leaves to tell apart.
     let model = species.own_model.as_deref();
-    let is_leaf_by_leaf =
-        level == FoliageLevel::Geometry && species.own_picture.is_none() && model.is_none();
+    let is_leaf_by_leaf = level == FoliageLevel::Geometry && !species.has_own_leaves();
     // Then the budget is for the forms alone.
     let is_instanced = order.twigs == TwigsAs::Instanced && (is_leaf_by_leaf || model.is_some());
     let stored = budget;
@@ -375,8 +374,7 @@ pub fn taken_by_cards(
 
 /// Whether the cards of bare twigs have stalks from the wood that is meshed, which no leaves hide.
 pub fn has_stalks(species: &Species, options: &MeshOptions) -> bool {
-    let is_own = species.own_picture.is_some() || species.own_model.is_some();
-    options.has_near_cards() && !is_own && species.foliage.is_bare()
+    options.has_near_cards() && !species.has_own_leaves() && species.foliage.is_bare()
 }
 
 /// The wood to which a card is moved that is larger than a twig.

@@ -61,7 +61,7 @@ pub(super) fn leaf_variants(
     let conditions = CONDITIONS.map(|(name, condition)| (name, State { condition, ..state }));
     let own = state.look(species, seed).foliage;
     let mut variants = Vec::new();
-    if is_own(species) || state.leaf_share(species) == 0.0 {
+    if species.has_own_leaves() || state.leaf_share(species) == 0.0 {
         return Ok(variants);
     }
     for (name, state) in seasons.into_iter().chain(conditions) {
@@ -78,15 +78,10 @@ pub(super) fn leaf_variants(
     Ok(variants)
 }
 
-/// Whether its leaves are pictures or models of the user's.
-fn is_own(species: &Species) -> bool {
-    species.own_picture.is_some() || species.own_model.is_some()
-}
-
 /// Warns of looks asked for that a bare tree, or one with leaves of the user's, does not have.
 pub(super) fn tell_no_variants(species: &Species, warnings: &mut Vec<String>) {
     let name = &species.name;
-    warnings.push(match is_own(species) {
+    warnings.push(match species.has_own_leaves() {
         true => {
             format!("--variants: the leaves of {name} are your own, in their own colours alone")
         }

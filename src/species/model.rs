@@ -530,3 +530,10 @@ pub struct Species {
     /// How it branches.
     pub rule: crate::species::rule::Rule,
 }
+
+impl Species {
+    /// Whether its leaves are pictures or models of the user's.
+    pub fn has_own_leaves(&self) -> bool {
+        self.own_picture.is_some() || self.own_model.is_some()
+    }
+}

@@ -217,8 +217,7 @@ fn winter_share(species: &Species) -> f32 {
 
 /// Whether the twigs show without the leaves they lack: no picture or model of the user's can.
 fn bares_twigs(species: &Species) -> bool {
-    let is_own = species.own_picture.is_some() || species.own_model.is_some();
-    winter_share(species) < 1.0 && !is_own
+    winter_share(species) < 1.0 && !species.has_own_leaves()
 }
 
 fn mixed(a: [u8; 3], b: [u8; 3], share: f32) -> [u8; 3] {
