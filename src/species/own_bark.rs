@@ -101,6 +101,10 @@ fn picture(path: &Path) -> std::result::Result<Picture, (String, String)> {
         Err(e) => return Err(refused(path, &e)),
     }
     let mut picture = Picture::from_bytes(&bytes).map_err(|e| refused(path, &e))?;
+    if picture.data.iter().all(|p| p[3] == 0) {
+        let remedy = "give a picture that shows bark, opaque";
+        return Err((format!("{shown} is wholly transparent"), remedy.into()));
+    }
     // Bark is opaque.
     picture.data.iter_mut().for_each(|p| p[3] = 255);
     Ok(picture)
@@ -227,6 +231,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         save(folder.path().join("ok.png"), [64, 64], [9; 4]);
         save(folder.path().join("tiny.png"), [4, 4], [9; 4]);
+        save(folder.path().join("clear.png"), [64, 64], [9, 9, 9, 0]);
         std::fs::write(folder.path().join("text.png"), "no picture").unwrap();
         let mut cut = Picture::filled(64, 64, [1, 2, 3, 255]).to_png().unwrap();
         cut.truncate(60);
@@ -238,6 +243,7 @@ mod tests {
             ("picture = 'cut.png'", "cut.png is not a sound PNG"),
             ("picture = 'cut.png'", "save it again as PNG or JPEG"),
             ("picture = 'tiny.png'", "4 × 4 pixels"),
+            ("picture = 'clear.png'", "clear.png is wholly transparent"),
             ("picture = 'ok.png'\nnormal = 'gone.png'", "`normal`: no picture"),
             ("normal = 'ok.png'", "`normal` goes with a `picture`"),
             ("picture = 3", "picture"),
