@@ -5,7 +5,7 @@
 //! cone of base R2 and h3 the lower cone, which narrows from R3 to R4 downward; R5 is the
 //! cylinder's radius. Where the source leaves it open: the cylinder ends where the cones meet, so
 //! R3 = R2 = CW / 2, and R4 is the share of R3 that the caller gives, at least R5. The cones are one
-//! closed surface, the cylinder another that goes into it. A tree whose twigs are bare has boughs up to the cones
+//! closed surface, the cylinder another that goes into it. A tree without leaves has boughs up to the cones
 //! in their place. Limit: crowns of one height round about.
 
 use std::f32::consts::TAU;
@@ -15,6 +15,13 @@ use glam::{Quat, Vec2, Vec3};
 use super::spot::GOLDEN_RAD;
 use super::{Surface, TreeMesh};
 use crate::diagnostic::{Error, Result};
+
+/// Boughs of a bare crown; the share of it up to which they leave the stem; how far they rise by the way they go
+/// outwards; and the width of one at the stem over its length.
+const BOUGHS: u32 = 13;
+const HIGHEST: f32 = 0.85;
+const RISE: f32 = 0.6;
+const STOUT: f32 = 0.14;
 
 /// The measures of a tree, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -124,16 +131,7 @@ impl Scheme {
         let foliage = turned(&crown, n);
         TreeMesh { wood, upper_wood, foliage, is_hull: true, ..TreeMesh::default() }
     }
-}
 
-/// Boughs of a bare crown; the share of it up to which they leave the stem; how far they rise by the way they go
-/// outwards; and the width of one at the stem over its length.
-const BOUGHS: u32 = 13;
-const HIGHEST: f32 = 0.85;
-const RISE: f32 = 0.6;
-const STOUT: f32 = 0.14;
-
-impl Scheme {
     /// For a tree without leaves, which one sees through: in place of both cones boughs that end on them, a
     /// triangle of two faces each, and a leader.
     pub fn bare_crown(&self) -> Surface {
