@@ -14,9 +14,9 @@ use super::splat;
 use super::trace::{Ray, Tracer};
 use super::weather::Weather;
 use crate::diagnostic::{Error, Result};
-use crate::raster::Picture;
+use crate::raster::{Picture, srgb_from_linear};
+use crate::render::Camera;
 use crate::render::sky::film;
-use crate::render::{Camera, srgb_from_linear};
 use crate::seed::Seed;
 
 /// How voxels are shown (TD17).

@@ -27,9 +27,8 @@ use rayon::prelude::*;
 use super::light::{self, Sky, Spot};
 use crate::diagnostic::Result;
 use crate::mesh::Surface;
-use crate::raster::{Picture, keep_cover, pad_transparent, spread};
+use crate::raster::{Picture, keep_cover, pad_transparent, spread, srgb_from_linear};
 use crate::render::capture::{self, Sitter, Texel, Window};
-use crate::render::srgb_from_linear;
 use crate::scene::Octahedral;
 use crate::work::{self, Work};
 

@@ -10,9 +10,8 @@ use super::model::{Look, parts_of};
 use crate::diagnostic::Result;
 use crate::lod::{self, Silhouettes, Views, impostor};
 use crate::mesh::{FoliageLevel, MeshOptions, Surface, TreeMesh, WindProfile, p18};
-use crate::raster::Picture;
+use crate::raster::{Picture, linear_from_srgb};
 use crate::render::capture::Sitter;
-use crate::render::linear_from_srgb;
 use crate::report::{ErrorMeasure, Outcome};
 use crate::scene::{
     Alpha, Apart, ColliderShape, Colorspace, Level, Material, Octahedral, Part, Scene, Texture,

@@ -2,8 +2,7 @@
 
 use crate::frame::Frame;
 use crate::mesh::{TreeMesh, Twigs};
-use crate::raster::{Image, Picture};
-use crate::render::linear_from_srgb;
+use crate::raster::{Image, Picture, linear_from_srgb};
 use crate::scene::{
     Alpha, Colorspace, Material, Part, Prototype, Relief, Scattered, Scene, Texture, Variant,
     identifier,

@@ -16,6 +16,7 @@ pub mod picture;
 mod png;
 pub mod polygon;
 pub mod scatter;
+mod srgb;
 pub mod trend;
 mod webp;
 mod world_file;
@@ -27,6 +28,7 @@ pub use jpeg::{MOST_JPEG_PX, encode as jpeg};
 pub use pad::pad_transparent;
 pub use picture::{Picture, deep_png};
 use rayon::prelude::*;
+pub use srgb::{LINEAR_FROM_SRGB, linear_from_srgb, srgb_from_linear};
 pub use webp::encode as webp;
 pub use world_file::read;
 

@@ -29,10 +29,9 @@ use model::{Mesh, Order};
 pub use seen::seen;
 use sky::film;
 use texture::{Purpose, Pyramid};
-pub use texture::{linear_from_srgb, srgb_from_linear};
 
 use crate::mesh::Surface;
-use crate::raster::Picture;
+use crate::raster::{Picture, srgb_from_linear};
 use crate::scene::{Alpha, Material, Part, Prototype, Scattered, Scene, Texture};
 
 /// A model in its place: scale, then turn, then move.
@@ -270,7 +269,7 @@ pub fn picture(view: &View<'_>, camera: &Camera, options: &RenderOptions) -> Pic
                 }
                 let mean = sum / (per_pixel * per_pixel) as f32;
                 let grain = dither(px as u32, row as u32);
-                let code = |c: f32| (texture::srgb_from_linear(c) + grain).clamp(0.0, 255.0) as u8;
+                let code = |c: f32| (srgb_from_linear(c) + grain).clamp(0.0, 255.0) as u8;
                 *pixel = [code(mean.x), code(mean.y), code(mean.z), 255];
             }
         },

@@ -7,31 +7,12 @@
 //! cutoff as on the finest (Castaño 2010).
 
 use std::borrow::Cow;
-use std::sync::LazyLock;
 
 use glam::Vec2;
 use rayon::prelude::*;
 
-use crate::raster::{Picture, floor};
+use crate::raster::{LINEAR_FROM_SRGB, Picture, floor, srgb_from_linear};
 use crate::scene::Colorspace;
-
-static LINEAR_FROM_SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
-    std::array::from_fn(|i| {
-        let c = i as f32 / 255.0;
-        if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
-    })
-});
-
-/// Linear light of 8-bit sRGB.
-pub fn linear_from_srgb(c: u8) -> f32 {
-    LINEAR_FROM_SRGB[usize::from(c)]
-}
-
-/// 8-bit sRGB of linear light 0…1.
-pub fn srgb_from_linear(c: f32) -> f32 {
-    let c = c.clamp(0.0, 1.0);
-    255.0 * if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
-}
 
 /// What is drawn, which says what of the textures is made ready.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

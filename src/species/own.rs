@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use glam::{Vec2, Vec3};
 
 use crate::diagnostic::{Error, Result};
-use crate::raster::{Picture, pad_transparent};
+use crate::raster::{Picture, pad_transparent, srgb_from_linear};
 
 /// Bytes of a model or of its material file, and of a picture.
 const MAX_TEXT_BYTES: u64 = 32 << 20;
@@ -379,11 +379,7 @@ const PLAIN: [u8; 3] = [120, 140, 80];
 
 /// Of linear light, as most programs write it.
 fn srgb(linear: [f32; 3]) -> [u8; 3] {
-    linear.map(|c| {
-        let c = c.clamp(0.0, 1.0);
-        let s = if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 };
-        (s * 255.0).round() as u8
-    })
+    linear.map(|c| srgb_from_linear(c).round() as u8)
 }
 
 /// What is known of a model's faces.

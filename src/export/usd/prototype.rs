@@ -7,6 +7,7 @@ use glam::Vec3;
 use super::layer::{Prim, Property, Value, VariantSet};
 use super::material::{Colours, TexturePaths, material};
 use super::stage::extent;
+use crate::raster::linear_from_srgb;
 use crate::scene::{
     Alpha, Collider, Level, Material, OWN_LOOK, Octahedral, Part, Prototype, SpeciesGroup,
     ValidScene,
@@ -251,17 +252,10 @@ pub(super) fn shown_colour(scene: &ValidScene, group: &SpeciesGroup) -> Vec3 {
     let base = Vec3::from(material.base_color);
     let Some(texture) = material.base_color_texture else { return base };
     let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
-    let light: [f32; 256] = std::array::from_fn(|srgb| linear(srgb as u8));
-    let linear = |srgb: &u8| light[usize::from(*srgb)];
     for [r, g, b, alpha] in &scene.textures()[texture as usize].image.picture().data {
         let alpha = f32::from(*alpha) / 255.0;
-        sum += alpha * Vec3::new(linear(r), linear(g), linear(b));
+        sum += alpha * Vec3::from([r, g, b].map(|c| linear_from_srgb(*c)));
         weight += alpha;
     }
     base * sum / f32::max(weight, 1e-6)
-}
-
-fn linear(srgb: u8) -> f32 {
-    let v = f32::from(srgb) / 255.0;
-    if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }
