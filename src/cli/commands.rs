@@ -663,7 +663,8 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let species = species::load(&a.species)?;
     let foliage = if a.bare { FoliageLevel::None } else { level(a.foliage) };
     if is_instanced {
-        check_twigs(&species, foliage, &levels, a)?;
+        let look = state(&a.state).look_of_many(&species);
+        check_twigs(&look, foliage, &levels, a)?;
     }
     let job = TreeJob {
         height_m: a.height.or(a.age.map(|years| species.size.height_at(years))),

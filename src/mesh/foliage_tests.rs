@@ -354,6 +354,7 @@ fn cones_hang_where_they_are_said_to() {
 fn a_user_s_model_stands_where_twigs_stand() {
     let (skeleton, mut species, _) = grown("quercus_robur");
     species.own_model = Some(triangle("twig.obj"));
+    species.foliage.colour = [1, 2, 3];
     let textures = crate::texture::for_species(&species, 64, Seed::new(1));
     assert_eq!(textures.leaf.picture().at(2, 2), [1, 2, 3, 255]);
     let twig_m = species.foliage.twig_length_m;

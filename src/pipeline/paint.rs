@@ -37,8 +37,7 @@ pub(super) fn paint(
     Ok(textures)
 }
 
-/// The leaves in the colours they have in other seasons and conditions, as far as these differ; none of a picture
-/// or model of the user's, whose colours are its own.
+/// The leaves in the colours they have in other seasons and conditions, as far as these differ.
 ///
 /// # Errors
 /// A picture that can't be encoded.
@@ -61,7 +60,7 @@ pub(super) fn leaf_variants(
     let conditions = CONDITIONS.map(|(name, condition)| (name, State { condition, ..state }));
     let own = state.look(species, seed).foliage;
     let mut variants = Vec::new();
-    if species.has_own_leaves() || state.leaf_share(species) == 0.0 {
+    if state.leaf_share(species) * own.kept == 0.0 {
         return Ok(variants);
     }
     for (name, state) in seasons.into_iter().chain(conditions) {
@@ -78,15 +77,10 @@ pub(super) fn leaf_variants(
     Ok(variants)
 }
 
-/// Warns of looks asked for that a bare tree, or one with leaves of the user's, does not have.
+/// Warns of looks asked for that a bare tree does not have.
 pub(super) fn tell_no_variants(species: &Species, warnings: &mut Vec<String>) {
     let name = &species.name;
-    warnings.push(match species.has_own_leaves() {
-        true => {
-            format!("--variants: the leaves of {name} are your own, in their own colours alone")
-        }
-        false => format!("--variants: {name} bears no leaves here that other colours were for"),
-    });
+    warnings.push(format!("--variants: {name} bears no leaves here that other colours were for"));
 }
 
 fn leaf(species: &Species, size_px: u32, seed: Seed, cache: &Cache) -> Result<Image> {
@@ -132,25 +126,39 @@ mod tests {
         let species = crate::species::load("larix_sibirica").unwrap();
         let (state, cache) = (State::default(), Cache::off());
         let own = texture::leaf(&species, 64, Seed::new(1));
+        let alpha = |i: &Image| i.picture().data.iter().map(|p| p[3]).collect::<Vec<_>>();
         let variants = leaf_variants(&species, state, 64, Seed::new(1), &cache).unwrap();
         let names: Vec<_> = variants.iter().map(|v| v.name).collect();
         let all = ["spring", "autumn", "weakened", "strongly_weakened", "dying", "fresh_dead"];
         assert_eq!(names, all);
         for LeafVariant { name, leaf: image, .. } in &variants {
             assert_ne!(*image, own, "{name}");
-            let alpha = |i: &Image| i.picture().data.iter().map(|p| p[3]).collect::<Vec<_>>();
             assert_eq!(alpha(image), alpha(&own), "{name}: the same leaves");
         }
         let spruce = crate::species::load("picea_abies").unwrap();
         let variants = leaf_variants(&spruce, state, 64, Seed::new(1), &cache).unwrap();
         assert!(variants.iter().all(|v| v.name != "autumn"), "an evergreen has no autumn");
+        let winter = State { season: Season::Winter, ..state };
+        let variants = leaf_variants(&species, winter, 64, Seed::new(1), &cache).unwrap();
+        assert!(variants.is_empty(), "no leaf hangs that could be of another colour");
         let dead = State { condition: Condition::OldDead, ..state };
         let variants = leaf_variants(&spruce, dead, 64, Seed::new(1), &cache).unwrap();
         assert!(variants.is_empty(), "no picture of leaves that are not there");
-        let picture = crate::raster::Picture::filled(8, 8, [9; 4]);
-        let own = Species { own_picture: Some(picture.into()), ..species };
+        let mut picture = crate::raster::Picture::filled(8, 8, [40, 90, 30, 255]);
+        picture.set(0, 0, [0; 4]);
+        let mut own = Species { own_picture: Some(picture.into()), ..species };
+        own.foliage.colour = [40, 90, 30];
+        let kept = texture::leaf(&own, 64, Seed::new(1));
+        assert_eq!(kept.picture().at(4, 4), [40, 90, 30, 255], "as it came");
         let variants = leaf_variants(&own, state, 64, Seed::new(1), &cache).unwrap();
-        assert!(variants.is_empty(), "drawn leaves are not those of the picture");
+        assert_eq!(variants.iter().map(|v| v.name).collect::<Vec<_>>(), all);
+        for LeafVariant { name, leaf, .. } in &variants {
+            assert_eq!(alpha(leaf), alpha(&kept), "{name}: their picture");
+            assert_ne!(leaf.picture().at(4, 4), [40, 90, 30, 255], "{name}: turned");
+        }
+        let bare = winter.look(&own, Seed::new(1));
+        assert!(!bare.has_own_leaves(), "bare twigs are drawn");
+        assert!(leaf_variants(&own, winter, 64, Seed::new(1), &cache).unwrap().is_empty());
     }
 
     #[test]

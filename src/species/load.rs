@@ -308,7 +308,7 @@ fn build_reporting(
     let models = [&own_model, &own_fruit].into_iter().flatten();
     remarks.extend(models.flat_map(|model| model.remarks.clone()));
     let name = name.unwrap_or_else(|| id.to_owned());
-    let species = Species {
+    let mut species = Species {
         id: id.to_owned(),
         common: common.unwrap_or_else(|| name.clone()),
         name,
@@ -330,6 +330,9 @@ fn build_reporting(
         remarks,
         rule: rule?,
     };
+    if let Some(picture) = species.own_leaves() {
+        species.foliage.colour = own::leaf_colour(picture);
+    }
     check::ranges(&species, &merged, &sources, errors);
     Some(species)
 }

@@ -289,6 +289,11 @@ pub enum LeafShape {
 /// With a smaller share of their leaves twigs are bare.
 const LEAST_KEPT: f32 = 0.5;
 
+/// Whether a twig that has kept this share of its leaves counts as bare.
+pub(super) fn is_bare(kept: f32) -> bool {
+    kept < LEAST_KEPT
+}
+
 /// Leaves or needles and how they sit on shoots.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -301,7 +306,7 @@ pub struct Foliage {
     pub leaf_width_m: f32,
     /// Needles of one tuft or bundle, leaflets of a compound leaf.
     pub cluster: u32,
-    /// Middle colour of a leaf in summer: red, green, blue.
+    /// Middle colour of a leaf in summer: red, green, blue. That of a `picture` or `model` is its own.
     pub colour: [u8; 3],
     /// Spread of the colour from leaf to leaf.
     pub variation: f32,
@@ -343,7 +348,7 @@ pub fn youth(height_m: f32) -> f32 {
 impl Foliage {
     /// Whether twigs are seen without most of their leaves: they hide no crown.
     pub fn is_bare(&self) -> bool {
-        self.kept < LEAST_KEPT
+        is_bare(self.kept)
     }
 
     /// Twigs at most so long: where they are shorter than usual they are closer, by the root of that,
@@ -532,8 +537,13 @@ pub struct Species {
 }
 
 impl Species {
-    /// Whether its leaves are pictures or models of the user's.
+    /// The picture of its leaves, where that or their model is the user's.
+    pub fn own_leaves(&self) -> Option<&Picture> {
+        let of_model = self.own_model.as_ref().map(|model| &model.picture);
+        of_model.or(self.own_picture.as_deref())
+    }
+
     pub fn has_own_leaves(&self) -> bool {
-        self.own_picture.is_some() || self.own_model.is_some()
+        self.own_leaves().is_some()
     }
 }

@@ -5,11 +5,14 @@
 //! every line is looked at first. Several pictures (`map_Kd`, cut by `map_d`) and plain colours are laid
 //! side by side in one; then no texture coordinate may leave its picture. Polygons are cut into fans.
 
+mod turn;
+
 use std::collections::BTreeSet;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use glam::{Vec2, Vec3};
+pub use turn::{leaf_colour, turned};
 
 use crate::diagnostic::{Error, Result};
 use crate::raster::{Picture, pad_transparent, srgb_from_linear};
@@ -106,7 +109,13 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
         skins.binary_search(&skin).ok()
     };
     let is_whole = skins.len() == 1 && meshes.iter().all(|m| shows(&m.mesh).is_some());
-    let sheet = if is_whole { None } else { Some(Sheet::new(&pictures, materials)) };
+    let sheet = if is_whole {
+        None
+    } else {
+        Some(Sheet::new(&pictures, materials, &|id| {
+            meshes.iter().any(|m| m.mesh.material_id == id && shows(&m.mesh).is_none())
+        }))
+    };
     if let Some(Sheet { picture, .. }) = &sheet
         && picture.width.max(picture.height) > MAX_SHEET_PX
     {
@@ -281,8 +290,8 @@ fn is_grey(picture: &Picture) -> bool {
     picture.data.iter().all(|p| p[0].abs_diff(p[1]).max(p[1].abs_diff(p[2])) <= 2)
 }
 
-/// Pictures side by side, and after them a square of colour for each material, the first for faces
-/// without any.
+/// Pictures side by side, and after them a square for each material, the first for faces without any:
+/// of its colour where faces show it.
 struct Sheet {
     picture: Picture,
     /// Of each picture: its left edge and its size, pixels; all begin at the top.
@@ -293,7 +302,11 @@ struct Sheet {
 }
 
 impl Sheet {
-    fn new(pictures: &[Picture], materials: &[tobj::Material]) -> Sheet {
+    fn new(
+        pictures: &[Picture],
+        materials: &[tobj::Material],
+        is_plain: &dyn Fn(Option<usize>) -> bool,
+    ) -> Sheet {
         let count = materials.len() as u32 + 1;
         let tallest = pictures.iter().map(|p| p.height).fold(SWATCH_PX, u32::max);
         let rows = (tallest / SWATCH_PX).clamp(1, count);
@@ -316,7 +329,11 @@ impl Sheet {
             }
         }
         let colours = materials.iter().map(|m| m.diffuse.map_or(PLAIN, srgb));
-        for (k, [r, g, b]) in (0..).zip(std::iter::once(PLAIN).chain(colours)) {
+        let ids = std::iter::once(None).chain((0..materials.len()).map(Some));
+        for (k, (id, [r, g, b])) in (0..).zip(ids.zip(std::iter::once(PLAIN).chain(colours))) {
+            if !is_plain(id) {
+                continue;
+            }
             let (x, y) = sheet.square(k);
             for (i, j) in (0..SWATCH_PX).flat_map(|j| (0..SWATCH_PX).map(move |i| (i, j))) {
                 sheet.picture.set(x + i, y + j, [r, g, b, 255]);

@@ -5,13 +5,13 @@
 //! these give (dead branches: up to a quarter in II, up to two thirds in III, more in IV).
 //!
 //! The twigs of trees that shed are seen without the leaves that have fallen, or are not out yet.
-//! A user's own twigs are there or not.
+//! A user's own twigs are there or not; where hardly any are, bare ones stand in their place.
 //!
 //! Limits: leaves of one tree turn all at once; flowers, fruit and snow are not shown.
 
 use std::str::FromStr;
 
-use super::model::{Kind, Species};
+use super::model::{Kind, Species, is_bare};
 use crate::seed::Seed;
 
 /// Category of the sanitary scale.
@@ -111,7 +111,7 @@ const FROSTED: [u8; 3] = [74, 82, 62];
 impl State {
     /// Share of the twigs of a healthy tree in summer that are seen on the branches that live, 0…1.
     pub fn leaf_share(self, species: &Species) -> f32 {
-        let of_season = if bares_twigs(species) { 1.0 } else { self.hang_on(species) };
+        let of_season = if self.thins_twigs(species) { self.hang_on(species) } else { 1.0 };
         let of_condition = match self.condition {
             Condition::Healthy => 1.0,
             Condition::Weakened => 0.8,
@@ -132,6 +132,12 @@ impl State {
             Season::Autumn => winter.max(species.season.autumn_leaves),
             Season::Winter => winter,
         }
+    }
+
+    /// Whether whole twigs go with the leaves that have fallen: single leaves of a user's own picture or model
+    /// can't.
+    fn thins_twigs(self, species: &Species) -> bool {
+        species.has_own_leaves() && !is_bare(self.hang_on(species))
     }
 
     /// The species as it looks in this state: colour of its leaves, loss of its bark. `seed` tells
@@ -169,8 +175,11 @@ impl State {
         let summer = species.foliage.colour;
         let winter = winter_share(species);
         let sheds = 1.0 - winter;
-        if bares_twigs(species) {
+        if !self.thins_twigs(species) {
             out.foliage.kept = self.hang_on(species);
+        }
+        if out.foliage.is_bare() {
+            (out.own_model, out.own_picture) = (None, None);
         }
         let of_season = match self.season {
             Season::Summer => summer,
@@ -213,11 +222,6 @@ impl State {
 fn winter_share(species: &Species) -> f32 {
     let usual = if species.kind == Kind::Conifer { 1.0 } else { 0.0 };
     species.season.winter_leaves.unwrap_or(usual)
-}
-
-/// Whether the twigs show without the leaves they lack: no picture or model of the user's can.
-fn bares_twigs(species: &Species) -> bool {
-    winter_share(species) < 1.0 && !species.has_own_leaves()
 }
 
 fn mixed(a: [u8; 3], b: [u8; 3], share: f32) -> [u8; 3] {
@@ -269,7 +273,8 @@ mod tests {
             assert!((0.5..0.95).contains(&autumn), "{name}: leaves fall one by one, {autumn}");
             species.own_picture = Some(crate::raster::Picture::filled(8, 8, [9; 4]).into());
             let winter = state("I", "winter");
-            assert_eq!((winter.leaf_share(&species), kept(&species, "winter")), (0.0, 1.0));
+            assert_eq!((winter.leaf_share(&species), kept(&species, "winter")), (1.0, 0.0));
+            assert!(!winter.look(&species, Seed::new(1)).has_own_leaves(), "{name}: drawn twigs");
             let autumn = state("I", "autumn");
             assert_eq!(autumn.look(&species, Seed::new(1)).foliage.kept, 1.0, "{name}");
             assert!((0.3..1.0).contains(&autumn.leaf_share(&species)), "{name}");

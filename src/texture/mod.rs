@@ -17,6 +17,7 @@ pub use ground::GROUND_REPEAT_M;
 use crate::raster::{Image, Picture};
 use crate::seed::Seed;
 use crate::species::Species;
+use crate::species::own::turned;
 use crate::work::{self, Work};
 use bark::BarkPictures;
 
@@ -193,19 +194,13 @@ const SHADED: f32 = 0.55;
 
 /// The colour of a hull of leaves, sRGB.
 pub fn crown_colour(species: &Species) -> [u8; 3] {
-    let own = species.own_model.as_ref().map(|model| &model.picture);
-    let own = own.or(species.own_picture.as_deref());
-    let [r, g, b] = own.map_or(species.foliage.colour, |p| {
-        let [r, g, b, _] = p.mean_colour();
-        [r, g, b]
-    });
-    [r, g, b].map(|c| (f32::from(c) * SHADED.powf(1.0 / 2.2)) as u8)
+    species.foliage.colour.map(|c| (f32::from(c) * SHADED.powf(1.0 / 2.2)) as u8)
 }
 
 /// The leaf picture of [`for_species`] alone.
 pub fn leaf(species: &Species, size_px: u32, seed: Seed) -> Image {
     let size_px = size_px.clamp(*SIZE_PX.start(), *SIZE_PX.end()) & !1;
-    twig::draw(species, size_px, seed.derive("texture", 0)).0.into()
+    leaves(species, size_px, seed.derive("texture", 0)).0.into()
 }
 
 /// The user's own bark; `None` where the file names none.
@@ -230,15 +225,15 @@ fn own_normals(species: &Species) -> Option<Image> {
     Some(Image::from(species.own_model.as_ref()?.normals.clone()?))
 }
 
-/// The picture of a user's own model or twig as it is, or one drawn for the species.
+/// The picture of a user's own model or twig, its leaves in the colour of the species', or one drawn for it.
 fn leaves(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
-    let twig_m = species.foliage.twig_length_m;
+    let (twig_m, colour) = (species.foliage.twig_length_m, species.foliage.colour);
     match (&species.own_model, &species.own_picture) {
         (Some(model), _) => {
             let fill = crate::species::own::opaque_spot(&model.picture);
-            (model.picture.clone(), Atlas::whole(twig_m).filled_at(fill))
+            (turned(&model.picture, colour), Atlas::whole(twig_m).filled_at(fill))
         }
-        (None, Some(picture)) => twig::own(picture, twig_m),
+        (None, Some(picture)) => twig::own(&turned(picture, colour), twig_m),
         (None, None) => twig::draw(species, size_px, seed),
     }
 }

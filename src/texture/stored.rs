@@ -31,6 +31,8 @@ const SOURCES: &[(&str, &str)] = &[
     ("../raster/encoded.rs", include_str!("../raster/encoded.rs")),
     ("../raster/picture.rs", include_str!("../raster/picture.rs")),
     ("../raster/png.rs", include_str!("../raster/png.rs")),
+    ("../raster/srgb.rs", include_str!("../raster/srgb.rs")),
+    ("../species/own/turn.rs", include_str!("../species/own/turn.rs")),
     ("../seed.rs", include_str!("../seed.rs")),
 ];
 

@@ -34,6 +34,7 @@ fn rule(folder: &tempfile::TempDir) -> String {
 fn a_twig_is_read_with_its_picture_to_a_height_of_one() {
     let folder = folder(RULE, TWIG, MATERIAL);
     let species = load(&rule(&folder)).unwrap();
+    assert_eq!(species.foliage.colour, [30, 90, 20], "that of its leaves");
     let model = species.own_model.unwrap();
     assert_eq!((model.position.len(), model.index.len()), (4, 6));
     let high = model.position.iter().map(|p| p[1]).fold(0.0, f32::max);
@@ -45,6 +46,13 @@ fn a_twig_is_read_with_its_picture_to_a_height_of_one() {
     assert!(species.own_picture.is_none());
     let watched = files(Path::new(&rule(&folder)));
     assert!(watched.iter().any(|f| f.ends_with("twig.obj")), "{watched:?}");
+}
+
+#[test]
+fn colours_that_no_face_shows_are_not_those_of_leaves() {
+    let mtl = "newmtl leaf\nKd 0.1 0.3 0.05\nnewmtl other\nKd 0.9 1 0.1\n";
+    let species = load(&rule(&folder(RULE, TWIG, mtl))).unwrap();
+    assert_eq!(species.foliage.colour, srgb([0.1, 0.3, 0.05]));
 }
 
 #[test]
