@@ -35,9 +35,8 @@ const PAINT_LIMIT: usize = 60_000;
 pub const CUTOFF: f32 = 0.5;
 /// The most that smaller versions show, in parts of what the picture does.
 const MOST_COVER: f32 = 1.25;
-/// Pixels along a cell below which bare twigs, a pixel wide, would be much too thick; along the one they are
-/// drawn in then; and along a block of pixels that shows as much of them.
-const COARSE: u32 = 256;
+/// Pixels along a cell below which bare twigs, a pixel wide, would be too thick, and in which they are
+/// drawn then; and along a block of pixels that shows as much of them.
 const FINE: u32 = 512;
 const BLOCK: usize = 5;
 /// Sideways bend of a leaf's tip at most, share of its length.
@@ -78,7 +77,7 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
         .map(|(k, (part, _))| {
             let side = if part == Part::Leaf { quarter / 2 } else { quarter };
             // Bare twigs are never thinner than a pixel: coarse ones are drawn fine, and thinned.
-            let finer = if f.is_bare() && side < COARSE { FINE.div_ceil(side) } else { 1 };
+            let finer = if f.is_bare() && side < FINE { FINE.div_ceil(side) } else { 1 };
             let factor = if side > 600 { 2 } else { 3 };
             let size_m = match part {
                 Part::Twig => twig_m,
