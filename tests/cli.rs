@@ -597,6 +597,28 @@ fn a_forest_in_winter_is_seen_through_from_near_and_far() {
     }
 }
 
+/// A crown that has thinned out makes no stem thicker: models are as wide in place as when they were whole.
+#[test]
+fn trees_of_a_dying_forest_have_the_stems_they_had() {
+    let dir = tempfile::tempdir().unwrap();
+    let widths = |condition: &str| -> BTreeMap<String, f32> {
+        let to = dir.path().join(condition);
+        small_demo(&to, &["--condition", condition]);
+        let (document, _, _) = gltf::import(to.join("forest.glb")).unwrap();
+        let nodes = document.nodes().filter(|n| n.mesh().is_some());
+        let width = |n: gltf::Node| (n.name().unwrap().to_owned(), n.transform().decomposed().2[0]);
+        nodes.map(width).collect()
+    };
+    let healthy = widths("I");
+    for condition in ["IV", "VI"] {
+        let dying = widths(condition);
+        assert!(dying.len() > 8 && dying.len() == healthy.len());
+        let mean =
+            dying.iter().map(|(tree, x)| x / healthy[tree]).sum::<f32>() / dying.len() as f32;
+        assert!((0.85..1.12).contains(&mean), "{condition}: {mean}");
+    }
+}
+
 /// Of an aspen 8 views of 32 pixels show no stem.
 #[test]
 fn an_octahedral_impostor_keeps_its_stem_with_small_pictures() {
@@ -697,6 +719,9 @@ fn a_box_and_a_camera_leave_out_what_they_do_not_show() {
     let before = seen["camera"]["triangles_before"].as_u64().unwrap();
     // A pixel there is 17 cm wide: hardly a tree needs its finest form.
     assert!(seen["camera"]["triangles"].as_u64().unwrap() < before, "{:#}", seen["camera"]);
+    let both = format!("{},{}", place(far), place(middle));
+    let forms = small_demo(dir.path(), &["--camera", &both, "--lods", "2"]);
+    assert!(forms["warnings"].to_string().contains("no other levels or impostors are written"));
     let behind = [far[0], 2.0 * far[1] - middle[1], far[2]];
     let none = small_demo(dir.path(), &["--camera", &format!("{},{}", place(far), place(behind))]);
     assert_eq!(saved(&none, "trees the camera does not see"), trees(&whole));

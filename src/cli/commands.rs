@@ -322,6 +322,14 @@ fn check_scene(scene: &SceneArgs, run: &mut Recorder) -> Result<()> {
     check_pictures(scene.texture, scene.height_maps)?;
     run.warnings.extend(check_held(&extras(&scene.levels, &scene.state), &formats)?);
     run.warnings.extend(not_held(&scene.levels, &formats));
+    let levels = levels_job(&scene.levels, &formats);
+    if scene.camera.is_some() && (levels.meshed > 0 || levels.impostor.is_some()) {
+        run.warnings.push(
+            "--camera shows each tree in the one form that serves its distance: no other levels or impostors \
+             are written; leave --camera out for those"
+                .into(),
+        );
+    }
     Ok(())
 }
 

@@ -179,7 +179,7 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     let mut models = models(job, &survey);
     let unmade = job.eye.as_ref().map_or(0, |eye| view::cull(&mut models, &survey, eye));
     let mut plans = plans(job, &survey, &models);
-    let skeletons = grow(job, &survey, &models, &plans, run)?;
+    let (skeletons, shed_m) = grow(job, &survey, &models, &plans, run)?;
     let looks = looks(job);
     let textures = paint_all(job, &models, &looks, run)?;
     let of = Grown { models: &models, skeletons: &skeletons, looks: &looks, textures: &textures };
@@ -195,7 +195,7 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     }
     let facets = survey.terrain.facets(job.terrain_error_m, TERRAIN_TRIANGLES);
     let Assembled { mut scene, materials, stretch } =
-        assemble(job, &survey, &facets, &models, finest, &looks, textures);
+        assemble(job, &survey, &facets, &models, (finest, &shed_m), &looks, textures);
     let mut crown_error_m = None;
     if job.tells_fit {
         crown_error_m = run.stage("fit", |_| {
@@ -408,13 +408,14 @@ fn over_budget(job: &ForestJob, models: &[Model], meshes: &[Vec<TreeMesh>]) -> O
     })
 }
 
+/// Skeletons of all models, and what each has lost of its width by its condition, metres.
 fn grow(
     job: &ForestJob,
     survey: &Survey,
     models: &[Model],
     plans: &[Plan],
     run: &mut Recorder,
-) -> Result<Vec<Skeleton>> {
+) -> Result<(Vec<Skeleton>, Vec<f32>)> {
     run.stage("skeleton", |_| {
         let roots = RTree::bulk_load(
             (0..survey.trees.len())
@@ -422,17 +423,20 @@ fn grow(
                 .collect(),
         );
         let widest_m = survey.trees.iter().map(|t| t.crown.diameter_m).fold(0.0, f32::max);
-        let skeletons: Vec<Skeleton> = models
+        let grown: Vec<(Skeleton, f32)> = models
             .par_iter()
             .zip(plans)
             .map(|(m, plan)| {
                 let seed = job.survey.seed.derive("tree", survey.trees[m.exemplar].crown.key);
                 let detail = job.wood.detail(plan.triangles, job.foliage);
-                let skeleton = grow_one(job, survey, &roots, widest_m, m, detail, seed)?;
+                let whole = grow_one(job, survey, &roots, widest_m, m, detail, seed)?;
                 let kind = job.survey.species[m.species].kind;
-                Ok(decline::in_condition(&skeleton, kind, job.state.condition, seed))
+                let left = decline::in_condition(&whole, kind, job.state.condition, seed);
+                let shed_m = (whole.width_m() - left.width_m()).max(0.0);
+                Ok((left, shed_m))
             })
             .collect::<Result<_>>()?;
+        let (skeletons, shed_m): (Vec<_>, Vec<_>) = grown.into_iter().unzip();
         let nodes = skeletons.iter().map(Skeleton::len).sum();
         let attractors: usize =
             models.iter().map(|m| survey.trees[m.exemplar].crown.attractors.len()).sum();
@@ -447,7 +451,7 @@ fn grow(
             let mean = sum / count as f64;
             outcome = outcome.error(ErrorMeasure::new("crown point to wood, mean", mean, "m"));
         }
-        Ok((skeletons, outcome))
+        Ok(((skeletons, shed_m), outcome))
     })
 }
 
@@ -753,7 +757,7 @@ fn assemble(
     survey: &Survey,
     facets: &Facets,
     models: &[Model],
-    meshes: Vec<TreeMesh>,
+    (meshes, shed_m): (Vec<TreeMesh>, &[f32]),
     looks: &[Species],
     textures: Vec<Option<TreeTextures>>,
 ) -> Assembled {
@@ -775,7 +779,9 @@ fn assemble(
         let tint = job.state.tint(s, &looks[model.species], of_model);
         let look = &tinted(&mut scene, *look, tint, numbers[model.species]);
         materials.push(*look);
-        let width_m = mesh.crown_diameter_m();
+        // The scan's crown is that of the tree before it declined: fitted to what is left of it, its stem
+        // would be as much too thick.
+        let width_m = mesh.crown_diameter_m() + shed_m[m];
         let name = format!("{}_{:02}", identifier(&s.name), numbers[model.species]);
         scene.prototypes.push(prototype(name, s, mesh, *look));
         let exemplar = &survey.trees[model.exemplar].crown;

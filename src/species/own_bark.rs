@@ -19,7 +19,7 @@ const UPPER: [&str; 2] = ["upper", "upper_style"];
 /// A picture covers stem and branches: a drawn upper bark from below it goes. One that the same
 /// file names, or one that extends it, stays.
 pub fn cover(bark: &mut Node) {
-    let Some(file) = bark.get("picture").map(|n| n.place.source) else { return };
+    let Some(file) = named(bark, "picture").map(|n| n.place.source) else { return };
     // Sources are counted from the nearest; defaults come last.
     let is_meant = |key: &&str| bark.get(key).is_some_and(|n| n.place.source <= file);
     if UPPER.iter().any(is_meant) {
@@ -34,9 +34,11 @@ pub fn cover(bark: &mut Node) {
 /// The pictures that `[bark]` names; `None` where it names none or one is wrong.
 pub fn read(bark: &Node, sources: &Sources, errors: &mut Vec<Error>) -> Option<Warned<OwnBark>> {
     let mut remarks = Vec::new();
-    if bark.get("picture").is_none() {
-        for key in ["normal", "roughness"] {
-            if let Some(node) = bark.get(key) {
+    if named(bark, "picture").is_none() {
+        // `''` takes away the pictures that go with it, too.
+        let is_taken = bark.get("picture").is_some();
+        for key in ["normal", "roughness"].into_iter().filter(|_| !is_taken) {
+            if let Some(node) = named(bark, key) {
                 let message = format!("`{key}` goes with a `picture`, and there is none");
                 let error = sources.error(&node.place, message, "for which bark?");
                 errors.push(error.remedy("name the picture of the bark: `picture = \"bark.png\"`"));
@@ -46,7 +48,7 @@ pub fn read(bark: &Node, sources: &Sources, errors: &mut Vec<Error>) -> Option<W
     }
     let before = errors.len();
     let mut one = |key: &str| {
-        let node = bark.get(key)?;
+        let node = named(bark, key)?;
         // A value of another type is told with the rest of the keys.
         let name = node.as_text()?;
         match picture(&beside(node, sources, name)) {
@@ -64,6 +66,11 @@ pub fn read(bark: &Node, sources: &Sources, errors: &mut Vec<Error>) -> Option<W
     let (colour, normal, roughness) = (one("picture"), one("normal"), one("roughness"));
     let own = OwnBark { colour: colour?, normal, roughness };
     (errors.len() == before).then_some(Warned { value: own, warnings: remarks })
+}
+
+/// What a key says but for `''`, which takes away what an extended file says.
+fn named<'a>(bark: &'a Node, key: &str) -> Option<&'a Node> {
+    bark.get(key).filter(|node| node.as_text() != Some(""))
 }
 
 /// A name as the file means it that says it: beside that file.
@@ -194,6 +201,33 @@ mod tests {
         assert_eq!(under.upper, None);
         let again = of("again.toml", "over.toml", "picture = 'bark.png'").bark;
         assert_eq!(again.upper, None);
+    }
+
+    #[test]
+    fn an_empty_name_takes_a_picture_away_with_its_normals() {
+        let folder = tempfile::tempdir().unwrap();
+        save(folder.path().join("bark.png"), [64, 64], [90, 80, 70, 255]);
+        file(folder.path(), "picture = 'bark.png'\nnormal = 'bark.png'");
+        let top = folder.path().join("top.toml");
+        std::fs::write(&top, "extends = 'own.toml'\n[bark]\npicture = ''").unwrap();
+        assert!(load(&top.to_string_lossy()).unwrap().own_bark.is_none());
+        std::fs::write(&top, "extends = 'own.toml'\n[bark]\nnormal = ''").unwrap();
+        assert!(load(&top.to_string_lossy()).unwrap().own_bark.unwrap().normal.is_none());
+    }
+
+    #[test]
+    fn grey_wood_shows_where_a_user_s_bark_has_fallen_off() {
+        let folder = tempfile::tempdir().unwrap();
+        save(folder.path().join("bark.png"), [64, 64], [40, 80, 30, 255]);
+        let species = load(&file(folder.path(), "picture = 'bark.png'\nlost = 0.6")).unwrap();
+        let drawn = crate::texture::for_species(&species, 64, crate::seed::Seed::new(1));
+        assert!(drawn.bark.normal.is_some() && drawn.bark.height.is_none());
+        let pixels = &drawn.bark.colour.picture().data;
+        let bark = pixels.iter().filter(|p| p[..3] == [40, 80, 30]).count();
+        let share = bark as f32 / pixels.len() as f32;
+        assert!((0.2..0.5).contains(&share), "{share}");
+        let wood = |p: &&[u8; 4]| p[0] >= p[1] && p[0] > 60;
+        assert!(pixels.iter().filter(wood).count() > pixels.len() / 3);
     }
 
     /// A rule file begun from one with a picture holds every key, and is the same tree.

@@ -179,6 +179,10 @@ impl State {
             out.foliage.kept = self.hang_on(species);
         }
         if out.foliage.is_bare() {
+            // Drawn leaves are not the user's.
+            if species.has_own_leaves() {
+                out.foliage.kept = 0.0;
+            }
             (out.own_model, out.own_picture) = (None, None);
         }
         let of_season = match self.season {
@@ -194,12 +198,15 @@ impl State {
             // What hangs on through the winter on a tree that sheds is dry.
             Season::Winter => mixed(mixed(summer, FROSTED, 0.25), DRY_LEAVES, sheds),
         };
+        // Leaves that are dry already don't yellow.
+        let is_dry = self.season == Season::Winter && sheds > 0.5;
+        let tired = |share: f32| if is_dry { of_season } else { mixed(of_season, TIRED, share) };
         let dry = if species.kind == Kind::Conifer { DRY_NEEDLES } else { DRY_LEAVES };
         let (colour, more_variation) = match self.condition {
             Condition::Healthy => (of_season, 0.0),
-            Condition::Weakened => (mixed(of_season, TIRED, 0.15), 0.03),
-            Condition::StronglyWeakened => (mixed(of_season, TIRED, 0.35), 0.08),
-            Condition::Dying => (mixed(of_season, TIRED, 0.75), 0.12),
+            Condition::Weakened => (tired(0.15), 0.03),
+            Condition::StronglyWeakened => (tired(0.35), 0.08),
+            Condition::Dying => (tired(0.75), 0.12),
             Condition::FreshDead | Condition::OldDead => (dry, 0.1),
         };
         out.foliage.colour = colour;
@@ -305,6 +312,18 @@ mod tests {
             assert!(state("VI", "summer").look(&species, Seed::new(1)).bark.lost > 0.3);
             assert_eq!(state("I", "summer").look(&species, Seed::new(1)).bark, species.bark);
         }
+    }
+
+    #[test]
+    fn dry_leaves_of_winter_are_of_one_colour_in_every_condition() {
+        let oak = load("quercus_robur").unwrap();
+        let colour = |c| state(c, "winter").look(&oak, Seed::new(1)).foliage.colour;
+        assert!(colour("I")[0] > colour("I")[1], "brown");
+        assert!(["II", "III", "IV"].iter().all(|c| colour(c) == colour("I")));
+        let mut own = oak.clone();
+        own.own_picture = Some(crate::raster::Picture::filled(8, 8, [9; 4]).into());
+        let winter = state("I", "winter").look(&own, Seed::new(1)).foliage.kept;
+        assert_eq!(winter, 0.0, "no drawn leaves beside one's own");
     }
 
     /// In degrees of the colour wheel: red 0, yellow 60, green 120.

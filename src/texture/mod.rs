@@ -148,18 +148,21 @@ fn barks(
     seed: Seed,
 ) -> (BarkTextures, Option<BarkTextures>, Option<BarkTextures>) {
     let bark = &species.bark;
-    let own = own_bark(species);
+    let own = own_bark(species).filter(|_| bark.lost <= 0.0);
     if let (Some(own), None) = (&own, bark.upper) {
         return (own.clone(), None, None);
     }
     let draw_lower = || match species.own_bark.as_ref() {
-        Some(own) => bark::of_own(own, size_px),
+        Some(own) => bark::of_own_fallen(own, bark, size_px, seed),
         None => bark::draw(bark, size_px, seed),
     };
     let (lower, upper) = rayon::join(draw_lower, || bark::draw_upper(bark, size_px, seed));
     let between = upper.as_ref().map(|upper| bark::draw_transition(bark, &lower, upper, seed));
-    // A user's own goes as it came.
-    let lower = own.unwrap_or_else(|| lower.into());
+    // A whole one of the user's goes as it came; of others how deep they are is not known.
+    let mut lower = own.unwrap_or_else(|| lower.into());
+    if species.own_bark.is_some() {
+        lower.height = None;
+    }
     (lower, upper.map(BarkTextures::from), between.map(BarkTextures::from))
 }
 

@@ -129,6 +129,30 @@ pub fn of_own(own: &OwnBark, size_px: u32) -> Drawn {
     Drawn { pictures: BarkPictures { colour, normal, orm, height, depth_m: 0.0 }, heights }
 }
 
+/// A user's own bark off which as much has fallen as off the species'.
+pub fn of_own_fallen(own: &OwnBark, bark: &Bark, size_px: u32, seed: Seed) -> Drawn {
+    let mut drawn = of_own(own, size_px);
+    if bark.lost <= 0.0 {
+        return drawn;
+    }
+    let n = drawn.pictures.colour.width;
+    let is_wood = texels(BarkStyle::Smooth, bark, n as usize, seed);
+    let wood = pictures(BarkStyle::Smooth, bark.colour, bark.relief_m, bark, n, seed);
+    let lay = |own: &mut Picture, wood: &Picture| {
+        for ((own, wood), t) in own.data.iter_mut().zip(&wood.data).zip(&is_wood) {
+            *own =
+                std::array::from_fn(|c| mix(own[c].into(), wood[c].into(), t.wood).round() as u8);
+        }
+    };
+    lay(&mut drawn.pictures.colour, &wood.pictures.colour);
+    lay(&mut drawn.pictures.normal, &wood.pictures.normal);
+    lay(&mut drawn.pictures.orm, &wood.pictures.orm);
+    for ((own, wood), t) in drawn.heights.iter_mut().zip(&wood.heights).zip(&is_wood) {
+        *own = mix(*own, *wood, t.wood);
+    }
+    drawn
+}
+
 /// What lies between the bark of the stem and that of its upper part.
 pub fn draw_transition(bark: &Bark, old: &Drawn, upper: &Drawn, seed: Seed) -> BarkPictures {
     transition::draw(old, upper, bark.upper_style.unwrap_or(bark.style), seed)
