@@ -208,13 +208,8 @@ impl TreeMesh {
         outer(&forms)
     }
 
-    /// Diameter of the circle whose area is that of the crown seen from above: a star of 16 rays
-    /// from the crown's middle, each as long as nine tenths of the leaves (shoots, where bare) in
-    /// its sixteenth are near. The outermost tenth is the tips of twigs, which an outline passes by.
-    /// Of a crown of few corners all count, and a narrow gap between two sixteenths is as wide as they.
+    /// [`crown_diameter_m`] of the leaves, or of the shoots where bare.
     pub fn crown_diameter_m(&self) -> f32 {
-        const SECTORS: usize = 16;
-        const FEW: usize = 100;
         let shoots: Vec<Vec3>;
         let crown = if !self.twigs.is_empty() {
             shoots = self.twigs.iter().flat_map(Twigs::tips).collect();
@@ -225,32 +220,7 @@ impl TreeMesh {
         } else {
             &self.foliage.position
         };
-        let within = if crown.len() < FEW { 1.0 } else { 0.9 };
-        let sum = crown.iter().fold(glam::DVec2::ZERO, |s, p| s + p.truncate().as_dvec2());
-        let middle = (sum / crown.len().max(1) as f64).as_vec2();
-        let mut distance_sq = vec![Vec::new(); SECTORS];
-        for p in crown {
-            let d = p.truncate() - middle;
-            let turn = (d.to_angle() / std::f32::consts::TAU).rem_euclid(1.0);
-            let sector = ((turn * SECTORS as f32) as usize).min(SECTORS - 1);
-            distance_sq[sector].push(d.length_squared());
-        }
-        let rays = distance_sq.iter_mut().map(|d| {
-            d.sort_unstable_by(f32::total_cmp);
-            let last = d.len().saturating_sub(1) as f32;
-            d.get((last * within) as usize).copied()
-        });
-        let rays: Vec<Option<f32>> = rays.collect();
-        let beside = |k: usize| [1, 2].iter().find_map(|step| rays[(k + step) % SECTORS]);
-        let other = |k: usize| [1, 2].iter().find_map(|step| rays[(k + SECTORS - step) % SECTORS]);
-        let sum = (0..SECTORS).fold(0.0, |sum, k| {
-            sum + match (rays[k], beside(k), other(k)) {
-                (Some(ray), ..) => ray,
-                (None, Some(a), Some(b)) => 0.5 * (a + b),
-                _ => 0.0,
-            }
-        });
-        2.0 * (sum / SECTORS as f32).sqrt()
+        crown_diameter_m(crown)
     }
 
     /// Scales the tree about its root collar until its highest leaf or shoot is at `height_m`. A
@@ -317,6 +287,41 @@ impl TreeMesh {
             n => Err(Error::new(format!("the wood has {n} open edges"))),
         }
     }
+}
+
+/// Diameter of the circle whose area is that of the crown seen from above: a star of 16 rays from the
+/// crown's middle, each as long as nine tenths of the places in its sixteenth are near. The outermost
+/// tenth is the tips of twigs, which an outline passes by. Of a crown of few places all count, and a
+/// narrow gap between two sixteenths is as wide as they.
+pub fn crown_diameter_m(crown: &[Vec3]) -> f32 {
+    const SECTORS: usize = 16;
+    const FEW: usize = 100;
+    let within = if crown.len() < FEW { 1.0 } else { 0.9 };
+    let sum = crown.iter().fold(glam::DVec2::ZERO, |s, p| s + p.truncate().as_dvec2());
+    let middle = (sum / crown.len().max(1) as f64).as_vec2();
+    let mut distance_sq = vec![Vec::new(); SECTORS];
+    for p in crown {
+        let d = p.truncate() - middle;
+        let turn = (d.to_angle() / std::f32::consts::TAU).rem_euclid(1.0);
+        let sector = ((turn * SECTORS as f32) as usize).min(SECTORS - 1);
+        distance_sq[sector].push(d.length_squared());
+    }
+    let rays = distance_sq.iter_mut().map(|d| {
+        d.sort_unstable_by(f32::total_cmp);
+        let last = d.len().saturating_sub(1) as f32;
+        d.get((last * within) as usize).copied()
+    });
+    let rays: Vec<Option<f32>> = rays.collect();
+    let beside = |k: usize| [1, 2].iter().find_map(|step| rays[(k + step) % SECTORS]);
+    let other = |k: usize| [1, 2].iter().find_map(|step| rays[(k + SECTORS - step) % SECTORS]);
+    let sum = (0..SECTORS).fold(0.0, |sum, k| {
+        sum + match (rays[k], beside(k), other(k)) {
+            (Some(ray), ..) => ray,
+            (None, Some(a), Some(b)) => 0.5 * (a + b),
+            _ => 0.0,
+        }
+    });
+    2.0 * (sum / SECTORS as f32).sqrt()
 }
 
 /// How finely a tree is meshed.

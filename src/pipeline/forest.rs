@@ -22,7 +22,7 @@ use crate::diagnostic::Result;
 use crate::frame::Frame;
 use crate::lod::Kind;
 use crate::lod::collision::collision;
-use crate::mesh::{FoliageLevel, Junctions, MeshOptions, Surface, TreeMesh};
+use crate::mesh::{FoliageLevel, Junctions, MeshOptions, Surface, TreeMesh, crown_diameter_m};
 use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
@@ -432,7 +432,8 @@ fn grow(
                 let whole = grow_one(job, survey, &roots, widest_m, m, detail, seed)?;
                 let kind = job.survey.species[m.species].kind;
                 let left = decline::in_condition(&whole, kind, job.state.condition, seed);
-                let shed_m = (whole.width_m() - left.width_m()).max(0.0);
+                let thin_m = job.survey.species[m.species].foliage.bearing_radius_m;
+                let shed_m = (crown_m(&whole, thin_m) - crown_m(&left, thin_m)).max(0.0);
                 Ok((left, shed_m))
             })
             .collect::<Result<_>>()?;
@@ -453,6 +454,14 @@ fn grow(
         }
         Ok(((skeletons, shed_m), outcome))
     })
+}
+
+/// Diameter of what bears leaves, or of all where nothing does.
+fn crown_m(skeleton: &Skeleton, bearing_radius_m: f32) -> f32 {
+    let bears = skeleton.bears_leaves(bearing_radius_m);
+    let bears_none = !bears.contains(&true);
+    let places = skeleton.position.iter().zip(bears).filter(|(_, bears)| *bears || bears_none);
+    crown_diameter_m(&places.map(|(p, _)| *p).collect::<Vec<_>>())
 }
 
 fn grow_one(
