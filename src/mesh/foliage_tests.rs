@@ -1,4 +1,4 @@
-use super::foliage::{Order, foliage};
+use super::foliage::{Order, foliage, nearest};
 use super::tests::SPECIES;
 use super::*;
 use crate::skeleton::{Detail, Target, grow};
@@ -516,10 +516,12 @@ fn bare_twigs_have_stalks_from_wood_that_is_meshed() {
         let tree = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
         tree.check().unwrap();
         assert!(tree.triangles() <= 12_000);
-        let meshed: Vec<Vec3> = (0..skeleton.len())
-            .filter(|&n| tree.is_meshed[n])
-            .map(|n| skeleton.position[n])
-            .collect();
+        let shoot = |n: usize| {
+            let from = skeleton.parent_of(n as u32).map_or(n, |p| p as usize);
+            [from, n].map(|n| skeleton.position[n])
+        };
+        let meshed: Vec<[Vec3; 2]> =
+            (0..skeleton.len()).filter(|&n| tree.is_meshed[n]).map(shoot).collect();
         assert!(meshed.len() < skeleton.len(), "{name}: all branches are meshed");
         let twigs = &tree.foliage;
         let is_stalk =
@@ -529,12 +531,22 @@ fn bare_twigs_have_stalks_from_wood_that_is_meshed() {
             .map(|t| [0, 1, 2].map(|k| twigs.position[t[k] as usize]))
             .collect();
         assert!(3 * stalks.len() <= twigs.triangles() && stalks.len() > 100, "{name}");
-        let far = stalks.iter().filter(|[a, b, tip]| {
-            let foot = a.midpoint(*b);
-            let is_short = foot.distance(*tip) < 0.021;
-            !is_short && meshed.iter().all(|m| m.distance(foot) > 1e-3)
-        });
+        let ways: Vec<[Vec3; 2]> =
+            stalks.iter().map(|[a, b, tip]| [a.midpoint(*b), *tip]).collect();
+        let long = |[foot, tip]: &&[Vec3; 2]| foot.distance(*tip) > 0.021;
+        let at_wood =
+            |foot: Vec3| meshed.iter().any(|[a, b]| nearest(foot, *a, *b).distance(foot) < 1e-3);
+        let at_stalk = |own: &[Vec3; 2]| {
+            let near = |[a, b]: &[Vec3; 2]| nearest(own[0], *a, *b).distance(own[0]) < 1e-3;
+            ways.iter().any(|way| way != own && near(way))
+        };
+        let far = ways.iter().filter(long).filter(|way| !at_wood(way[0]) && !at_stalk(way));
         assert_eq!(far.count(), 0, "{name}");
+        // No more of them fan out from one place than shoots do.
+        let beside =
+            |own: Vec3| ways.iter().filter(long).filter(|w| w[0].distance(own) < 1e-3).count();
+        let most = ways.iter().map(|way| beside(way[0])).max().unwrap();
+        assert!(most <= 8, "{name}: {most} stalks from one place");
         species.foliage.kept = 1.0;
         let leafy = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
         let leaves = &leafy.foliage;
