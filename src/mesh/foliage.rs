@@ -194,6 +194,8 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     // A picture of the user's has no leaves to tell apart.
     let model = species.own_model.as_deref();
     let is_leaf_by_leaf = level == FoliageLevel::Geometry && !species.has_own_leaves();
+    // As many of a model as hide what the species' leaves do.
+    let of_models = model.map(|m| self::enough(&hull, f, m.shown(), all, share).max(1.0));
     // Then the budget is for the forms alone.
     let is_instanced = order.twigs == TwigsAs::Instanced && (is_leaf_by_leaf || model.is_some());
     let stored = budget;
@@ -228,9 +230,12 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let most = twig.as_ref().map_or(budget / room.triangles.max(1), |t| t.count);
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
     let most = if twig.is_none() && model.is_none() { most.min(of_cards(shape)) } else { most };
-    let limit = if is_flat { MOST_ENLARGED_FLAT } else { MOST_ENLARGED_CARDS };
+    // A user's leaf six times as large would be seen to be.
+    let is_large = is_flat && (is_sparse || model.is_none());
+    let limit = if is_large { MOST_ENLARGED_FLAT } else { MOST_ENLARGED_CARDS };
     let by_cards = |coverage: f32| {
-        (enough(shape, coverage) / all.min(most).max(1) as f32).sqrt().clamp(1.0, limit)
+        let needed = of_models.unwrap_or_else(|| enough(shape, coverage));
+        (needed / all.min(most).max(1) as f32).sqrt().clamp(1.0, limit)
     };
     // By the pictures that most cards have.
     let card_m = f.twig_length_m * by_cards(coverage(atlas, 0..atlas.cells().len()));
@@ -267,6 +272,11 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         let cover = if twig.is_some() { 0.0 } else { 1.0 };
         return Ok(Foliage { cover, ..Foliage::default() });
     }
+    let cover = match (&twig, of_models) {
+        (Some(twig), _) => twig.cover,
+        (None, Some(needed)) => (kept.len() as f32 * enlarge.powi(2) / needed).min(1.0),
+        (None, None) => 1.0,
+    };
     let outlines = atlas.outlines(shape.rows());
     let fold = stance(f.shape).fold;
     let wind = order.wind.map(|wind| (wind, kept.as_slice()));
@@ -295,7 +305,6 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
             (None, Some(twig)) => form::gather(twig, &poses, forms, seed),
             (None, None) => Vec::new(),
         };
-        let cover = twig.map_or(1.0, |t| t.cover);
         return Ok(Foliage { twigs, twig_scale: enlarge, cover, ..Foliage::default() });
     }
     let surface = match (model, &twig) {
@@ -346,7 +355,6 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         }
     };
     let stand_in = twig.as_ref().map(Twig::stands_in);
-    let cover = twig.map_or(1.0, |t| t.cover);
     Ok(Foliage { surface, twig_scale: enlarge, cover, stand_in, ..Foliage::default() })
 }
 

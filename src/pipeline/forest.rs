@@ -682,7 +682,7 @@ fn build_meshes(
         let is_bare = models.iter().any(|m| looks[m.species].foliage.is_bare());
         let what = if is_bare { "leaves, needles or buds" } else { "leaves or needles" };
         let outcome = levels::tell_leaves(finest.clone(), what, "", outcome);
-        levels::tell_thin(finest.clone(), warnings);
+        levels::tell_thin(job.foliage, finest.clone(), warnings);
         let of_model =
             || models.iter().filter(|m| textures[m.species].is_some()).zip(finest.clone());
         for (k, species) in looks.iter().enumerate() {

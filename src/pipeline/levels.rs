@@ -216,8 +216,12 @@ fn rounded_up(number: f32) -> f32 {
 /// Share of what the species' leaves hide below which a crown is worth a warning.
 const THIN: f32 = 0.75;
 
-/// Warns where so few leaves stand for a crown that one sees through it.
-pub fn tell_thin<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, warnings: &mut Vec<String>) {
+/// Warns where so few leaves, or models of the user's, stand for a crown that one sees through it.
+pub fn tell_thin<'a>(
+    foliage: FoliageLevel,
+    meshes: impl Iterator<Item = &'a TreeMesh>,
+    warnings: &mut Vec<String>,
+) {
     let thinnest = meshes.min_by(|a, b| a.leaf_cover.total_cmp(&b.leaf_cover));
     let Some(mesh) = thinnest.filter(|m| m.leaf_cover < THIN) else {
         return;
@@ -231,9 +235,12 @@ pub fn tell_thin<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, warnings: &mut 
         return;
     }
     let needed = mesh.triangles() as f32 / mesh.leaf_cover.max(1e-6);
+    let (what, or) = match foliage {
+        FoliageLevel::Geometry => ("--foliage geometry: leaves", "take --foliage cards"),
+        _ => ("leaves by a model", "a model of fewer"),
+    };
     warnings.push(format!(
-        "--foliage geometry: leaves of {} triangles hide {:.0} % of what the species' do; give about {} \
-         --triangles, or take --foliage cards",
+        "{what} of {} triangles hide {:.0} % of what the species' do; give about {} --triangles, or {or}",
         mesh.foliage.triangles(),
         100.0 * mesh.leaf_cover,
         rounded_up(needed),

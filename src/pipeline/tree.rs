@@ -257,7 +257,7 @@ fn stand(
         let instead = "; --twigs instance stores them in a few forms";
         let what = if species.foliage.is_bare() { "buds" } else { "leaves or needles" };
         let outcome = levels::tell_leaves(meshes.first().into_iter(), what, instead, outcome);
-        levels::tell_thin(meshes.first().into_iter(), warnings);
+        levels::tell_thin(job.foliage, meshes.first().into_iter(), warnings);
         levels::tell_fruitless(species, job.foliage, meshes.first().into_iter(), warnings);
         Ok((meshes, outcome))
     })?;

@@ -53,6 +53,32 @@ pub struct Model {
     pub remarks: Vec<String>,
 }
 
+impl Model {
+    /// How much of the square over its height it hides, seen from any side: half of what is opaque of
+    /// its faces, by places on each. Faces before each other count for themselves.
+    pub fn shown(&self) -> f32 {
+        const PLACES: u32 = 4;
+        let (w, h) = (self.picture.width.max(1) as f32, self.picture.height.max(1) as f32);
+        let is_opaque = |uv: Vec2| {
+            let at = Vec2::new(uv.x, 1.0 - uv.y);
+            let at = (at - at.floor()) * Vec2::new(w, h);
+            let [x, y] = [at.x.min(w - 1.0), at.y.min(h - 1.0)].map(|c| c as u32);
+            self.picture.at(x, y)[3] >= 128
+        };
+        let of_face = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|i| Vec3::from(self.position[i as usize]));
+            let [p, q, r] = t.map(|i| Vec2::from(self.uv[i as usize]));
+            let part = |k: u32| (k as f32 + 1.0 / 3.0) / PLACES as f32;
+            let places = (0..PLACES).flat_map(|j| (0..PLACES - j).map(move |k| (part(j), part(k))));
+            let opaque = |(s, t): (f32, f32)| is_opaque(p + (q - p) * s + (r - p) * t);
+            let (seen, all) =
+                places.fold((0, 0), |(seen, all), at| (seen + usize::from(opaque(at)), all + 1));
+            0.5 * (b - a).cross(c - a).length() * seen as f32 / all as f32
+        };
+        0.5 * self.index.as_chunks::<3>().0.iter().map(of_face).sum::<f32>()
+    }
+}
+
 /// Reads an OBJ file and, through its material file, its picture.
 ///
 /// # Errors

@@ -43,6 +43,7 @@ fn a_twig_is_read_with_its_picture_to_a_height_of_one() {
     assert!(model.normal.iter().all(|n| *n == [0.0, 0.0, 1.0]));
     assert_eq!(model.uv[2], [1.0, 1.0]);
     assert_eq!((model.picture.width, model.picture.height), (6, 4));
+    assert!((0.22..0.2501).contains(&model.shown()), "half of it: {}", model.shown());
     assert!(species.own_picture.is_none());
     let watched = files(Path::new(&rule(&folder)));
     assert!(watched.iter().any(|f| f.ends_with("twig.obj")), "{watched:?}");
