@@ -2,7 +2,7 @@
 //! the midrib or crossed with a second card, sagging towards its tip. A single leaf is the same,
 //! small, from a cell that shows one leaf.
 
-use glam::{Quat, Vec2, Vec3, Vec3A};
+use glam::{Quat, Vec3, Vec3A};
 
 use super::piece::{Piece, Room};
 use super::spot::Pose;
@@ -63,7 +63,7 @@ impl Shape {
 }
 
 /// Share of the crown's outside in a normal, against the card's own.
-const BENT: f32 = 0.5;
+pub const BENT: f32 = 0.5;
 
 /// Adds a card; `fold_rad`: how far each half folds down.
 pub fn emit(
@@ -97,28 +97,6 @@ pub fn emit(
             sheet(&turned, cell, outline, flat, out);
         }
     }
-}
-
-/// What a stalk takes.
-pub const STALK: Room = Room { vertices: 3, triangles: 1 };
-/// Thinner and shorter ones are not made.
-const LEAST_STALK_M: [f32; 2] = [0.002, 0.02];
-
-/// The bare shoot from wood to the foot of a card, as one slender triangle of the colour at `uv`.
-pub fn stalk(pose: &Pose, from: Vec3, radius_m: f32, uv: Vec2, out: &mut Piece) {
-    let [thin_m, short_m] = LEAST_STALK_M;
-    let way = pose.base - from;
-    let (way, from) = match way.length() < short_m {
-        true => (pose.heading * short_m, pose.base - pose.heading * short_m),
-        false => (way, from),
-    };
-    let any = way.normalize_or(Vec3::Z).any_orthonormal_vector();
-    let across = way.cross(pose.facing).normalize_or(any);
-    let facing = across.cross(way).normalize_or(pose.facing);
-    let half = across * radius_m.max(thin_m);
-    let mut put = |p: Vec3| out.vertex(p, pose.bent(facing.into(), p.into(), BENT).into(), uv);
-    let corners = [put(from - half), put(from + half), put(pose.base)];
-    out.triangle(corners);
 }
 
 /// One sheet of so many columns, each with its direction away from the midrib and its normal: a left

@@ -20,7 +20,7 @@ use super::piece::{Piece, fill};
 use super::spot::{Hull, Pose, Spot, spots, stance, thinned};
 use super::twigs::Twigs;
 use super::wind::Wind;
-use super::{MeshOptions, Surface, TwigsAs, form, shell, stamp};
+use super::{MeshOptions, Surface, TwigsAs, form, shell, stalk, stamp};
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
@@ -207,7 +207,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let room = match (model, &twig) {
         (Some(model), _) => stamp::room(model),
         (None, Some(twig)) => twig.room(),
-        (None, None) if has_stalks => shape.room() + card::STALK,
+        (None, None) if has_stalks => shape.room() + stalk::ROOM,
         (None, None) => shape.room(),
     };
     let more = |or: &str| {
@@ -328,7 +328,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
             if has_stalks {
                 let bases: Vec<Vec3> =
                     (0..kept.len()).into_par_iter().map(|k| card(k).0.base).collect();
-                feet = feet_of(skeleton, order.is_meshed, &kept, &bases);
+                feet = stalk::feet(skeleton, order.is_meshed, &kept, &bases);
             }
             let emit = |k, out: &mut Piece| {
                 let (pose, mut draws) = card(k);
@@ -348,7 +348,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
                 let fold = fold * draws.between(0.6, 1.3);
                 card::emit(&pose, shape, fold, &atlas.cells()[id], &outlines[id], out);
                 if let Some(&(from, radius_m)) = feet.get(k) {
-                    card::stalk(&pose, from, radius_m, atlas.wood(), out);
+                    stalk::emit(&pose, from, radius_m, atlas.wood(), out);
                 }
             };
             fill(kept.len(), room, emit, wind)
@@ -409,67 +409,6 @@ fn leaves_wood(skeleton: &Skeleton, is_meshed: &[bool], spot: &Spot) -> Vec3 {
         at = before;
     }
     skeleton.position[at as usize]
-}
-
-/// Where each twig's stalk begins, and how thick: at the next twig, or beside the next stalk, down the shoots that
-/// are not meshed, so that stalks part as these do; and only then at wood. `bases`: where they end.
-fn feet_of(
-    skeleton: &Skeleton,
-    is_meshed: &[bool],
-    kept: &[Spot],
-    bases: &[Vec3],
-) -> Vec<(Vec3, f32)> {
-    /// Over the radius of the shoot that the twig is on.
-    const STOUTEST: f32 = 1.5;
-    let place = |node: u32| skeleton.position[node as usize];
-    let base = |node: u32| place(skeleton.parent_of(node).unwrap_or(0));
-    let mut order: Vec<u32> = (0..kept.len() as u32).collect();
-    order.sort_by(|a, b| {
-        let [a, b] = [a, b].map(|k| &kept[*k as usize]);
-        let along = |s: &Spot| s.at.distance_squared(base(s.node()));
-        a.node().cmp(&b.node()).then(along(a).total_cmp(&along(b))).then(a.key.cmp(&b.key))
-    });
-    // Of each shoot the twig farthest out so far, or else the ends of a stalk that passes it.
-    let mut ends: Vec<Option<[Vec3; 2]>> = vec![None; skeleton.len()];
-    let mut feet = vec![(Vec3::ZERO, 0.0); kept.len()];
-    for k in order {
-        let (own, tip) = (kept[k as usize].node(), bases[k as usize]);
-        let (mut at, mut foot) = (own, ends[own as usize].map(|[_, twig]| twig));
-        if is_meshed[own as usize] {
-            foot = Some(kept[k as usize].at);
-        }
-        let mut thickest = own;
-        while foot.is_none()
-            && let Some(before) = skeleton.parent_of(at)
-        {
-            foot = match (is_meshed[before as usize], ends[before as usize]) {
-                (true, _) => Some(place(before)),
-                (false, Some([a, b])) => Some(nearest(place(before), a, b)),
-                (false, None) => None,
-            };
-            thickest = at;
-            at = before;
-        }
-        let foot = foot.unwrap_or(place(at));
-        let mut passed = own;
-        while passed != at
-            && let Some(before) = skeleton.parent_of(passed)
-        {
-            ends[passed as usize] = Some([foot, tip]);
-            passed = before;
-        }
-        ends[own as usize] = Some([tip; 2]);
-        let radius_m = |node: u32| skeleton.radius_m[node as usize];
-        feet[k as usize] = (foot, radius_m(thickest).min(STOUTEST * radius_m(own)));
-    }
-    feet
-}
-
-/// The place between two others that is nearest to a third.
-pub(super) fn nearest(to: Vec3, a: Vec3, b: Vec3) -> Vec3 {
-    let way = b - a;
-    let along = (to - a).dot(way) / way.length_squared().max(1e-12);
-    a + way * along.clamp(0.0, 1.0)
 }
 
 /// Cards take the picture for one so much larger or smaller, natural logarithm; bare ones rather a fuller one.

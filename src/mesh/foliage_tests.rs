@@ -1,4 +1,5 @@
-use super::foliage::{Order, foliage, nearest};
+use super::foliage::{Order, foliage};
+use super::stalk::nearest;
 use super::tests::SPECIES;
 use super::*;
 use crate::skeleton::{Detail, Target, grow};

@@ -19,6 +19,7 @@ mod piece;
 mod shade;
 mod shell;
 mod spot;
+mod stalk;
 mod stamp;
 mod transition;
 mod tube;

@@ -60,7 +60,7 @@ pub(super) fn leaf_variants(
     let conditions = CONDITIONS.map(|(name, condition)| (name, State { condition, ..state }));
     let own = state.look(species, seed).foliage;
     let mut variants = Vec::new();
-    if state.leaf_share(species) * own.kept == 0.0 {
+    if state.leaf_share(species) == 0.0 || own.kept == 0.0 {
         return Ok(variants);
     }
     for (name, state) in seasons.into_iter().chain(conditions) {

@@ -23,14 +23,13 @@ const LIGHT: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
 /// Mean colour of the leaves that a picture shows, sRGB.
 pub fn leaf_colour(picture: &Picture) -> [u8; 3] {
-    let mean = Leaves::of(picture).mean;
-    mean.to_array().map(|c| srgb_from_linear(c).round() as u8)
+    Leaves::of(picture).colour()
 }
 
 /// The picture with leaves of another mean colour; the same where it is theirs already.
 pub fn turned(picture: &Picture, colour: [u8; 3]) -> Picture {
     let leaves = Leaves::of(picture);
-    if leaf_colour(picture) == colour {
+    if leaves.colour() == colour {
         return picture.clone();
     }
     let goal = Vec3::from(colour.map(linear_from_srgb));
@@ -75,6 +74,10 @@ impl Leaves {
         let from = if is_green { 4 } else { 0 };
         let mean = |k: usize| (sum(from + k) / sum(from + 3).max(1.0)) as f32;
         Leaves { mean: Vec3::new(mean(0), mean(1), mean(2)).max(Vec3::splat(1e-4)), is_green }
+    }
+
+    fn colour(&self) -> [u8; 3] {
+        self.mean.to_array().map(|c| srgb_from_linear(c).round() as u8)
     }
 
     /// How far a pixel is leaf, 0…1.

@@ -1,0 +1,94 @@
+//! The bare shoots by which cards of twigs hang from wood where no leaves hide them: a slender triangle each.
+//!
+//! They stand for shoots that have no triangles of their own, and part as these do. Limit: each is straight, and
+//! ends in a point at its twig.
+
+use glam::{Vec2, Vec3};
+
+use super::card::BENT;
+use super::piece::{Piece, Room};
+use super::spot::{Pose, Spot};
+use crate::skeleton::Skeleton;
+
+/// What a stalk takes.
+pub const ROOM: Room = Room { vertices: 3, triangles: 1 };
+/// Thinner and shorter ones are not made, metres.
+const LEAST_M: [f32; 2] = [0.002, 0.02];
+
+/// Where each twig's stalk begins, and how thick: at the next twig, or beside the next stalk, down the shoots that
+/// are not meshed, so that stalks part as these do; and only then at wood. `bases`: where they end.
+pub fn feet(
+    skeleton: &Skeleton,
+    is_meshed: &[bool],
+    kept: &[Spot],
+    bases: &[Vec3],
+) -> Vec<(Vec3, f32)> {
+    /// Over the radius of the shoot that the twig is on.
+    const STOUTEST: f32 = 1.5;
+    let place = |node: u32| skeleton.position[node as usize];
+    let base = |node: u32| place(skeleton.parent_of(node).unwrap_or(0));
+    let mut order: Vec<u32> = (0..kept.len() as u32).collect();
+    order.sort_by(|a, b| {
+        let [a, b] = [a, b].map(|k| &kept[*k as usize]);
+        let along = |s: &Spot| s.at.distance_squared(base(s.node()));
+        a.node().cmp(&b.node()).then(along(a).total_cmp(&along(b))).then(a.key.cmp(&b.key))
+    });
+    // Of each shoot the twig farthest out so far, or else the ends of a stalk that passes it.
+    let mut ends: Vec<Option<[Vec3; 2]>> = vec![None; skeleton.len()];
+    let mut feet = vec![(Vec3::ZERO, 0.0); kept.len()];
+    for k in order {
+        let (own, tip) = (kept[k as usize].node(), bases[k as usize]);
+        let (mut at, mut foot) = (own, ends[own as usize].map(|[_, twig]| twig));
+        if is_meshed[own as usize] {
+            foot = Some(kept[k as usize].at);
+        }
+        let mut thickest = own;
+        while foot.is_none()
+            && let Some(before) = skeleton.parent_of(at)
+        {
+            foot = match (is_meshed[before as usize], ends[before as usize]) {
+                (true, _) => Some(place(before)),
+                (false, Some([a, b])) => Some(nearest(place(before), a, b)),
+                (false, None) => None,
+            };
+            thickest = at;
+            at = before;
+        }
+        let foot = foot.unwrap_or(place(at));
+        let mut passed = own;
+        while passed != at
+            && let Some(before) = skeleton.parent_of(passed)
+        {
+            ends[passed as usize] = Some([foot, tip]);
+            passed = before;
+        }
+        ends[own as usize] = Some([tip; 2]);
+        let radius_m = |node: u32| skeleton.radius_m[node as usize];
+        feet[k as usize] = (foot, radius_m(thickest).min(STOUTEST * radius_m(own)));
+    }
+    feet
+}
+
+/// The place between two others that is nearest to a third.
+pub fn nearest(to: Vec3, a: Vec3, b: Vec3) -> Vec3 {
+    let way = b - a;
+    let along = (to - a).dot(way) / way.length_squared().max(1e-12);
+    a + way * along.clamp(0.0, 1.0)
+}
+
+/// The bare shoot from wood to the foot of a card, as one slender triangle of the colour at `uv`.
+pub fn emit(pose: &Pose, from: Vec3, radius_m: f32, uv: Vec2, out: &mut Piece) {
+    let [thin_m, short_m] = LEAST_M;
+    let way = pose.base - from;
+    let (way, from) = match way.length() < short_m {
+        true => (pose.heading * short_m, pose.base - pose.heading * short_m),
+        false => (way, from),
+    };
+    let any = way.normalize_or(Vec3::Z).any_orthonormal_vector();
+    let across = way.cross(pose.facing).normalize_or(any);
+    let facing = across.cross(way).normalize_or(pose.facing);
+    let half = across * radius_m.max(thin_m);
+    let mut put = |p: Vec3| out.vertex(p, pose.bent(facing.into(), p.into(), BENT).into(), uv);
+    let corners = [put(from - half), put(from + half), put(pose.base)];
+    out.triangle(corners);
+}
