@@ -386,10 +386,12 @@ pub struct SceneArgs {
     /// `all` grows each tree for itself; a number shares so many models a species.
     #[arg(long, value_name = "N|all", value_parser = unique, default_value = "5")]
     pub unique: Unique,
-    /// Most triangles of one tree model; 5000 where absent, 200000 with --foliage geometry.
+    /// Most triangles of one tree model, 200 to 10000000; 5000 where absent, 200000 with --foliage
+    /// geometry.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=10_000_000))]
     pub triangles: Option<u32>,
-    /// Most triangles of all trees in their places, shared out by size; with --camera by distance.
+    /// Most triangles of all trees in their places, 1000 or more, shared out by size; with --camera by
+    /// distance.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1000..=1_000_000_000_000))]
     pub scene_triangles: Option<u64>,
     /// Keep what lies in this box, in the scan's coordinates.
@@ -432,7 +434,7 @@ pub struct StateArgs {
     /// this year, VI dead for long. Numbers do as well.
     #[arg(long, value_name = "I…VI", default_value = "I", allow_negative_numbers = true)]
     pub condition: Condition,
-    /// spring, summer, autumn or winter.
+    /// spring, summer, autumn (or fall) or winter.
     #[arg(long, value_name = "SEASON", default_value = "summer")]
     pub season: Season,
     /// Leaves in the colours of other seasons and conditions, too: as glTF material variants, and as the
@@ -547,7 +549,7 @@ pub struct Tree {
     pub cloud: Option<PathBuf>,
     #[arg(long, default_value_t = 1, allow_negative_numbers = true, value_parser = seed)]
     pub seed: u64,
-    /// Most triangles; 20000 where absent, 1000000 with --foliage geometry.
+    /// Most triangles, 200 to 40000000; 20000 where absent, 1000000 with --foliage geometry.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=40_000_000))]
     pub triangles: Option<u32>,
     /// Side of the textures in pixels; 0 for none: bark and leaves in a colour each.

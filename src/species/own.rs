@@ -660,16 +660,32 @@ fn beside(path: &Path, name: &str) -> PathBuf {
     path.parent().unwrap_or(Path::new("")).join(name)
 }
 
-/// The picture of a material: its name may follow options.
-fn picture_beside(path: &Path, name: &str) -> Result<Picture> {
-    let whole = beside(path, name);
-    let last = name.split_whitespace().next_back().map(|last| beside(path, last));
-    match last {
-        Some(last) if !whole.is_file() && (last.is_file() || name.starts_with('-')) => {
-            read_picture(&last)
+/// The picture of a material of a model: its name may follow options.
+fn picture_beside(model: &Path, name: &str) -> Result<Picture> {
+    let whole = beside(model, name);
+    let last = name.split_whitespace().next_back().map(|last| beside(model, last));
+    let file = match last {
+        Some(last) if !whole.is_file() && (last.is_file() || name.starts_with('-')) => last,
+        _ => whole,
+    };
+    read_picture(&file).map_err(|e| match (named_at(model, name), e.remedy_text()) {
+        (Some(place), Some(remedy)) => {
+            let remedy = format!("{place} names it: {remedy}");
+            e.remedy(remedy)
         }
-        _ => read_picture(&whole),
-    }
+        _ => e,
+    })
+}
+
+/// The line of a material file of the model that names a picture.
+fn named_at(model: &Path, name: &str) -> Option<String> {
+    let text = read_text(model, "").ok()?;
+    let files = text.lines().filter_map(|line| line.trim_start().strip_prefix("mtllib "));
+    files.map(|file| beside(model, file.trim())).find_map(|file| {
+        let text = read_text(&file, "").ok()?;
+        let line = text.lines().position(|line| line.trim_end().ends_with(name))?;
+        Some(format!("{}:{}", file.display(), line + 1))
+    })
 }
 
 /// Reads a picture of a twig that grows up from the middle of the bottom edge; made square with

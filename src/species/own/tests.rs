@@ -216,7 +216,14 @@ fn faults_are_told_with_file_line_and_remedy() {
             refused(RULE, TWIG, "newmtl leaf\nKd 1 1\n"),
             "`model`: twig.mtl:2: not a colour of three numbers; write red, green and blue, 0 to 1",
         ),
-        (refused(RULE, TWIG, "newmtl leaf\nmap_Kd none.png\n"), "none.png"),
+        (
+            refused(RULE, TWIG, "newmtl leaf\nmap_Kd none.png\n"),
+            "; twig.mtl:2 names it: give the path of a PNG or JPEG file",
+        ),
+        (
+            refused(RULE, TWIG, "newmtl leaf\nKd 1 1 1\nmap_Kd broken.png\n"),
+            "broken.png: not a sound PNG: it is damaged or cut short; twig.mtl:3 names it: open",
+        ),
         (refused(RULE, TWIG, "newmtl leaf\nmap_Kd twig.obj\n"), "not a readable picture"),
         (
             refused(RULE, &TWIG.replace(" 4 0", " 0 0"), MATERIAL),
