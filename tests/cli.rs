@@ -865,7 +865,8 @@ fn twigs_are_stored_once_or_refused_in_words() {
         assert!(out.status.success() && told.contains("forms of twigs: "), "{told}");
         assert!(dir.path().join(file).exists());
     }
-    let refusals: [(&[&str], &str, &[&str]); 5] = [
+    let refusals: [(&[&str], &str, &[&str]); 6] = [
+        (&["--foliage", "geometry", "--condition", "VI"], "no.glb", &["none hangs on a tree"]),
         (&[], "no.glb", &["no twigs of leaves or needles to store", "add --foliage geometry"]),
         (&["--bare"], "no.glb", &["leave out --bare"]),
         (&["--foliage", "geometry", "--lods", "2"], "no.glb", &["it goes without --lods"]),

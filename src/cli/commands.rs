@@ -757,9 +757,11 @@ fn check_twigs(
             "--twigs instance: the species' twigs are pictures, which are no larger than a place";
         return Err(Error::new(error).remedy("leave it out, or give the species a `model`"));
     }
-    if !has_twigs {
+    let hangs = state(&a.state).leaf_share(species) > 0.0;
+    if !has_twigs || !hangs {
         let error = "--twigs instance: there are no twigs of leaves or needles to store";
         let remedy = match foliage {
+            _ if !hangs => "leave it out: none hangs on a tree in this condition",
             FoliageLevel::None => "leave out --bare or --foliage none, or --twigs instance",
             _ => "add --foliage geometry",
         };
