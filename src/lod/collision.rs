@@ -1,7 +1,8 @@
 //! What a body that walks into a tree meets: its stems, without branches, up to where they are thin.
 //! Beside the main one these are the thickest that spring near the ground and rise.
 //!
-//! *Capsule*: one a stem, about the straight line from root to top. *Convex*: a stack of frusta whose
+//! *Capsule*: one a stem, about the straight line from root to top, as thick as the stem is where one walks
+//! into it. *Convex*: a stack of frusta whose
 //! rings are level octagons, each a convex body; a curved stem takes more of them. The octagons
 //! hold the stem's circles, so that nothing of it sticks out; one more holds the flare of its foot, and what
 //! of it is below ground.
@@ -40,16 +41,25 @@ struct Place {
 /// Height of the body about a stem's foot, of its flare's.
 const FLARE_HELD: f32 = 0.75;
 
+/// How high above its foot a stem is met, and share of its height at most.
+const MET_M: f32 = 1.3;
+const MET: f32 = 0.3;
+
 /// Closed convex bodies, tree-local metres. None for a skeleton
 /// without a stem that rises.
 pub fn collision(skeleton: &Skeleton, shape: ColliderShape) -> Vec<Collider> {
     work::count(Work::Colliders, 1);
     let stems = stems(skeleton);
     let height_m = skeleton.height_m();
-    let is_flared =
-        |main: &&Vec<Place>| shape == ColliderShape::Convex && !is_stool(main, height_m);
-    let foot = stems.first().filter(is_flared).and_then(|main| flare(main, height_m));
-    let bodies = foot.into_iter().chain(stems.iter().flat_map(|stem| bodies(stem, shape)));
+    let is_flared = |k: usize| k == 0 && !is_stool(&stems[0], height_m);
+    let bodies = stems.iter().enumerate().flat_map(|(k, stem)| match shape {
+        ColliderShape::Capsule => capsule_about(stem, is_flared(k)).into_iter().collect(),
+        ColliderShape::Convex => {
+            let foot = is_flared(k).then(|| flare(stem, height_m)).flatten();
+            let kept = straightened(stem);
+            foot.into_iter().chain(kept.windows(2).map(|w| frustum(w[0], w[1]))).collect::<Vec<_>>()
+        }
+    });
     bodies.map(|body| Collider { shape, body }).collect()
 }
 
@@ -58,33 +68,34 @@ fn is_stool(main: &[Place], height_m: f32) -> bool {
     main.last().is_some_and(|top| top.at.z < STOOL * height_m)
 }
 
+/// How much wider a stem is for its flare, which goes on up for a share of its height.
+fn flared(up: f32) -> f32 {
+    (1.0 + FLARED * up * up * up) * (1.0 + LOBED * up * up)
+}
+
 /// What holds the flare of a stem that stands in the ground: it narrows faster than a frustum does.
 fn flare(stem: &[Place], height_m: f32) -> Option<Surface> {
     let [foot, .., top] = stem else { return None };
     let held_m = FLARE_HELD * FLARE * foot.radius_m;
     let above = *stem.iter().find(|p| p.at.z > foot.at.z + held_m).unwrap_or(top);
-    let up = 1.0 - FLARE_HELD;
-    let wider = |up: f32| (1.0 + FLARED * up * up * up) * (1.0 + LOBED * up * up);
     let at = foot.at.lerp(above.at, (held_m / (above.at.z - foot.at.z).max(1e-6)).min(1.0));
-    let high = Place { at, radius_m: foot.radius_m * wider(up) };
+    let high = Place { at, radius_m: foot.radius_m * flared(1.0 - FLARE_HELD) };
     let depth_m = BELOW_GROUND_M.min(0.1 * height_m);
     let below =
-        Place { at: foot.at - Vec3::Z * depth_m, radius_m: foot.radius_m * wider(1.0) * BURIED };
+        Place { at: foot.at - Vec3::Z * depth_m, radius_m: foot.radius_m * flared(1.0) * BURIED };
     Some(frustum(below, high))
 }
 
-fn bodies(stem: &[Place], shape: ColliderShape) -> Vec<Surface> {
-    let [foot, .., top] = stem else { return Vec::new() };
-    match shape {
-        ColliderShape::Capsule => {
-            let mean_m = stem.iter().map(|p| p.radius_m).sum::<f32>() / stem.len() as f32;
-            vec![capsule(foot.at, top.at, mean_m)]
-        }
-        ColliderShape::Convex => {
-            let kept = straightened(stem);
-            kept.windows(2).map(|w| frustum(w[0], w[1])).collect()
-        }
-    }
+fn capsule_about(stem: &[Place], is_flared: bool) -> Option<Surface> {
+    let [foot, .., top] = stem else { return None };
+    let met_m = MET_M.min(MET * (top.at.z - foot.at.z));
+    let above = stem.partition_point(|p| p.at.z < foot.at.z + met_m).clamp(1, stem.len() - 1);
+    let [low, high] = [stem[above - 1], stem[above]];
+    let t = (foot.at.z + met_m - low.at.z) / (high.at.z - low.at.z).max(1e-6);
+    let radius_m = low.radius_m + (high.radius_m - low.radius_m) * t.clamp(0.0, 1.0);
+    let up = (1.0 - met_m / (FLARE * foot.radius_m).max(1e-6)).max(0.0);
+    let wider = if is_flared { flared(up) } else { 1.0 };
+    Some(capsule(foot.at, top.at, radius_m * wider))
 }
 
 /// The main axis, and those that spring from stems near the ground, are as thick as stems and rise.
@@ -286,6 +297,26 @@ mod tests {
         let cones = std::f64::consts::PI * 9.5 / 3.0 * (0.09 + 0.3 * 0.11 + 0.11f64.powi(2));
         assert!(volume > cones && volume < 1.12 * cones, "{volume} {cones}");
         assert!(collision(&stem(1.5), ColliderShape::Convex).len() > 2, "a bent one is several");
+    }
+
+    /// A player is to be stopped by the bark, not within it: at the height of a chest, flare and all.
+    #[test]
+    fn a_capsule_is_as_thick_as_the_stem_where_one_walks_into_it() {
+        let of = |thicker: f32| {
+            let mut s = stem(0.0);
+            s.radius_m.iter_mut().for_each(|r| *r *= thicker);
+            let bodies = collision(&s, ColliderShape::Capsule);
+            assert_eq!(bodies.len(), 1);
+            let wide = bodies[0].body.position.iter().map(|p| p.truncate().length());
+            wide.fold(0.0, f32::max)
+        };
+        // Radii fall by a thirtieth of the foot's each half metre.
+        let at_chest = 0.3 * (1.0 - 2.6 / 30.0);
+        assert!((of(1.0) - at_chest).abs() < 0.005, "{}", of(1.0));
+        // The flare of a foot of 0.9 m ends at four metres.
+        let up: f32 = 1.0 - 1.3 / (0.9 * FLARE);
+        let flared = (1.0 + FLARED * up.powi(3)) * (1.0 + LOBED * up * up);
+        assert!((of(3.0) - 3.0 * at_chest * flared).abs() < 0.005, "{}", of(3.0));
     }
 
     #[test]

@@ -46,15 +46,17 @@ impl WindProfile {
             WindProfile::CryEngine => [0, 0, 0, 255],
             _ => [0; 4],
         };
+        surface.wind = vec![still; surface.position.len()];
+        self.over(height_m, surface);
+    }
+
+    /// Says anew how much each vertex moves with the whole tree, now that it is known to be so high.
+    pub fn over(self, height_m: f32, surface: &mut Surface) {
+        let Some(k) = self.tree_channel() else { return };
         let per_m = height_m.max(1e-6).recip();
-        let colour = |p: &Vec3| {
-            let mut colour = still;
-            if let Some(k) = self.tree_channel() {
-                colour[k] = byte((p.z * per_m).clamp(0.0, 1.0).powi(2));
-            }
-            colour
-        };
-        surface.wind = surface.position.iter().map(colour).collect();
+        for (p, colour) in surface.position.iter().zip(&mut surface.wind) {
+            colour[k] = byte((p.z * per_m).clamp(0.0, 1.0).powi(2));
+        }
     }
 
     /// Where that of a leaf's own motion is.

@@ -88,6 +88,12 @@ pub fn meshes(
     cover::keep(subject, &forms, &mut out)?;
     let factor = out.first().map_or(1.0, |finest| height_m.map_or(1.0, |h| finest.factor_to(h)));
     out.par_iter_mut().for_each(|mesh| mesh.scale(factor));
+    // Leaves reach above the skeleton, by whose height they were made.
+    if let Some(profile) = options.wind {
+        let height_m = out[0].bounds().1.z;
+        let surfaces = out.par_iter_mut().flat_map_iter(TreeMesh::surfaces_mut);
+        surfaces.for_each(|surface| profile.over(height_m, surface));
+    }
     if meshed > SHARES.len() {
         out.push(coarsest(&out[0], factor, subject, options)?);
     }
@@ -734,6 +740,26 @@ mod tests {
                 "{name}: {of_coarsest} of {reach}"
             );
             coarsest.woods().iter().for_each(|w| w.check().unwrap());
+        }
+    }
+
+    #[test]
+    fn every_form_sways_by_the_height_of_the_whole_tree() {
+        let trees = tree_of(("quercus_robur", 6_000, 6_000), |subject, options| {
+            let options = MeshOptions { wind: Some(WindProfile::Unity), ..*options };
+            meshes(subject, &options, SHARES.len() + 1, Some(20.0))
+        });
+        assert_eq!(trees.len(), 2 + SHARES.len());
+        for (k, tree) in trees.iter().enumerate() {
+            let surfaces = tree.woods().into_iter().chain([&tree.foliage]);
+            let swaying = surfaces.flat_map(|s| s.position.iter().zip(&s.wind));
+            let mut most = 0;
+            for (p, colour) in swaying {
+                let wanted = 255.0 * (p.z / 20.0).clamp(0.0, 1.0).powi(2);
+                assert!((f32::from(colour[2]) - wanted).abs() < 0.6, "form {k}: {colour:?} at {p}");
+                most = most.max(colour[2]);
+            }
+            assert!(most > 230, "form {k}: {most}");
         }
     }
 

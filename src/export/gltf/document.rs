@@ -425,7 +425,8 @@ fn attributes(at: &PieceAccessors, wind: WindAs) -> Attributes {
     Attributes {
         position: at.position,
         normal: at.normal,
-        texcoord_0: at.uv,
+        // Sets are counted from 0 without a gap: what no texture covers has its places on the light map twice.
+        texcoord_0: at.uv.or(at.lightmap_uv),
         texcoord_1: at.lightmap_uv,
         tangent: at.tangent,
         color_0: wind_as(WindAs::Color),
