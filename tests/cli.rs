@@ -847,6 +847,54 @@ fn what_has_no_effect_is_told() {
     assert!(!said.contains("leaves or needles"), "{said}");
 }
 
+/// Many trees of a species are stored with one set of pictures.
+#[test]
+fn trees_of_all_seeds_have_the_same_pictures() {
+    let pictures = |seed: &str| {
+        let dir = tempfile::tempdir().unwrap();
+        let to = dir.path().join("birch.gltf").to_string_lossy().into_owned();
+        let small = ["--height", "6", "--triangles", "1000", "--texture", "64", "--no-cache"];
+        let grown = ["tree", "betula_pendula", "--seed", seed, "-o", &to];
+        let out = larix(&[&grown[..], &small].concat());
+        assert!(out.status.success(), "{}", text(&out.stderr));
+        let mut found: Vec<(String, Vec<u8>)> = fs::read_dir(dir.path().join("textures"))
+            .unwrap()
+            .map(|file| file.unwrap().path())
+            .map(|path| {
+                (path.file_name().unwrap().to_string_lossy().into(), fs::read(path).unwrap())
+            })
+            .collect();
+        found.sort();
+        (found, fs::read(dir.path().join("birch.bin")).unwrap())
+    };
+    let [(one, tree), (other, other_tree)] = ["1", "7"].map(pictures);
+    assert!(one.len() > 5 && tree != other_tree);
+    assert!(one == other);
+}
+
+/// What a light map would take is told as it is.
+#[cfg(feature = "atlas")]
+#[test]
+fn places_on_a_light_map_weigh_what_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let of = |more: &[&str]| {
+        let to = dir.path().join("tree.glb").to_string_lossy().into_owned();
+        let small = ["tree", "quercus_robur", "--triangles", "5000", "--texture", "0", "--json"];
+        let out = larix(&[&small[..], &["-o", &to], more].concat());
+        assert!(out.status.success(), "{}", text(&out.stderr));
+        let report: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+        let told = report["left_out"].as_array().unwrap().clone();
+        let told = told.into_iter().find(|l| l["what"] == "places on a light map");
+        (fs::metadata(&to).unwrap().len() as f64, told)
+    };
+    let ((plain, told), (lit, none)) = (of(&[]), of(&["--lightmap-uv"]));
+    assert!(none.is_none());
+    let told = told.unwrap();
+    let share = told["bytes"].as_f64().unwrap() / (lit - plain);
+    assert!((0.7..1.1).contains(&share), "{share} of what it takes");
+    assert!(told["seconds"].as_f64().unwrap() > 0.2, "{told}");
+}
+
 #[test]
 fn twigs_are_stored_once_or_refused_in_words() {
     let dir = tempfile::tempdir().unwrap();

@@ -719,7 +719,7 @@ fn paint_all(
             .zip(&is_used)
             .map(|((s, look), &used)| {
                 let draw = || {
-                    let mut textures = paint(look, size_px, seed, &job.cache)?;
+                    let mut textures = paint(look, size_px, &job.cache)?;
                     if job.has_variants && job.foliage != FoliageLevel::None {
                         textures.leaf_variants =
                             leaf_variants(s, job.state, size_px, seed, &job.cache)?;

@@ -10,34 +10,34 @@ use crate::species::Species;
 use crate::species::state::{Condition, Season, State};
 use crate::texture::{self, LeafVariant, TreeTextures, stored};
 
+/// What pictures are drawn by: the same for all trees of a species, whatever their seeds, so that many of
+/// them share their pictures.
+const DRAWN_BY: Seed = Seed::new(1);
+
 /// The same pictures, to the byte, with or without a cache; none where they are to be 0 pixels wide.
 ///
 /// # Errors
 /// A picture that can't be encoded.
-pub(super) fn paint(
-    species: &Species,
-    size_px: u32,
-    seed: Seed,
-    cache: &Cache,
-) -> Result<TreeTextures> {
+pub(super) fn paint(species: &Species, size_px: u32, cache: &Cache) -> Result<TreeTextures> {
     if size_px == 0 {
         return Ok(texture::plain(species));
     }
-    let decides = stored::decides(species, size_px, seed);
+    let decides = stored::decides(species, size_px, DRAWN_BY);
     let key = Key::of(decides.iter().map(Vec::as_slice));
     if let Some(kept) = cache.get(key)
         && let Ok(textures) = TreeTextures::from_parts(kept)
     {
         return Ok(textures);
     }
-    let textures = texture::for_species(species, size_px, seed);
+    let textures = texture::for_species(species, size_px, DRAWN_BY);
     if cache.is_on() {
         cache.put(key, &textures.to_parts()?);
     }
     Ok(textures)
 }
 
-/// The leaves in the colours they have in other seasons and conditions, as far as these differ.
+/// The leaves in the colours they have in other seasons and conditions, as far as these differ; `seed` tells
+/// the autumn of one tree from that of another.
 ///
 /// # Errors
 /// A picture that can't be encoded.
@@ -71,7 +71,7 @@ pub(super) fn leaf_variants(
         }
         if look.foliage != own && look.foliage.kept == own.kept {
             let crown = texture::crown_colour(&look);
-            variants.push(LeafVariant { name, leaf: leaf(&look, size_px, seed, cache)?, crown });
+            variants.push(LeafVariant { name, leaf: leaf(&look, size_px, cache)?, crown });
         }
     }
     Ok(variants)
@@ -83,18 +83,18 @@ pub(super) fn tell_no_variants(species: &Species, warnings: &mut Vec<String>) {
     warnings.push(format!("--variants: {name} bears no leaves here that other colours were for"));
 }
 
-fn leaf(species: &Species, size_px: u32, seed: Seed, cache: &Cache) -> Result<Image> {
+fn leaf(species: &Species, size_px: u32, cache: &Cache) -> Result<Image> {
     if size_px == 0 {
         return Ok(texture::plain(species).leaf);
     }
-    let mut decides = stored::decides(species, size_px, seed);
+    let mut decides = stored::decides(species, size_px, DRAWN_BY);
     decides.push("leaf".into());
     let key = Key::of(decides.iter().map(Vec::as_slice));
     if let Some(Ok(image)) = cache.get(key).and_then(|p| p.into_iter().next()).map(Image::from_png)
     {
         return Ok(image);
     }
-    let image = texture::leaf(species, size_px, seed);
+    let image = texture::leaf(species, size_px, DRAWN_BY);
     if cache.is_on() {
         cache.put(key, &[image.png()?]);
     }
@@ -171,7 +171,7 @@ mod tests {
             let mut scene = Scene::empty("both".into(), frame.clone());
             for name in ["betula_pendula", "pinus_sylvestris"] {
                 let species = crate::species::load(name).unwrap();
-                let textures = paint(&species, size_px, Seed::new(1), &Cache::off()).unwrap();
+                let textures = paint(&species, size_px, &Cache::off()).unwrap();
                 add_materials(&mut scene, &species, textures);
             }
             let names: Vec<_> = scene.materials.iter().map(|m| m.name.as_str()).collect();
@@ -214,8 +214,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::in_folder(folder.path());
         let species = crate::species::load("betula_pendula").unwrap();
-        let of =
-            |cache: &Cache| paint(&species, 64, Seed::new(1), cache).unwrap().to_parts().unwrap();
+        let of = |cache: &Cache| paint(&species, 64, cache).unwrap().to_parts().unwrap();
         let drawn = of(&Cache::off());
         assert_eq!(of(&cache), drawn);
         let files = || std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().path());

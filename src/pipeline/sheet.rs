@@ -102,8 +102,7 @@ pub fn sheet(job: &SheetJob, run: &mut Recorder) -> Result<Sheet> {
     })?;
     let textures = run.stage("texture", |warnings| {
         warnings.extend(species.remarks.iter().cloned());
-        let seed = Seed::new(job.seeds.first().copied().unwrap_or(1));
-        let textures = paint(species, job.texture_px, seed, &job.cache)?;
+        let textures = paint(species, job.texture_px, &job.cache)?;
         Ok((textures, Outcome::items(1, "species", 3, "pictures")))
     })?;
     let mut wanted = Vec::new();

@@ -211,7 +211,7 @@ fn stand(
     let leaf_share = job.state.leaf_share(&job.species);
     let textures = run.stage("texture", |warnings| {
         warnings.extend(species.remarks.iter().cloned());
-        let mut textures = paint(species, job.texture_px, job.seed, &job.cache)?;
+        let mut textures = paint(species, job.texture_px, &job.cache)?;
         if job.has_variants {
             if job.foliage != FoliageLevel::None {
                 textures.leaf_variants =
