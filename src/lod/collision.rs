@@ -68,9 +68,10 @@ fn is_stool(main: &[Place], height_m: f32) -> bool {
     main.last().is_some_and(|top| top.at.z < STOOL * height_m)
 }
 
-/// How much wider a stem is for its flare, which goes on up for a share of its height.
-fn flared(up: f32) -> f32 {
-    (1.0 + FLARED * up * up * up) * (1.0 + LOBED * up * up)
+/// How much wider a stem is for its flare, of whose height a share is still above; and where its lobes stand out.
+fn flared(up: f32) -> [f32; 2] {
+    let wider = 1.0 + FLARED * up * up * up;
+    [wider, wider * (1.0 + LOBED * up * up)]
 }
 
 /// What holds the flare of a stem that stands in the ground: it narrows faster than a frustum does.
@@ -79,10 +80,12 @@ fn flare(stem: &[Place], height_m: f32) -> Option<Surface> {
     let held_m = FLARE_HELD * FLARE * foot.radius_m;
     let above = *stem.iter().find(|p| p.at.z > foot.at.z + held_m).unwrap_or(top);
     let at = foot.at.lerp(above.at, (held_m / (above.at.z - foot.at.z).max(1e-6)).min(1.0));
-    let high = Place { at, radius_m: foot.radius_m * flared(1.0 - FLARE_HELD) };
+    let high = Place { at, radius_m: foot.radius_m * flared(1.0 - FLARE_HELD)[1] };
     let depth_m = BELOW_GROUND_M.min(0.1 * height_m);
-    let below =
-        Place { at: foot.at - Vec3::Z * depth_m, radius_m: foot.radius_m * flared(1.0) * BURIED };
+    let below = Place {
+        at: foot.at - Vec3::Z * depth_m,
+        radius_m: foot.radius_m * flared(1.0)[1] * BURIED,
+    };
     Some(frustum(below, high))
 }
 
@@ -94,7 +97,7 @@ fn capsule_about(stem: &[Place], is_flared: bool) -> Option<Surface> {
     let t = (foot.at.z + met_m - low.at.z) / (high.at.z - low.at.z).max(1e-6);
     let radius_m = low.radius_m + (high.radius_m - low.radius_m) * t.clamp(0.0, 1.0);
     let up = (1.0 - met_m / (FLARE * foot.radius_m).max(1e-6)).max(0.0);
-    let wider = if is_flared { flared(up) } else { 1.0 };
+    let wider = if is_flared { flared(up)[0] } else { 1.0 };
     Some(capsule(foot.at, top.at, radius_m * wider))
 }
 
@@ -315,7 +318,7 @@ mod tests {
         assert!((of(1.0) - at_chest).abs() < 0.005, "{}", of(1.0));
         // The flare of a foot of 0.9 m ends at four metres.
         let up: f32 = 1.0 - 1.3 / (0.9 * FLARE);
-        let flared = (1.0 + FLARED * up.powi(3)) * (1.0 + LOBED * up * up);
+        let flared = 1.0 + FLARED * up.powi(3);
         assert!((of(3.0) - 3.0 * at_chest * flared).abs() < 0.005, "{}", of(3.0));
     }
 
