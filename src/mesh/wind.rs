@@ -54,8 +54,10 @@ impl WindProfile {
     pub fn over(self, height_m: f32, surface: &mut Surface) {
         let Some(k) = self.tree_channel() else { return };
         let per_m = height_m.max(1e-6).recip();
+        let (bit, kept) = (8 * k, !(255 << (8 * k)));
         for (p, colour) in surface.position.iter().zip(&mut surface.wind) {
-            colour[k] = byte((p.z * per_m).clamp(0.0, 1.0).powi(2));
+            let part = u32::from(byte((p.z * per_m).clamp(0.0, 1.0).powi(2)));
+            *colour = (u32::from_le_bytes(*colour) & kept | part << bit).to_le_bytes();
         }
     }
 
@@ -176,11 +178,7 @@ impl Wind {
 
     /// Adds the whole tree's part to the vertices of wood that move as rings do, which have none.
     pub fn rise(&self, surface: &mut Surface) {
-        let Some(k) = self.profile.tree_channel() else { return };
-        for (p, colour) in surface.position.iter().zip(&mut surface.wind) {
-            let part = u32::from(byte(self.tree(p.z))) << (8 * k);
-            *colour = (u32::from_le_bytes(*colour) | part).to_le_bytes();
-        }
+        self.profile.over(self.per_m.recip(), surface);
     }
 
     /// Colours a surface that moves with the whole tree, and by itself not at all.

@@ -683,7 +683,12 @@ fn named_at(model: &Path, name: &str) -> Option<String> {
     let files = text.lines().filter_map(|line| line.trim_start().strip_prefix("mtllib "));
     files.map(|file| beside(model, file.trim())).find_map(|file| {
         let text = read_text(&file, "").ok()?;
-        let line = text.lines().position(|line| line.trim_end().ends_with(name))?;
+        let is_it = |line: &str| {
+            let mut words = line.split_whitespace();
+            let key = words.next().is_some_and(|key| !key.starts_with('#'));
+            key && words.eq(name.split_whitespace())
+        };
+        let line = text.lines().position(is_it)?;
         Some(format!("{}:{}", file.display(), line + 1))
     })
 }

@@ -221,8 +221,12 @@ fn faults_are_told_with_file_line_and_remedy() {
             "; twig.mtl:2 names it: give the path of a PNG or JPEG file",
         ),
         (
-            refused(RULE, TWIG, "newmtl leaf\nKd 1 1 1\nmap_Kd broken.png\n"),
-            "broken.png: not a sound PNG: it is damaged or cut short; twig.mtl:3 names it: open",
+            refused(
+                RULE,
+                TWIG,
+                "# broken.png\nnewmtl b\nmap_Kd unbroken.png\nnewmtl leaf\nmap_Kd broken.png\n",
+            ),
+            "broken.png: not a sound PNG: it is damaged or cut short; twig.mtl:5 names it: open",
         ),
         (refused(RULE, TWIG, "newmtl leaf\nmap_Kd twig.obj\n"), "not a readable picture"),
         (
