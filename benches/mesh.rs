@@ -37,6 +37,8 @@ fn main() {
     let kinds = [
         ("without a budget", 100_000, free),
         ("intersecting", 100_000, MeshOptions { junctions: Junctions::Intersecting, ..free }),
+        // Twigs of eight sides, as meshers have that do not go by the thickness.
+        ("round twigs", 100_000, MeshOptions { tolerance_m: 1e-4, ..free }),
         ("hero", 3_333, MeshOptions { triangle_budget: Some(20_000), ..free }),
         ("20 000 of a large tree", 100_000, MeshOptions { triangle_budget: Some(20_000), ..free }),
         ("with cards", 100_000, MeshOptions { foliage: FoliageLevel::Cards, ..free }),
