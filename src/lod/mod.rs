@@ -5,6 +5,7 @@ pub mod collision;
 pub mod impostor;
 mod light;
 pub mod silhouette;
+pub mod stored;
 
 pub use impostor::{Impostor, Kind};
 pub use silhouette::{Cover, Silhouettes, Views, looks};

@@ -221,7 +221,7 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     let forms = job.forms();
     if !forms.is_empty() {
         run.stage("levels", |warnings| {
-            levels::add(&mut scene, coarse, &materials, &forms, job.sheet_px())?;
+            levels::add(&mut scene, coarse, &materials, &forms, job.sheet_px(), &job.cache)?;
             rows = levels::rows(&scene);
             Ok(((), levels::outcome(&rows, scene.prototypes.len(), warnings)))
         })?;

@@ -1,22 +1,20 @@
 //! Coarser forms of every model, from one skeleton: meshes of fewer triangles, then an impostor,
 //! each with how far its silhouette is from the finest form's. What nobody asked for is not made.
 
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 use rayon::prelude::*;
 
 use super::cover::{self, Subject};
 use super::forest::coarser;
+use super::impostors::{self, Baked};
 use super::model::{Look, parts_of};
+use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::lod::{self, Silhouettes, Views, impostor};
 use crate::mesh::{FoliageLevel, MeshOptions, Surface, TreeMesh, WindProfile, p18};
-use crate::raster::{Picture, linear_from_srgb};
 use crate::render::capture::Sitter;
 use crate::report::{ErrorMeasure, Outcome};
-use crate::scene::{
-    Alpha, Apart, ColliderShape, Colorspace, Level, Material, Octahedral, Part, Scene, Texture,
-    Variant,
-};
+use crate::scene::{Alpha, Apart, ColliderShape, Level, Material, Part, Scene, Variant};
 use crate::species::Species;
 use crate::work::{self, Work};
 
@@ -346,6 +344,7 @@ pub fn add(
     looks: &[Look],
     job: &LevelsJob,
     texture_px: u32,
+    cache: &Cache,
 ) -> Result<()> {
     for ((prototype, meshes), look) in scene.prototypes.iter_mut().zip(coarse).zip(looks) {
         for (k, mesh) in meshes.into_iter().enumerate() {
@@ -357,7 +356,8 @@ pub fn add(
             });
         }
     }
-    let baked = job.impostor.map(|kind| bake(scene, kind, texture_px)).transpose()?;
+    let baked =
+        job.impostor.map(|kind| impostors::bake(scene, kind, texture_px, cache)).transpose()?;
     for (p, baked) in baked.into_iter().flatten().enumerate() {
         let (first_texture, first_material) = (scene.textures.len(), scene.materials.len());
         let Baked { mut part, colour, normal, octahedral, others } = baked;
@@ -400,81 +400,6 @@ pub fn add(
         });
     }
     measure(scene)
-}
-
-/// An impostor's sheet and its pictures.
-struct Baked {
-    part: Part,
-    colour: Texture,
-    normal: Texture,
-    octahedral: Option<Octahedral>,
-    /// Colours of the model's other looks, by their names.
-    others: Vec<(String, Texture)>,
-}
-
-/// Of an impostor's view, where trees themselves have small pictures or none: a stem is less than a texel
-/// wide in smaller ones, and is cut away.
-const LEAST_VIEW_PX: u32 = 64;
-
-/// The impostor of each model, in all looks that its materials know.
-fn bake(scene: &Scene, kind: lod::Kind, texture_px: u32) -> Result<Vec<Baked>> {
-    // A sheet is shown where the tree is some 200 lines high or less; near by twice as many hold up.
-    let size_px = match kind {
-        lod::Kind::Cross => texture_px.max(LEAST_VIEW_PX),
-        lod::Kind::Octahedral { views } => (2 * texture_px).max(LEAST_VIEW_PX * views),
-    };
-    let models: Vec<&[Part]> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
-    let sitter = Sitter::new(&models, &scene.materials, &scene.textures);
-    let looks: Vec<Vec<Vec3>> = scene.materials.par_iter().map(|m| tints(m, scene)).collect();
-    (0..models.len() as u32)
-        .into_par_iter()
-        .map(|m| {
-            let prototype = &scene.prototypes[m as usize];
-            let around = bounds(&prototype.parts);
-            let materials = prototype.parts.iter().map(|part| part.material as usize);
-            let leaf = materials.max_by_key(|&m| looks[m].len()).filter(|&m| !looks[m].is_empty());
-            let tints = leaf.map_or(&[][..], |m| &looks[m]);
-            let baked = impostor::bake(&sitter, m, around, kind, size_px, tints)?;
-            let texture = |suffix: &str, picture: Picture, colorspace| Texture {
-                name: format!("{}_impostor{suffix}", prototype.name),
-                image: picture.into(),
-                colorspace,
-            };
-            let names =
-                leaf.into_iter().flat_map(|m| &scene.materials[m].variants).map(|v| &v.name);
-            let other = |(name, picture): (&String, Picture)| {
-                (name.clone(), texture(&format!("_{name}"), picture, Colorspace::Srgb))
-            };
-            Ok(Baked {
-                part: Part { name: "impostor".into(), surface: baked.surface, material: 0 },
-                others: names.zip(baked.tinted).map(other).collect(),
-                colour: texture("", baked.colour, Colorspace::Srgb),
-                normal: texture("_normal", baked.normal, Colorspace::Raw),
-                octahedral: baked.octahedral,
-            })
-        })
-        .collect()
-}
-
-/// Most that a leaf's own colour is taken times.
-const MOST_TINT: f32 = 8.0;
-
-/// The mean colour of each other look of a material over that of its own.
-fn tints(material: &Material, scene: &Scene) -> Vec<Vec3> {
-    let mean = |base_color: [f32; 3], texture: Option<u32>| {
-        let Some(texture) = texture else { return Vec3::from(base_color) };
-        let data = &scene.textures[texture as usize].image.picture().data;
-        let seen = || data.iter().filter(|p| p[3] >= 128);
-        let light = |p: &[u8; 4]| Vec3::from([0, 1, 2].map(|k| linear_from_srgb(p[k])));
-        let mean = seen().map(light).sum::<Vec3>() / seen().count().max(1) as f32;
-        mean * Vec3::from(base_color)
-    };
-    if material.variants.is_empty() {
-        return Vec::new();
-    }
-    let own = mean(material.base_color, material.base_color_texture).max(Vec3::splat(1e-3));
-    let each = material.variants.iter().map(|v| mean(v.base_color, v.base_color_texture));
-    each.map(|other| (other / own).min(Vec3::splat(MOST_TINT))).collect()
 }
 
 /// How far each form's silhouette is from the finest's; of octahedral impostors, as a shader shows
@@ -625,6 +550,7 @@ mod tests {
     use super::super::forest::{WoodJob, detail};
     use super::*;
     use crate::mesh::FoliageLevel;
+    use crate::raster::linear_from_srgb;
     use crate::seed::Seed;
     use crate::skeleton::{self, Target};
     use crate::texture::LeafVariant;
@@ -776,7 +702,7 @@ mod tests {
         };
         scene.materials[leaf].variants = vec![variant("same", green), variant("autumn", red)];
         let job = LevelsJob { impostor: Some(lod::Kind::Cross), ..LevelsJob::default() };
-        add(&mut scene, Vec::new(), &[], &job, 64).unwrap();
+        add(&mut scene, Vec::new(), &[], &job, 64, &Cache::off()).unwrap();
         let level = scene.prototypes[0].levels.last().unwrap();
         let material = &scene.materials[level.parts[0].material as usize];
         let picture = |texture: Option<u32>| {
@@ -840,7 +766,7 @@ mod tests {
             all.pop();
             if triangles == 20_000 {
                 let reach = |tree: &TreeMesh| {
-                    let at_ground = |p: &&Vec3| (-0.01..0.05).contains(&p.z);
+                    let at_ground = |p: &&glam::Vec3| (-0.01..0.05).contains(&p.z);
                     let woods = tree.woods();
                     let foot = woods.iter().flat_map(|wood| &wood.position).filter(at_ground);
                     foot.map(|p| p.truncate().length()).fold(0.0, f32::max)

@@ -9,6 +9,7 @@ mod figure;
 mod fit;
 pub mod forest;
 pub mod goal;
+mod impostors;
 pub mod landscape;
 pub mod left_out;
 pub mod levels;

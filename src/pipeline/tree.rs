@@ -282,7 +282,14 @@ fn stand(
     let mut rows = Vec::new();
     if !job.levels.is_empty() {
         run.stage("levels", |warnings| {
-            levels::add(&mut scene, vec![coarse], &[look], &job.levels, job.texture_px)?;
+            levels::add(
+                &mut scene,
+                vec![coarse],
+                &[look],
+                &job.levels,
+                job.texture_px,
+                &job.cache,
+            )?;
             rows = levels::rows(&scene);
             Ok(((), levels::outcome(&rows, 1, warnings)))
         })?;
