@@ -665,6 +665,23 @@ fn an_octahedral_impostor_is_measured_as_its_shader_shows_it() {
     assert!(octahedral_m < cross_m, "{octahedral_m} {cross_m}");
 }
 
+/// Few leaves leave triangles over, and show what branches there are.
+#[test]
+fn coarser_forms_of_a_dying_tree_keep_its_branches() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("tree.glb");
+    let of = ["tree", "picea_abies", "--condition", "IV", "--lods", "4", "--texture", "64"];
+    let out = larix(&[&of[..], &["--json", "-o", file.to_str().unwrap()]].concat());
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    let told: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    let levels = told["levels"].as_array().unwrap();
+    let triangles = |k: usize| levels[k]["triangles"].as_u64().unwrap();
+    let rms_m = |k: usize| levels[k]["silhouette_rms_m"].as_f64().unwrap();
+    assert!(triangles(1) > 5_000 && triangles(1) <= 8_000, "{}", triangles(1));
+    assert!(triangles(2) > 1_500 && triangles(2) <= 3_000, "{}", triangles(2));
+    assert!(rms_m(1) < 0.1 && rms_m(2) < 0.25, "{levels:?}");
+}
+
 #[test]
 fn a_tree_in_plain_colours_has_no_texture_coordinates() {
     let dir = tempfile::tempdir().unwrap();

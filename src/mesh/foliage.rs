@@ -358,8 +358,8 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     Ok(Foliage { surface, twig_scale: enlarge, cover, stand_in, ..Foliage::default() })
 }
 
-/// Triangles that the cards of a leafy tree seen from near take though they may take `most`; `None` where
-/// that may be all of them.
+/// Triangles that the cards of a leafy tree take though they may take `most`; `None` where that may be all of
+/// them.
 pub fn taken_by_cards(
     skeleton: &Skeleton,
     species: &Species,
@@ -369,7 +369,7 @@ pub fn taken_by_cards(
 ) -> Option<usize> {
     let f = &species.foliage;
     let is_other = species.own_model.is_some() || species.own_fruit.is_some();
-    if !options.has_near_cards() || f.is_bare() || is_other {
+    if options.foliage != FoliageLevel::Cards || f.is_bare() || is_other {
         return None;
     }
     let hull = Hull::around(skeleton, &skeleton.bears_leaves(f.bearing_radius_m))?;
@@ -383,8 +383,10 @@ pub fn taken_by_cards(
         let cards = enough(&hull, f, shape.shown() * covered, usize::MAX, share);
         shape.room().triangles * cards.ceil() as usize
     };
-    let shapes = [true, false].map(|fine| Shape::of(f.shape, fine));
-    shapes.into_iter().skip(usize::from(!options.detail)).map(taken).find(|taken| *taken <= most)
+    let [fine, folded] = [true, false].map(|fine| Shape::of(f.shape, fine));
+    let flat = (!options.has_near_cards()).then_some(Shape::Flat);
+    let shapes = options.detail.then_some(fine).into_iter().chain([folded]).chain(flat);
+    shapes.map(taken).find(|taken| *taken <= most)
 }
 
 /// Whether the cards of bare twigs have stalks from the wood that is meshed, which no leaves hide.

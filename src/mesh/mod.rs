@@ -43,6 +43,7 @@ pub use leaf::StandIn;
 pub use path::{BELOW_GROUND_M, BURIED, FLARE, FLARED, LOBED, MAX_SIDES};
 pub use twigs::{Place, Twigs, outer};
 pub use wind::{Wind, WindProfile};
+pub use wood::upper_bark_from_m;
 
 /// Vertices that a thread takes at once.
 const CHUNK: usize = 1 << 14;
@@ -381,6 +382,11 @@ impl MeshOptions {
         self.foliage == FoliageLevel::Cards && !self.is_flat()
     }
 
+    /// Whether one sees between the leaves, which are few.
+    fn is_thin(&self) -> bool {
+        self.leaf_share < THIN
+    }
+
     /// As rough as a budget asks, however round wood was to be.
     pub fn roughened(self) -> MeshOptions {
         let tolerance_m = self.tolerance_m.max(MeshOptions::HERO.tolerance_m);
@@ -420,6 +426,8 @@ impl MeshOptions {
 const WOOD_SHARE: f32 = 0.45;
 const WOOD_SHARE_FLAT: f32 = 0.24;
 const WOOD_SHARE_BARE: f32 = 0.55;
+/// Share of its leaves below which a crown shows its branches.
+const THIN: f32 = 0.5;
 /// A tree of fewer triangles has flat cards: twice as many keep its outline better than folded ones,
 /// and little of its wood shows from where it is seen.
 const FLAT_BELOW: usize = 12_000;
@@ -453,7 +461,7 @@ pub fn build(
         let usual = match level {
             FoliageLevel::None => b,
             _ if species.foliage.is_bare() => of(WOOD_SHARE_BARE),
-            _ if options.is_flat() => of(WOOD_SHARE_FLAT),
+            _ if options.is_flat() && !options.is_thin() => of(WOOD_SHARE_FLAT),
             _ => of(WOOD_SHARE),
         };
         // What cards leave over is for more branches.

@@ -136,11 +136,24 @@ impl Scheme {
     /// triangle of two faces each, and a leader.
     pub fn bare_crown(&self) -> Surface {
         let top_m = self.h4_m + self.h2_m;
+        // Its foot is within the cylinder: edges of its own.
+        let foot_m = self.h4_m - self.r5_m.min(0.5 * self.h4_m);
+        let mut out = turned(&[(0.0, foot_m), (self.r5_m, foot_m), (0.0, top_m)], 3);
+        out.append(self.boughs(top_m));
+        out
+    }
+
+    /// Those of the boughs of a bare crown that leave the stem below a height: of a crown that is dead there.
+    pub fn boughs(&self, below_m: f32) -> Surface {
+        let top_m = self.h4_m + self.h2_m;
         let rows = [(self.r4_m, self.h1_m), (self.r3_m, self.h4_m), (0.0, top_m)];
-        let mut out = turned(&[(0.0, self.h4_m), (self.r5_m, self.h4_m), (0.0, top_m)], 3);
+        let mut out = Surface::default();
         for k in 0..BOUGHS {
             let up = HIGHEST * (k as f32 / BOUGHS as f32);
             let foot = Vec3::Z * (self.h1_m + up * (top_m - self.h1_m));
+            if foot.z >= below_m {
+                break;
+            }
             let (s, c) = (k as f32 * GOLDEN_RAD).sin_cos();
             let away = Vec3::new(c, s, RISE);
             let way = away * rows.windows(2).find_map(|w| meets(foot.z, w)).unwrap_or(self.r5_m);
@@ -273,6 +286,27 @@ mod tests {
             let tips = bare.position.iter().filter(|p| out(p).abs() < 1e-3).count();
             assert!(tips >= 2 * BOUGHS as usize, "{tips}");
             assert!(bare.position.iter().all(|p| out(p) < 0.3));
+        }
+    }
+
+    /// Not two closed surfaces that touch along an edge.
+    #[test]
+    fn of_a_bare_tree_every_edge_is_in_two_triangles() {
+        let low = Measures { crown_length_m: 19.9, widest_m: 0.12, ..PINE };
+        for measures in [PINE, low] {
+            let s = Scheme::new(&measures).unwrap();
+            let mut tree = s.mesh(8, None).wood;
+            tree.append(s.bare_crown());
+            let place =
+                |i: u32| (tree.position[i as usize] + Vec3::ZERO).to_array().map(f32::to_bits);
+            let mut edges = std::collections::HashMap::new();
+            for t in tree.index.as_chunks::<3>().0 {
+                for k in 0..3 {
+                    let [a, b] = [t[k], t[(k + 1) % 3]].map(place);
+                    *edges.entry([a.min(b), a.max(b)]).or_insert(0) += 1;
+                }
+            }
+            assert!(edges.values().all(|&n| n == 2), "{edges:?}");
         }
     }
 

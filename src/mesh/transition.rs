@@ -13,6 +13,8 @@ pub const SPAN: f32 = 1.0 - PURE;
 const STRETCH: [f32; 2] = [1.2, 1.6];
 /// A ring no farther from where the tile ends than this share of it is its end.
 const NEAR: f32 = 0.12;
+/// The same of a single ring where bark changes, share of the tube's length.
+const NEAR_ALONG: f32 = 0.02;
 /// Where a tile finds no room it is moved by so much of its length, so often at most up and down.
 const STEP: f32 = 0.15;
 const STEPS: i32 = 8;
@@ -29,12 +31,15 @@ pub fn part(
     let Some(upper) = &young.upper else { return };
     let Some(middle) = middle(rings, upper) else { return };
     let mut from = 0;
-    if let Middle::At { first, arc_m, radius_m } = middle {
-        from = first;
+    if let Middle::At { arc_m, radius_m } = middle {
         let long_m = tile_m(radius_m).map(|m| m * SPAN);
         if let Some([start, end]) = long_m.and_then(|m| ends(rings, holes, arc_m, m, least)) {
             rings[start + 1..=end].iter_mut().for_each(|r| r.bark = TRANSITION);
             from = end + 1;
+        } else {
+            let near_m = rings.last().map_or(0.0, |apex| NEAR_ALONG * apex.arc_m);
+            let end = End::at(rings, holes, arc_m, near_m.max(2.0 * least.step_m));
+            from = end.put(rings, holes, least) + 1;
         }
     }
     rings[from..].iter_mut().for_each(|r| r.bark = UPPER);
@@ -43,12 +48,7 @@ pub fn part(
 /// Where a tube is half old.
 enum Middle {
     BelowIt,
-    /// Below its ring `first`.
-    At {
-        first: usize,
-        arc_m: f32,
-        radius_m: f32,
-    },
+    At { arc_m: f32, radius_m: f32 },
 }
 
 /// `None` where all is old. The same however many rings a tube has: by its own height and radius, which are
@@ -71,7 +71,6 @@ fn middle(rings: &[Ring], upper: &Upper) -> Option<Middle> {
     let t = within.fold(1.0, f32::min);
     let mix = |a: f32, b: f32| a + (b - a) * t;
     Some(Middle::At {
-        first,
         arc_m: mix(low.arc_m, high.arc_m),
         radius_m: mix(low.radius_m, high.radius_m),
     })

@@ -4,13 +4,14 @@ use super::chain::{Chains, Pieces};
 use super::junction::{self, Branch, Hole};
 use super::path::{FLARE, Foot, Knot, Least, Ring, Scratch, Sides, Start, Stem, rings};
 use super::transition;
-use super::tube::{Bark, Outlet, Shape, lay_bark};
+use super::tube::{self, Outlet, Shape, lay_bark};
 use super::wind::Wind;
 use super::young::{BARKS, Upper, Young};
 use super::{FoliageLevel, Junctions, MeshOptions, Surface, reach_m};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
+use crate::species::model::Bark;
 use crate::texture::BARK_REPEAT_M;
 
 /// How much coarser a wood may become for a budget, how often that is tried, and by what steps of
@@ -101,7 +102,7 @@ pub fn wood(
         is_bare,
         options: *options,
     };
-    let mut bark = Bark::new(young, wind, seed);
+    let mut bark = tube::Bark::new(young, wind, seed);
     let mut work = Work::default();
     let count = match budget {
         Some(budget) => planner.fit(budget, &mut work, &mut bark),
@@ -114,6 +115,24 @@ pub fn wood(
         }
     }
     Wood { surface: bark.finish(), count, is_meshed }
+}
+
+/// Height of a skeleton from which on its stem has the bark of the upper one, halfway; `None` where it
+/// has none.
+pub fn upper_bark_from_m(skeleton: &Skeleton, bark: &Bark) -> Option<f32> {
+    bark.upper?;
+    let middle = |range: [f32; 2]| 0.5 * (range[0] + range[1]);
+    let high_m = middle(bark.upper_from) * skeleton.height_m();
+    let thin_m = middle(YOUNG_RADIUS) * skeleton.radius_m.first()?;
+    let axes = skeleton.axes();
+    let stem = axes.iter().next()?;
+    let of = |i: u32| (skeleton.position[i as usize].z, skeleton.radius_m[i as usize]);
+    let thins_m = stem.nodes.windows(2).find_map(|w| {
+        let [(low_m, thick), (above_m, thin)] = [of(w[0]), of(w[1])];
+        let share = (thick - thin_m) / (thick - thin).max(1e-9);
+        (thin <= thin_m).then(|| low_m + (above_m - low_m) * share.clamp(0.0, 1.0))
+    });
+    Some(thins_m.map_or(high_m, |z| z.min(high_m)))
 }
 
 struct Planner<'a> {
@@ -152,7 +171,7 @@ const NONE: u32 = u32::MAX;
 impl Planner<'_> {
     /// A wood that uses most of a budget, or the coarsest of all. What woods would have is guessed
     /// from their straight pieces; each attempt tells how far off such guesses are.
-    fn fit(&self, budget: usize, work: &mut Work, bark: &mut Bark) -> Count {
+    fn fit(&self, budget: usize, work: &mut Work, bark: &mut tube::Bark) -> Count {
         let mut guesses = [0.0, COARSEST.ln()].map(|x| (x, self.guess(x, work))).to_vec();
         let mut ratio = USUAL[usize::from(!self.is_bare)];
         let aim = budget as f32 * AIM;
@@ -220,8 +239,9 @@ impl Planner<'_> {
         let finest_m = self.options.tolerance_m.clamp(1e-5, 1.0);
         let most_m = self.options.sagitta_m.max(finest_m);
         let tolerance_m = (finest_m * coarse.powf(0.6)).min(most_m);
-        // Bare twigs are the crown, and cards seen from near hang from them: there sides go before axes.
-        let is_seen = self.is_bare || self.options.has_near_cards();
+        // Bare twigs are the crown, few leaves show them, and cards seen from near hang from them: there sides
+        // go before axes.
+        let is_seen = self.is_bare || self.options.is_thin() || self.options.has_near_cards();
         (tolerance_m, if is_seen { 0.0003 } else { 0.0015 } * (coarse - 1.0))
     }
 
@@ -253,7 +273,7 @@ impl Planner<'_> {
     }
 
     /// Makes the tubes of a wood anew, parents before their branches.
-    fn attempt(&self, log_coarse: f32, work: &mut Work, bark: &mut Bark) -> Count {
+    fn attempt(&self, log_coarse: f32, work: &mut Work, bark: &mut tube::Bark) -> Count {
         bark.clear();
         let coarse = log_coarse.exp();
         let (tolerance_m, cut_m) = self.limits(coarse);

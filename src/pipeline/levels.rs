@@ -11,7 +11,7 @@ use super::model::{Look, parts_of};
 use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::lod::{self, Silhouettes, Views, impostor};
-use crate::mesh::{FoliageLevel, MeshOptions, Surface, TreeMesh, WindProfile, p18};
+use crate::mesh::{self, FoliageLevel, MeshOptions, Surface, TreeMesh, WindProfile, p18};
 use crate::render::capture::Sitter;
 use crate::report::{ErrorMeasure, Outcome};
 use crate::scene::{Alpha, Apart, ColliderShape, Level, Material, Part, Scene, Variant};
@@ -121,8 +121,8 @@ fn coarsest(
     options: &MeshOptions,
 ) -> Result<TreeMesh> {
     let Subject { skeleton, species, .. } = subject;
-    let crown_base_m = skeleton.crown_base_m() * factor;
-    let mut scheme = scheme(finest, crown_base_m, species)?;
+    let upper_from_m = mesh::upper_bark_from_m(skeleton, &species.bark).map(|z| z * factor);
+    let mut scheme = scheme(finest, skeleton.crown_base_m() * factor, upper_from_m, species)?;
     if let Some(profile) = options.wind {
         let height_m = finest.bounds().1.z;
         let TreeMesh { wood, upper_wood, foliage, .. } = &mut scheme;
@@ -131,6 +131,18 @@ fn coarsest(
         }
     }
     Ok(scheme)
+}
+
+/// The height above which nearly all leaves are; 0 without any.
+fn lowest_leaves_m(tree: &TreeMesh) -> f32 {
+    /// Share of them that may be lower.
+    const LOWER: usize = 50;
+    let mut heights: Vec<f32> = tree.foliage.position.iter().map(|p| p.z).collect();
+    if heights.is_empty() {
+        return 0.0;
+    }
+    let k = heights.len() / LOWER;
+    *heights.select_nth_unstable_by(k, f32::total_cmp).1
 }
 
 /// Share of the triangles given from which on they are taken for all used.
@@ -281,28 +293,39 @@ pub fn tell_fruitless<'a>(
     }
 }
 
+/// Share of a tree's height over which the lower part of its crown has no leaves to be told.
+const DEAD: f32 = 0.1;
+
 /// A tree as two cones and a cylinder (P18); with boughs for cones where all its twigs are bare, which are of wood
 /// where there are none.
-fn scheme(tree: &TreeMesh, crown_base_m: f32, species: &Species) -> Result<TreeMesh> {
+fn scheme(
+    tree: &TreeMesh,
+    crown_base_m: f32,
+    upper_from_m: Option<f32>,
+    species: &Species,
+) -> Result<TreeMesh> {
     const SIDES: u32 = 8;
     let size = &species.size;
     let height_m = tree.bounds().1.z.max(0.01);
-    let crown_length_m = (height_m - crown_base_m).clamp(0.05 * height_m, height_m);
     let widest = size.profile.iter().fold([0.0f32; 2], |w, p| if p[1] > w[1] { *p } else { w });
     let stem_diameter_m = size.stem_diameter_at(height_m);
     let lowest = size.profile.first().map_or(1.0, |p| p[1]);
-    let measures = p18::Measures {
-        height_m,
-        stem_diameter_m,
-        crown_width_m: tree.crown_diameter_m().max(1.1 * stem_diameter_m),
-        crown_length_m,
-        widest_m: height_m - crown_length_m * (1.0 - widest[0].clamp(0.02, 0.98)),
-        lower_share: lowest / widest[1].max(1e-3),
+    let of_crown = |base_m: f32| {
+        let crown_length_m = (height_m - base_m).clamp(0.05 * height_m, height_m);
+        p18::Scheme::new(&p18::Measures {
+            height_m,
+            stem_diameter_m,
+            crown_width_m: tree.crown_diameter_m().max(1.1 * stem_diameter_m),
+            crown_length_m,
+            widest_m: height_m - crown_length_m * (1.0 - widest[0].clamp(0.02, 0.98)),
+            lower_share: lowest / widest[1].max(1e-3),
+        })
     };
-    // Half way up where the barks mix.
-    let [low, high] = species.bark.upper_from;
-    let upper_from_m = species.bark.upper.as_ref().map(|_| 0.5 * (low + high) * height_m);
-    let scheme = p18::Scheme::new(&measures)?;
+    // A crown whose lower branches are dead is one of leaves above bare boughs.
+    let whole = of_crown(crown_base_m)?;
+    let leaves_m = lowest_leaves_m(tree);
+    let is_dead_below = leaves_m > crown_base_m + DEAD * height_m;
+    let scheme = if is_dead_below { of_crown(leaves_m)? } else { whole };
     let mut mesh = scheme.mesh(SIDES, upper_from_m);
     // As deep in the ground as the tree, for slopes.
     let foot_m = tree.bounds().0.z.min(0.0);
@@ -311,10 +334,16 @@ fn scheme(tree: &TreeMesh, crown_base_m: f32, species: &Species) -> Result<TreeM
             (p.z, uv.y) = (foot_m, foot_m);
         }
     }
+    let boughs = match tree.foliage.is_empty() {
+        true => Some(scheme.bare_crown()),
+        false => is_dead_below.then(|| whole.boughs(leaves_m)),
+    };
+    if let Some(boughs) = boughs {
+        let wood = if mesh.upper_wood.is_empty() { &mut mesh.wood } else { &mut mesh.upper_wood };
+        wood.append(boughs);
+    }
     if tree.foliage.is_empty() {
         mesh.foliage = Surface::default();
-        let wood = if mesh.upper_wood.is_empty() { &mut mesh.wood } else { &mut mesh.upper_wood };
-        wood.append(scheme.bare_crown());
     } else if species.foliage.is_bare() {
         mesh.foliage = scheme.bare_crown();
     }
@@ -745,6 +774,26 @@ mod tests {
             assert_eq!(material.textures().count(), 0, "{k}");
             assert_eq!((material.alpha, material.double_sided), (Alpha::Opaque, false), "{k}");
             assert_eq!(material.variants[0].base_color, crown.map(linear_from_srgb), "{k}");
+        }
+    }
+
+    #[test]
+    fn bark_of_a_stem_changes_at_one_height_at_every_level() {
+        for name in ["pinus_sibirica", "larix_sibirica", "pinus_sylvestris", "betula_pendula"] {
+            let trees = tree_of((name, 20_000, 20_000), |subject, options| {
+                meshes(subject, options, SHARES.len() + 1, None)
+            });
+            let height_m = trees[0].bounds().1.z;
+            // Branches are too thin for old bark.
+            let ends_m: Vec<f32> = trees.iter().map(|t| t.wood.bounds().1.z).collect();
+            let between_m = trees[0].transition_wood.bounds().1.z - ends_m[0];
+            assert!(between_m > 0.0, "{name}");
+            let middle_m = ends_m[0] + 0.5 * between_m;
+            for (k, end_m) in ends_m.iter().enumerate() {
+                let off_m = (end_m - middle_m).abs();
+                let most_m = 0.6 * between_m + 0.03 * height_m;
+                assert!(off_m < most_m, "{name}, LOD{k}: {end_m} beside {middle_m}");
+            }
         }
     }
 
