@@ -32,6 +32,9 @@ pub const COLLAR_END: f32 = 1.1;
 const ROOM_ALONG: f32 = 1.2;
 const ROOM_AROUND: f32 = 0.08;
 
+/// Least half height of a foot over that of its band, which may be most of a plain stem.
+const LEAST_HALF: f32 = 0.002;
+
 /// A foot is longer than wide by no more than the inverse.
 const LEAST_LEAN: f32 = 0.45;
 
@@ -657,7 +660,7 @@ fn settle(rings: &[Ring], holes: &mut [Hole]) {
     for hole in holes {
         let (a, b) = (&rings[hole.band as usize], &rings[hole.band as usize + 1]);
         let height = (b.arc_m - a.arc_m).max(1e-9);
-        hole.half_t = (hole.half_m / height).clamp(0.02, 0.4);
+        hole.half_t = (hole.half_m / height).clamp(LEAST_HALF, 0.4);
         let edge = hole.half_t + 0.06;
         hole.t = ((hole.arc_m - a.arc_m) / height).min(1.0 - edge).max(edge);
         let ring = between(a, b, hole.t);

@@ -188,7 +188,7 @@ mod tests {
             across in 0.0f32..1.0,
             wide in 0.05f32..1.0,
             along in 0.0f32..1.0,
-            high in 0.02f32..0.4,
+            high in 0.002f32..0.4,
             way in 0.0f32..6.3,
             long in 1.0f32..2.3,
         ) {
