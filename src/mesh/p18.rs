@@ -6,7 +6,7 @@
 //! cylinder's radius. Where the source leaves it open: the cylinder ends where the cones meet, so
 //! R3 = R2 = CW / 2, and R4 is the share of R3 that the caller gives, at least R5. The cones are one
 //! closed surface, the cylinder another that goes into it. A tree without leaves has boughs up to the cones
-//! in their place. Limit: crowns of one height round about.
+//! in their place, one whose lower branches are dead has some below them. Limit: crowns of one height round about.
 
 use std::f32::consts::TAU;
 

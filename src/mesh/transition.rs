@@ -54,8 +54,7 @@ enum Middle {
 /// `None` where all is old. The same however many rings a tube has: by its own height and radius, which are
 /// straight between them.
 fn middle(rings: &[Ring], upper: &Upper) -> Option<Middle> {
-    let half = |range: [f32; 2]| 0.5 * (range[0] + range[1]);
-    let (high_m, thin_m) = (half(upper.height_m), half(upper.radius_m));
+    let [high_m, thin_m] = upper.half();
     let is_upper = |r: &Ring| r.centre.z >= high_m || r.radius_m <= thin_m;
     if high_m <= 0.0 || rings.first().is_some_and(is_upper) {
         return Some(Middle::BelowIt);

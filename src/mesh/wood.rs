@@ -37,10 +37,7 @@ const FAR: f32 = 3.0;
 /// What woods come to over their guesses, bare and leafy: where the search starts.
 const USUAL: [f32; 2] = [0.93, 1.1];
 
-/// Bark is young where the wood is thin, or high up: radius over that of the stem's foot, from all
-/// old to all young; the species says how high.
-const YOUNG_RADIUS: [f32; 2] = [0.5, 0.3];
-/// The same for the bark of twigs, over the radius that the species gives.
+/// Bark of twigs is where wood is thin, from none to all: radius over the radius that the species gives.
 const TWIG_RADIUS: [f32; 2] = [1.4, 0.75];
 
 /// The wood of a tree, bark by bark.
@@ -85,10 +82,7 @@ pub fn wood(
     let height_m = skeleton.height_m();
     let foot_m = skeleton.radius_m.first().copied().unwrap_or(0.0).max(1e-6);
     let young = Young {
-        upper: bark.upper.map(|_| Upper {
-            radius_m: YOUNG_RADIUS.map(|r| r * foot_m),
-            height_m: bark.upper_from.map(|h| h * height_m.max(1e-6)),
-        }),
+        upper: Upper::of(bark, foot_m, height_m),
         twig_m: bark.twig.map(|_| TWIG_RADIUS.map(|r| r * bark.twig_radius_m)),
     };
     let planner = Planner {
@@ -117,13 +111,11 @@ pub fn wood(
     Wood { surface: bark.finish(), count, is_meshed }
 }
 
-/// Height of a skeleton from which on its stem has the bark of the upper one, halfway; `None` where it
-/// has none.
+/// Height from which on the stem of a skeleton has the bark of the upper one, halfway; `None` where the
+/// species has none.
 pub fn upper_bark_from_m(skeleton: &Skeleton, bark: &Bark) -> Option<f32> {
-    bark.upper?;
-    let middle = |range: [f32; 2]| 0.5 * (range[0] + range[1]);
-    let high_m = middle(bark.upper_from) * skeleton.height_m();
-    let thin_m = middle(YOUNG_RADIUS) * skeleton.radius_m.first()?;
+    let foot_m = *skeleton.radius_m.first()?;
+    let [high_m, thin_m] = Upper::of(bark, foot_m, skeleton.height_m())?.half();
     let axes = skeleton.axes();
     let stem = axes.iter().next()?;
     let of = |i: u32| (skeleton.position[i as usize].z, skeleton.radius_m[i as usize]);

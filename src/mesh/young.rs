@@ -7,6 +7,7 @@ use glam::Vec4;
 
 use super::path::Ring;
 use crate::seed::Seed;
+use crate::species::model::Bark;
 
 /// Barks of a tree: old, that of the upper stem and branches, what lies between the two, that of twigs.
 pub const BARKS: usize = 4;
@@ -51,10 +52,30 @@ pub struct Young {
     pub twig_m: Option<[f32; 2]>,
 }
 
+/// From all old to all young.
 #[derive(Debug, Clone, Copy)]
 pub struct Upper {
     pub radius_m: [f32; 2],
     pub height_m: [f32; 2],
+}
+
+impl Upper {
+    /// Radii at which wood is thin, over that of the stem's foot; the species says how high is high up.
+    const RADIUS: [f32; 2] = [0.5, 0.3];
+
+    /// Of a tree of this height whose foot has this radius; `None` where its bark is one.
+    pub fn of(bark: &Bark, foot_m: f32, height_m: f32) -> Option<Upper> {
+        bark.upper?;
+        Some(Upper {
+            radius_m: Upper::RADIUS.map(|r| r * foot_m.max(1e-6)),
+            height_m: bark.upper_from.map(|h| h * height_m.max(1e-6)),
+        })
+    }
+
+    /// The height and the radius where it is half young.
+    pub fn half(&self) -> [f32; 2] {
+        [self.height_m, self.radius_m].map(|range| 0.5 * (range[0] + range[1]))
+    }
 }
 
 /// Two coats, and the share of the second; between 0 and 1 the facets mix.

@@ -44,8 +44,10 @@ pub(super) fn bake(
     };
     let Scene { prototypes, materials, textures, .. } = scene;
     let key = |p: &Prototype| -> Result<Option<Key>> {
-        let decides = || Decides::new(&p.parts, materials, textures, kind, size_px);
-        Ok(cache.is_on().then(decides).transpose()?.map(|decides| Key::of(decides.parts())))
+        if !cache.is_on() {
+            return Ok(None);
+        }
+        key_of(p, scene, kind, size_px).map(Some)
     };
     let keys: Vec<Option<Key>> = prototypes.par_iter().map(key).collect::<Result<_>>()?;
     let kept = |key: &Option<Key>| Stored::from_parts(cache.get((*key)?)?);
@@ -75,6 +77,13 @@ pub(super) fn bake(
         Some(named(stored?, prototype, looks))
     };
     Ok(all.into_iter().zip(prototypes).filter_map(named).collect())
+}
+
+/// What decides an impostor, its tints too, which are found here.
+fn key_of(prototype: &Prototype, scene: &Scene, kind: lod::Kind, size_px: u32) -> Result<Key> {
+    let Scene { materials, textures, .. } = scene;
+    let decides = Decides::new(&prototype.parts, materials, textures, kind, size_px)?;
+    Ok(Key::of(std::iter::once(include_bytes!("impostors.rs").as_slice()).chain(decides.parts())))
 }
 
 /// The material of a model that has the most looks beside its own.
@@ -154,11 +163,8 @@ mod tests {
             assert_eq!(told(&cache), baked);
             assert_eq!(entries(), count);
             // What is kept is taken, even if it is another's; a broken entry is baked anew.
-            let key = |p: &Prototype| {
-                let (materials, textures) = (&scene.materials, &scene.textures);
-                let size_px = if kind == lod::Kind::Cross { 64 } else { 64 * 4 };
-                Key::of(Decides::new(&p.parts, materials, textures, kind, size_px).unwrap().parts())
-            };
+            let size_px = if kind == lod::Kind::Cross { 64 } else { 64 * 4 };
+            let key = |p: &Prototype| key_of(p, &scene, kind, size_px).unwrap();
             let [birch, spruce] = [0, last].map(|m| key(&scene.prototypes[m]));
             cache.put(spruce, &cache.get(birch).unwrap());
             assert_ne!(baked[last].0, baked[0].0);
