@@ -73,6 +73,52 @@ fn silhouettes_are_as_far_apart_as_the_blocks() {
     }
 }
 
+/// Upright strips in a row 4 m wide and 8 m high, each so wide.
+fn strips(count: u32, width_m: f32) -> Surface {
+    let mut out = Surface::default();
+    for k in 0..count {
+        let left = 4.0 * k as f32 / count as f32 - 2.0;
+        let first = out.position.len() as u32;
+        for (s, t) in [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)] {
+            out.position.push(Vec3::new(left + s * width_m, 0.0, 8.0 * t));
+            out.normal.push(-Vec3::Y);
+            out.uv.push(Vec2::new(s, t));
+        }
+        out.index.extend([0, 1, 2, 0, 2, 3].map(|k| first + k));
+    }
+    out
+}
+
+#[test]
+fn pictured_twigs_are_as_far_from_a_pole_as_meshed_ones() {
+    let mut look = red();
+    look[0].double_sided = true;
+    let (meshed, pole) = (part(strips(32, 4.0 / 256.0)), part(block(0.1, 8.0)));
+    let all = (Vec3::new(-2.0, -2.0, 0.0), Vec3::new(2.0, 2.0, 8.0));
+    let of =
+        |sitter: &Sitter<'_>, model| Silhouettes::of(sitter, model, all, Views::Sides).unwrap();
+    let sitter = Sitter::covers(&[&pole, &meshed], &look, &[]);
+    let wanted = of(&sitter, 0).apart(&of(&sitter, 1));
+    // The same strips as an eighth of a picture, of fine texels and of coarse ones.
+    for side in [16, 64, 256] {
+        let mut picture = Picture::filled(side, side, [20, 160, 30, 110]);
+        for (x, y) in (0..side).flat_map(|y| (0..side / 8).map(move |x| (x, y))) {
+            picture.set(x, y, [90, 60, 30, 255]);
+        }
+        let image = picture.into();
+        let textures = [Texture { name: "twigs".into(), image, colorspace: Colorspace::Srgb }];
+        let mut masked = look.clone();
+        masked[0].base_color_texture = Some(0);
+        masked[0].alpha = Alpha::Mask { cutoff: 0.5 };
+        let pictured = part(strips(32, 4.0 / 32.0));
+        let sitter = Sitter::covers(&[&pictured], &masked, &textures);
+        let got = of(&Sitter::covers(&[&pole], &look, &[]), 0).apart(&of(&sitter, 0));
+        let near = |got: f32, wanted: f32| (got / wanted - 1.0).abs() < 0.05;
+        assert!(near(got.rms_m, wanted.rms_m), "{side}: {got:?} {wanted:?}");
+        assert!(near(got.worst_m, wanted.worst_m), "{side}: {got:?} {wanted:?}");
+    }
+}
+
 #[test]
 fn a_window_shows_the_block_where_it_is() {
     let (parts, materials) = (part(block(1.0, 10.0)), red());
@@ -277,7 +323,7 @@ fn an_octahedral_impostor_turns_to_the_eye() {
     look[0].base_color_texture = Some(0);
     look[0].alpha = Alpha::Mask { cutoff: impostor::CUTOFF };
     look[0].double_sided = true;
-    let shown = Sitter::outlines(&models, &look, &textures);
+    let shown = Sitter::covers(&models, &look, &textures);
     // The view nearest to the zenith is 9.5° off it: 5 m lean 0.82 m aside.
     let aside_m = looks().map(|look| impostor::aside_m(&octahedral, -look)).fold(0.0, f32::max);
     assert!((aside_m - 0.165 * octahedral.radius_m).abs() < 0.01, "{aside_m}");

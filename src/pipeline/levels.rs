@@ -454,7 +454,7 @@ fn measure(scene: &mut Scene) -> Result<()> {
             }
         }
     }
-    let sitter = Sitter::outlines(&models, &scene.materials, &scene.textures);
+    let sitter = Sitter::covers(&models, &scene.materials, &scene.textures);
     // As it is, and as its shader shows it.
     let apart: Vec<Vec<(Apart, Option<Apart>)>> = scene
         .prototypes

@@ -138,7 +138,7 @@ fn silhouettes(
 ) -> Result<Vec<Silhouettes>> {
     let scene = model_scene(subject.species, meshes, subject.textures.clone());
     let models: Vec<_> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
-    let sitter = Sitter::outlines(&models, &scene.materials, &scene.textures);
+    let sitter = Sitter::covers(&models, &scene.materials, &scene.textures);
     (0..models.len() as u32)
         .into_par_iter()
         .map(|m| Silhouettes::of(&sitter, m, around, Views::All))

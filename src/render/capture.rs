@@ -89,17 +89,8 @@ impl<'a> Sitter<'a> {
         Sitter::with(models, materials, textures, Purpose::Picture)
     }
 
-    /// For silhouettes alone.
-    pub fn outlines(
-        models: &[&'a [Part]],
-        materials: &'a [Material],
-        textures: &'a [Texture],
-    ) -> Self {
-        Sitter::with(models, materials, textures, Purpose::Outline)
-    }
-
-    /// For silhouettes with pictures read texel by texel, however small they are: samples together
-    /// say how much a model covers, though each for itself is noise.
+    /// For silhouettes alone, with pictures read texel by texel, however small they are: samples
+    /// together say how much a model covers, though each for itself is noise.
     pub fn covers(
         models: &[&'a [Part]],
         materials: &'a [Material],

@@ -141,7 +141,7 @@ fn silhouettes(
     let scene = model_scene(species, meshes, textures);
     let models: Vec<_> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
     let around = models.iter().map(|parts| bounds(parts)).reduce(levels::union).unwrap_or_default();
-    let sitter = Sitter::outlines(&models, &scene.materials, &scene.textures);
+    let sitter = Sitter::covers(&models, &scene.materials, &scene.textures);
     let outlines: Vec<Silhouettes> = (0..models.len() as u32)
         .into_par_iter()
         .map(|m| Silhouettes::of(&sitter, m, around, Views::All))

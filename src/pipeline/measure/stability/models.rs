@@ -231,7 +231,7 @@ fn beside(shift_m: f32) -> Result<(Apart, f32)> {
     let models: Vec<_> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
     let (a, b) = (bounds(models[0]), bounds(models[1]));
     let around = (a.0.min(b.0), a.1.max(b.1));
-    let sitter = Sitter::outlines(&models, &scene.materials, &scene.textures);
+    let sitter = Sitter::covers(&models, &scene.materials, &scene.textures);
     let of = |model| Silhouettes::of(&sitter, model, around, Views::Sides);
     let (first, second) = (of(0)?, of(1)?);
     Ok((first.apart(&second), first.sample_m))
