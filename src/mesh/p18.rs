@@ -6,7 +6,8 @@
 //! cylinder's radius. Where the source leaves it open: the cylinder ends where the cones meet, so
 //! R3 = R2 = CW / 2, and R4 is the share of R3 that the caller gives, at least R5. The cones are one
 //! closed surface, the cylinder another that goes into it. A tree without leaves has boughs up to the cones
-//! in their place, one whose lower branches are dead has some below them. Limit: crowns of one height round about.
+//! in their place, as sheets with pictures of its twigs where it has any; one whose lower branches are dead has
+//! some below them. Limit: crowns of one height round about.
 
 use std::f32::consts::TAU;
 
@@ -15,13 +16,19 @@ use glam::{Quat, Vec2, Vec3};
 use super::spot::GOLDEN_RAD;
 use super::{Surface, TreeMesh};
 use crate::diagnostic::{Error, Result};
+use crate::texture::Atlas;
 
-/// Boughs of a bare crown; the share of it up to which they leave the stem; how far they rise by the way they go
-/// outwards; and the width of one at the stem over its length.
-const BOUGHS: u32 = 13;
-const HIGHEST: f32 = 0.85;
+/// Boughs of a bare crown, of no more triangles than the cones; and as many as it takes to show most of what bare
+/// twigs do.
+pub const BOUGHS: u32 = 13;
+pub const MANY_BOUGHS: u32 = 36;
+/// Share of the crown up to which boughs leave the stem; how far they rise by the way they go outwards; and the
+/// width of one at the stem over its length.
+const HIGHEST: f32 = 0.92;
 const RISE: f32 = 0.6;
 const STOUT: f32 = 0.14;
+/// Width of a sheet of twigs over that of its picture.
+const WIDE: f32 = 1.4;
 
 /// The measures of a tree, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -132,34 +139,31 @@ impl Scheme {
         TreeMesh { wood, upper_wood, foliage, is_hull: true, ..TreeMesh::default() }
     }
 
-    /// For a tree without leaves, which one sees through: in place of both cones boughs that end on them, a
-    /// triangle of two faces each, and a leader.
+    /// For a tree without twigs, which one sees through: in place of both cones a leader, and boughs that end on
+    /// them, a triangle of two faces each.
     pub fn bare_crown(&self) -> Surface {
-        let top_m = self.h4_m + self.h2_m;
-        // Its foot is within the cylinder: edges of its own.
-        let foot_m = self.h4_m - self.r5_m.min(0.5 * self.h4_m);
-        let mut out = turned(&[(0.0, foot_m), (self.r5_m, foot_m), (0.0, top_m)], 3);
-        out.append(self.boughs(top_m));
+        let mut out = self.leader();
+        out.append(self.boughs(self.top_m()));
         out
+    }
+
+    fn top_m(&self) -> f32 {
+        self.h4_m + self.h2_m
+    }
+
+    /// The stem from the cylinder to the top. Its foot is within the cylinder: edges of its own.
+    pub fn leader(&self) -> Surface {
+        let foot_m = self.h4_m - self.r5_m.min(0.5 * self.h4_m);
+        turned(&[(0.0, foot_m), (self.r5_m, foot_m), (0.0, self.top_m())], 3)
     }
 
     /// Those of the boughs of a bare crown that leave the stem below a height: of a crown that is dead there.
     pub fn boughs(&self, below_m: f32) -> Surface {
-        let top_m = self.h4_m + self.h2_m;
-        let rows = [(self.r4_m, self.h1_m), (self.r3_m, self.h4_m), (0.0, top_m)];
         let mut out = Surface::default();
-        for k in 0..BOUGHS {
-            let up = HIGHEST * (k as f32 / BOUGHS as f32);
-            let foot = Vec3::Z * (self.h1_m + up * (top_m - self.h1_m));
-            if foot.z >= below_m {
-                break;
-            }
-            let (s, c) = (k as f32 * GOLDEN_RAD).sin_cos();
-            let away = Vec3::new(c, s, RISE);
-            let way = away * rows.windows(2).find_map(|w| meets(foot.z, w)).unwrap_or(self.r5_m);
-            let length_m = way.length().max(1e-6);
-            let half = Quat::from_axis_angle(way / length_m, k as f32) * Vec3::new(-s, c, 0.0);
-            let (half, normal) = (half * (0.5 * STOUT * length_m), half.cross(way / length_m));
+        for Bough { foot, way, across } in self.each_bough(BOUGHS, below_m) {
+            let length_m = way.length();
+            let normal = across.cross(way / length_m.max(1e-6));
+            let half = across * (0.5 * STOUT * length_m);
             for side in [1.0, -1.0] {
                 let first = out.position.len() as u32;
                 out.position.extend([foot - half * side, foot + half * side, foot + way]);
@@ -170,6 +174,52 @@ impl Scheme {
         }
         out
     }
+
+    /// For a tree of bare twigs: so many boughs, each a sheet with the picture of a twig.
+    pub fn twigs(&self, boughs: u32, atlas: &Atlas) -> Surface {
+        let outlines = atlas.outlines(2);
+        let mut out = Surface::default();
+        for (k, Bough { foot, way, across }) in self.each_bough(boughs, self.top_m()).enumerate() {
+            let length_m = way.length();
+            let count = atlas.nearest(length_m).count().max(1);
+            let id = atlas.nearest(length_m).nth(k % count).unwrap_or(0);
+            let away = (way.with_z(0.0).normalize_or_zero() + Vec3::Z).normalize_or(Vec3::Z);
+            let first = out.position.len() as u32;
+            for row in &outlines[id] {
+                for s in [row.left, row.right] {
+                    let aside = across * ((s - 0.5) * WIDE * length_m);
+                    out.position.push(foot + way * row.t + aside);
+                    out.normal.push(away);
+                    out.uv.push(atlas.cells()[id].uv(s, row.t));
+                }
+            }
+            out.index.extend([0, 1, 3, 0, 3, 2].map(|i| first + i));
+        }
+        out
+    }
+
+    fn each_bough(&self, count: u32, below_m: f32) -> impl Iterator<Item = Bough> {
+        let top_m = self.top_m();
+        let rows = [(self.r4_m, self.h1_m), (self.r3_m, self.h4_m), (0.0, top_m)];
+        let bough = move |k: u32| {
+            let up = HIGHEST * (k as f32 / count as f32);
+            let foot = Vec3::Z * (self.h1_m + up * (top_m - self.h1_m));
+            let (s, c) = (k as f32 * GOLDEN_RAD).sin_cos();
+            let away = Vec3::new(c, s, RISE);
+            let way = away * rows.windows(2).find_map(|w| meets(foot.z, w)).unwrap_or(self.r5_m);
+            let turn = Quat::from_axis_angle(away.normalize(), k as f32);
+            Bough { foot, way, across: turn * Vec3::new(-s, c, 0.0) }
+        };
+        (0..count).map(bough).take_while(move |b| b.foot.z < below_m)
+    }
+}
+
+/// From the stem to the cones.
+struct Bough {
+    foot: Vec3,
+    way: Vec3,
+    /// Unit, square to the way.
+    across: Vec3,
 }
 
 /// How far from the axis a line that leaves it at a height, and rises, meets a cone between two (radius, height).
@@ -287,6 +337,27 @@ mod tests {
             assert!(tips >= 2 * BOUGHS as usize, "{tips}");
             assert!(bare.position.iter().all(|p| out(p) < 0.3));
         }
+    }
+
+    #[test]
+    fn twigs_reach_from_the_stem_to_the_cones() {
+        let s = Scheme::new(&PINE).unwrap();
+        let atlas = Atlas::whole(0.5);
+        for boughs in [BOUGHS, MANY_BOUGHS] {
+            let twigs = s.twigs(boughs, &atlas);
+            twigs.check().unwrap();
+            assert_eq!(twigs.triangles(), 2 * boughs as usize);
+            for sheet in twigs.position.as_chunks::<4>().0 {
+                let [foot, tip] = [0, 2].map(|k| 0.5 * (sheet[k] + sheet[k + 1]));
+                assert!(foot.truncate().length() < 1e-4, "{foot}");
+                let low = s.r4_m + (s.r3_m - s.r4_m) * (tip.z - s.h1_m) / s.h3_m;
+                let high = s.r2_m * (1.0 - (tip.z - s.h4_m) / s.h2_m);
+                let reach = if tip.z < s.h4_m { low } else { high };
+                assert!((tip.truncate().length() - reach).abs() < 1e-3, "{tip} {reach}");
+            }
+        }
+        let leader = s.leader();
+        assert_eq!((open_edges(&[&leader]), leader.bounds().1.z), (0, 20.0));
     }
 
     /// Not two closed surfaces that touch along an edge.

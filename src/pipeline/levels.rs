@@ -93,7 +93,7 @@ pub fn meshes(
         surfaces.for_each(|surface| profile.over(height_m, surface));
     }
     if meshed > SHARES.len() {
-        out.push(coarsest(&out[0], factor, subject, options)?);
+        out.push(coarsest(&out[0], factor, subject, options, p18::MANY_BOUGHS)?);
     }
     Ok(out)
 }
@@ -110,19 +110,22 @@ pub fn coarsest_alone(
     let mut measured = subject.mesh(options)?;
     let factor = height_m.map_or(1.0, |h| measured.factor_to(h));
     measured.scale(factor);
-    coarsest(&measured, factor, subject, options)
+    coarsest(&measured, factor, subject, options, p18::BOUGHS)
 }
 
-/// The scheme of a finest mesh, `factor` times as large as its skeleton, with the wind asked for.
+/// The scheme of a finest mesh, `factor` times as large as its skeleton, with the wind asked for, and so many
+/// boughs where its twigs are bare.
 fn coarsest(
     finest: &TreeMesh,
     factor: f32,
     subject: &Subject<'_>,
     options: &MeshOptions,
+    boughs: u32,
 ) -> Result<TreeMesh> {
     let Subject { skeleton, species, .. } = subject;
     let upper_from_m = mesh::upper_bark_from_m(skeleton, &species.bark).map(|z| z * factor);
-    let mut scheme = scheme(finest, skeleton.crown_base_m() * factor, upper_from_m, species)?;
+    let base_m = skeleton.crown_base_m() * factor;
+    let mut scheme = scheme(finest, base_m, upper_from_m, subject, boughs)?;
     if let Some(profile) = options.wind {
         let height_m = finest.bounds().1.z;
         let TreeMesh { wood, upper_wood, foliage, .. } = &mut scheme;
@@ -296,15 +299,17 @@ pub fn tell_fruitless<'a>(
 /// Share of a tree's height over which the lower part of its crown has no leaves to be told.
 const DEAD: f32 = 0.1;
 
-/// A tree as two cones and a cylinder (P18); with boughs for cones where all its twigs are bare, which are of wood
-/// where there are none.
+/// A tree as two cones and a cylinder (P18); with boughs for cones where all its twigs are bare, so many where they
+/// show the picture of one, and of wood where there are none.
 fn scheme(
     tree: &TreeMesh,
     crown_base_m: f32,
     upper_from_m: Option<f32>,
-    species: &Species,
+    subject: &Subject<'_>,
+    boughs: u32,
 ) -> Result<TreeMesh> {
     const SIDES: u32 = 8;
+    let Subject { species, textures, .. } = subject;
     let size = &species.size;
     let height_m = tree.bounds().1.z.max(0.01);
     let widest = size.profile.iter().fold([0.0f32; 2], |w, p| if p[1] > w[1] { *p } else { w });
@@ -334,19 +339,23 @@ fn scheme(
             (p.z, uv.y) = (foot_m, foot_m);
         }
     }
-    let boughs = match tree.foliage.is_empty() {
-        true => Some(scheme.bare_crown()),
-        false => is_dead_below.then(|| whole.boughs(leaves_m)),
-    };
-    if let Some(boughs) = boughs {
-        let wood = if mesh.upper_wood.is_empty() { &mut mesh.wood } else { &mut mesh.upper_wood };
-        wood.append(boughs);
-    }
+    let is_bare = species.foliage.is_bare();
+    // The user's own twigs may have no picture; without pictures there is none.
+    let has_picture = !species.has_own_leaves() && textures.leaf.width() > 1;
+    let mut of_wood = Surface::default();
     if tree.foliage.is_empty() {
-        mesh.foliage = Surface::default();
-    } else if species.foliage.is_bare() {
+        (of_wood, mesh.foliage) = (scheme.bare_crown(), Surface::default());
+    } else if is_bare && has_picture {
+        (of_wood, mesh.foliage) = (scheme.leader(), scheme.twigs(boughs, &textures.atlas));
+        mesh.is_hull = false;
+    } else if is_bare {
         mesh.foliage = scheme.bare_crown();
     }
+    if is_dead_below {
+        of_wood.append(whole.boughs(leaves_m));
+    }
+    let wood = if mesh.upper_wood.is_empty() { &mut mesh.wood } else { &mut mesh.upper_wood };
+    wood.append(of_wood);
     mesh.leaf_cover = 1.0;
     Ok(mesh)
 }
@@ -582,6 +591,7 @@ mod tests {
     use crate::raster::linear_from_srgb;
     use crate::seed::Seed;
     use crate::skeleton::{self, Target};
+    use crate::species::state::{Season, State};
     use crate::texture::LeafVariant;
 
     #[test]
@@ -774,6 +784,32 @@ mod tests {
             assert_eq!(material.textures().count(), 0, "{k}");
             assert_eq!((material.alpha, material.double_sided), (Alpha::Opaque, false), "{k}");
             assert_eq!(material.variants[0].base_color, crown.map(linear_from_srgb), "{k}");
+        }
+    }
+
+    /// One sees through it, and what one sees are twigs; without pictures these are plain boughs.
+    #[test]
+    fn the_coarsest_form_of_a_tree_in_winter_shows_its_twigs() {
+        let (seed, winter) = (Seed::new(1), State { season: Season::Winter, ..State::default() });
+        let species = winter.look(&crate::species::load("betula_pendula").unwrap(), seed);
+        let detail = detail(20_000, FoliageLevel::Cards);
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = skeleton::grow(&species, target, detail, seed).unwrap();
+        let pictured = crate::texture::for_species(&species, 256, seed);
+        for (textures, is_masked) in [(pictured, true), (crate::texture::plain(&species), false)] {
+            let subject =
+                Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
+            let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
+            let mut trees = meshes(&subject, &options, SHARES.len() + 1, None).unwrap();
+            let coarsest = trees.pop().unwrap();
+            assert!(coarsest.triangles() < 130, "{}", coarsest.triangles());
+            let shown = cover::shares(&subject, &trees[0], vec![coarsest.clone()]).unwrap()[0];
+            let scene = super::super::model::model_scene(&species, vec![coarsest], textures);
+            let parts = &scene.prototypes[0].parts;
+            let crown = parts.iter().find(|p| p.name == "foliage").unwrap();
+            let material = &scene.materials[crown.material as usize];
+            assert_eq!(material.alpha != Alpha::Opaque, is_masked);
+            assert!(!is_masked || shown > 0.3, "{shown}");
         }
     }
 
