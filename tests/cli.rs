@@ -545,6 +545,18 @@ fn levels_lie_beside_the_scene_and_say_how_far_off_they_are() {
         assert_eq!(document.nodes().any(|n| n.name() == Some("terrain")), has_terrain, "{name}");
         let bodies = document.nodes().filter(|n| n.name().is_some_and(|n| n.starts_with("UCX_")));
         assert_eq!(bodies.count() > 0, has_terrain, "{name}");
+        // Opened together, no two forms have one name.
+        let level = name.strip_prefix("forest").unwrap();
+        let is_tree = |n: &gltf::Node| n.extras().as_ref().is_some_and(|e| e.get().contains("id"));
+        let trees: Vec<_> = document.nodes().filter(is_tree).collect();
+        assert!(!trees.is_empty(), "{name}");
+        for tree in trees {
+            let (mesh, extras) = (tree.mesh().unwrap(), tree.extras().as_ref().unwrap().get());
+            assert!(tree.name().unwrap().ends_with(level) && mesh.name().unwrap().ends_with(level));
+            assert!(!extras.contains(level) || level.is_empty(), "{extras}");
+            let off = mesh.extras().as_ref().map(|e| e.get().contains("silhouette_rms_m"));
+            assert_eq!(off.unwrap_or(false), !level.is_empty(), "{name}");
+        }
     }
 }
 

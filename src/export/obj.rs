@@ -158,8 +158,10 @@ impl<'a> Writer<'_, 'a> {
         }
         for &t in self.selection.groups.iter().flat_map(|group| &group.trees) {
             let tree = self.selection.trees[t as usize];
-            let parts = parts_of(&self.selection.models[tree.model as usize].forms);
-            let name = &tree.instance.name;
+            let forms = &self.selection.models[tree.model as usize].forms;
+            let parts = parts_of(forms);
+            let own = &tree.instance.name[..];
+            let name = forms.first().map_or(own.into(), |form| form.name_of(own));
             self.blocks.text(&format!("o {name}\n"))?;
             let mut first_uv = match self.first_uv[tree.model as usize] {
                 Some(first) => first,

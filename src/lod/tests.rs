@@ -93,17 +93,17 @@ fn strips(count: u32, width_m: f32) -> Surface {
 fn pictured_twigs_are_as_far_from_a_pole_as_meshed_ones() {
     let mut look = red();
     look[0].double_sided = true;
-    let (meshed, pole) = (part(strips(32, 4.0 / 256.0)), part(block(0.1, 8.0)));
+    let (meshed, pole) = (part(strips(32, 4.0 / 512.0)), part(block(0.1, 8.0)));
     let all = (Vec3::new(-2.0, -2.0, 0.0), Vec3::new(2.0, 2.0, 8.0));
     let of =
         |sitter: &Sitter<'_>, model| Silhouettes::of(sitter, model, all, Views::Sides).unwrap();
     let sitter = Sitter::covers(&[&pole, &meshed], &look, &[]);
     let wanted = of(&sitter, 0).apart(&of(&sitter, 1));
-    // The same strips as an eighth of one half of a picture, of fine texels and of coarse ones, whose other
+    // The same strips as a sixteenth of one half of a picture, of fine texels and of coarse ones, whose other
     // half is mostly opaque: smaller versions of it would keep nothing else.
     for side in [32, 64, 256] {
-        let mut picture = Picture::filled(side, side, [20, 160, 30, 110]);
-        let opaque = |x: u32| x < side / 16 || x >= side / 2 && x % 8 != 0;
+        let mut picture = Picture::filled(side, side, [20, 160, 30, 0]);
+        let opaque = |x: u32| x < side / 32 || x >= side / 2 && x % 8 != 0;
         for (x, y) in (0..side).flat_map(|y| (0..side).filter(|x| opaque(*x)).map(move |x| (x, y)))
         {
             picture.set(x, y, [90, 60, 30, 255]);

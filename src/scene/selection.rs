@@ -1,6 +1,7 @@
 //! What one file shows of a scene: some of its trees, in one form or in all, and only the
 //! materials and textures that these need, numbered anew.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use glam::Vec3;
@@ -9,6 +10,9 @@ use super::{
     Apart, Collider, Instance, Material, Octahedral, Part, Scattered, Texture, ValidScene, Wrap,
     plain_rms_m,
 };
+
+/// The finest form.
+const FINEST: &str = "LOD0";
 
 /// Which forms of the models are shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,6 +72,15 @@ impl<'a> Model<'a> {
 }
 
 impl Form<'_> {
+    pub fn is_finest(&self) -> bool {
+        self.name == FINEST
+    }
+
+    /// What something is called in this form: `Larix_sibirica_01`, `Larix_sibirica_01_LOD1`.
+    pub fn name_of<'n>(&self, of: &'n str) -> Cow<'n, str> {
+        if self.is_finest() { of.into() } else { format!("{of}_{}", self.name).into() }
+    }
+
     /// As [`plain_rms_m`].
     pub fn plain_rms_m(&self) -> f32 {
         plain_rms_m(self.silhouette, self.octahedral)
@@ -219,7 +232,7 @@ impl<'a> Selection<'a> {
 
 fn model(prototype: &super::Prototype, forms: Forms) -> Model<'_> {
     let finest = Form {
-        name: "LOD0",
+        name: FINEST,
         parts: &prototype.parts,
         silhouette: Apart { worst_m: 0.0, rms_m: 0.0 },
         octahedral: prototype.octahedral,

@@ -256,10 +256,10 @@ impl<'a, 's> Builder<'a, 's> {
         for model in &self.selection.models {
             let grid = grid_of(model, self.profile);
             let mut forms = Vec::with_capacity(model.forms.len());
-            for (k, form) in model.forms.iter().enumerate() {
+            for form in &model.forms {
                 let primitives = form.parts.iter().map(|p| self.primitive(p, grid)).collect();
-                let name = form_name(model.name, k, form);
-                forms.push(self.mesh(name, primitives, form.octahedral.map(octahedral)));
+                let name = form.name_of(model.name);
+                forms.push(self.mesh(name, primitives, extras_of(form)));
             }
             let mut scattered = Vec::with_capacity(model.scattered.len());
             for scene::Scattered { part, .. } in model.scattered {
@@ -334,7 +334,7 @@ impl<'a, 's> Builder<'a, 's> {
         let (sin, cos) = (instance.yaw_rad * 0.5).sin_cos();
         let scale = instance.scale;
         self.node(Node {
-            name: instance.name.as_str().into(),
+            name: model.forms[0].name_of(&instance.name),
             mesh: Some(mesh),
             children,
             translation: Some(y_up(instance.position)),
@@ -388,8 +388,8 @@ impl<'a, 's> Builder<'a, 's> {
         let first = self.plan.instances(places, turns.collect(), scales.collect());
         let attributes = InstanceAttributes::from(first);
         let name = format!("{}_cell_{}_{}", model.name, cell.at[0], cell.at[1]);
-        let node = |name: String, mesh: u32| Node {
-            name: name.into(),
+        let node = |name: Cow<'_, str>, mesh: u32| Node {
+            name: name.into_owned().into(),
             mesh: Some(mesh),
             translation: Some(y_up(cell.centre)),
             extensions: NodeExtensions { instancing: Some(Instancing { attributes }), lod: None },
@@ -398,9 +398,9 @@ impl<'a, 's> Builder<'a, 's> {
         let coarser: Vec<u32> = model.forms[1..]
             .iter()
             .zip(&forms[1..])
-            .map(|(form, &mesh)| self.node(node(format!("{name}_{}", form.name), mesh)))
+            .map(|(form, &mesh)| self.node(node(form.name_of(&name), mesh)))
             .collect();
-        let mut finest = node(name.clone(), forms[0]);
+        let mut finest = node(model.forms[0].name_of(&name), forms[0]);
         let mut screen_cover = Vec::new();
         if !coarser.is_empty() {
             screen_cover = screen_coverage(&model.forms, cell.diameter_m);
@@ -414,7 +414,7 @@ impl<'a, 's> Builder<'a, 's> {
         }));
         let mut out = vec![self.node(finest)];
         for (k, (collider, mesh)) in model.colliders.iter().zip(colliders).enumerate() {
-            out.push(self.node(node(collider.name(&name, k), mesh)));
+            out.push(self.node(node(collider.name(&name, k).into(), mesh)));
         }
         out
     }
@@ -431,14 +431,6 @@ fn attributes(at: &PieceAccessors, wind: WindAs) -> Attributes {
         tangent: at.tangent,
         color_0: wind_as(WindAs::Color),
         wind: wind_as(WindAs::Attribute),
-    }
-}
-
-/// `Larix_sibirica_01`, `Larix_sibirica_01_LOD1`.
-fn form_name<'a>(model: &'a str, number: usize, form: &Form<'_>) -> Cow<'a, str> {
-    match number {
-        0 => model.into(),
-        _ => format!("{model}_{}", form.name).into(),
     }
 }
 
@@ -479,17 +471,20 @@ fn columns<'a>(facts: &[&'a TreeFacts]) -> TreeColumns<'a> {
     }
 }
 
-fn octahedral(o: scene::Octahedral) -> MeshExtras {
-    MeshExtras {
-        octahedral: OctahedralExtras {
-            frames: o.frames,
-            centre: y_up(o.centre),
-            radius_m: o.radius_m,
-            note: "towards the eye d, y up: p = d.xz / (|d.x| + |d.y| + |d.z|), \
-                   e = (p.x - p.z, p.x + p.z); the view is in column, row (from below) \
-                   (frames - 1) (e + 1) / 2",
-        },
-    }
+fn extras_of(form: &Form<'_>) -> Option<MeshExtras> {
+    let octahedral = |o: scene::Octahedral| OctahedralExtras {
+        frames: o.frames,
+        centre: y_up(o.centre),
+        radius_m: o.radius_m,
+        note: "towards the eye d, y up: p = d.xz / (|d.x| + |d.y| + |d.z|), \
+               e = (p.x - p.z, p.x + p.z); the view is in column, row (from below) \
+               (frames - 1) (e + 1) / 2",
+    };
+    (!form.is_finest()).then(|| MeshExtras {
+        silhouette_worst_m: form.silhouette.worst_m,
+        silhouette_rms_m: form.silhouette.rms_m,
+        octahedral: form.octahedral.map(octahedral),
+    })
 }
 
 /// The selection's, then their variants in the same order.

@@ -187,12 +187,16 @@ pub(super) struct Mesh<'a> {
     pub extras: Option<MeshExtras>,
 }
 
-/// [`crate::scene::Octahedral`] by its own names, Y up.
+/// How far a coarser form is from the finest.
 #[derive(Serialize)]
 pub(super) struct MeshExtras {
-    pub octahedral: OctahedralExtras,
+    pub silhouette_worst_m: f32,
+    pub silhouette_rms_m: f32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub octahedral: Option<OctahedralExtras>,
 }
 
+/// [`crate::scene::Octahedral`] by its own names, Y up.
 #[derive(Serialize)]
 pub(super) struct OctahedralExtras {
     pub frames: u32,
