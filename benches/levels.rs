@@ -71,7 +71,7 @@ fn measure(name: &str) -> Vec<Point> {
         .fold(meshes[0].bounds(), |a, b| (a.0.min(b.0), a.1.max(b.1)));
     let scene = model_scene(&species, meshes, textures.clone());
     let models: Vec<_> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();
-    let sitter = Sitter::outlines(&models, &scene.materials, &scene.textures);
+    let sitter = Sitter::covers(&models, &scene.materials, &scene.textures);
     let of = |model: u32| Silhouettes::of(&sitter, model, bounds, Views::All).expect("finite");
     let finest = of(0);
     for (k, point) in (1u32..).zip(&mut points) {

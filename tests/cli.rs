@@ -610,6 +610,20 @@ fn a_forest_in_winter_is_seen_through_from_near_and_far() {
     }
 }
 
+/// What is asked for and cannot be had is told, more as less.
+#[test]
+fn triangles_that_a_scene_leaves_unspent_are_told_of() {
+    let dir = tempfile::tempdir().unwrap();
+    let told = |scene: &str| -> String {
+        let report = small_demo(dir.path(), &["--scene-triangles", scene]);
+        report["warnings"].as_array().unwrap().iter().map(|w| w.as_str().unwrap()).collect()
+    };
+    let all = told("1000000");
+    assert!(all.contains("as no model has more than 600; give more --triangles"), "{all}");
+    let some = told("5000");
+    assert!(!some.contains("--scene-triangles"), "{some}");
+}
+
 /// A crown that has thinned out makes no stem thicker: models are as wide in place as when they were whole.
 #[test]
 fn trees_of_a_dying_forest_have_the_stems_they_had() {

@@ -14,7 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-ASKED_M = [0.05, 0.1, 0.2, 0.4]
+ASKED_M = [0.025, 0.05, 0.1, 0.2]
 TRIANGLES = 100_000
 
 

@@ -158,6 +158,8 @@ const TERRAIN_TRIANGLES: usize = 120_000;
 const LEAST_TRIANGLES: usize = 200;
 /// Most that one in its coarsest form has.
 const MOST_COARSEST: usize = 80;
+/// Share of `--scene-triangles` below which it is told what holds trees back.
+const UNSPENT: f64 = 0.8;
 /// A shared model is widened or narrowed against its height by no more than this factor.
 const MOST_STRETCH: f32 = 1.5;
 
@@ -389,23 +391,31 @@ fn shared_out(
     plans
 }
 
-/// What to say where all trees together take more triangles than they may.
-fn over_budget(job: &ForestJob, models: &[Model], meshes: &[Vec<TreeMesh>]) -> Option<String> {
+/// What to say where all trees together take more triangles than they may, or leave many unspent as no model
+/// may have more.
+fn off_budget(
+    job: &ForestJob,
+    models: &[Model],
+    plans: &[Plan],
+    meshes: &[Vec<TreeMesh>],
+) -> Option<String> {
     let total = job.shared_by_size()?;
     let finest = meshes.iter().filter_map(|of_model| of_model.first());
     let taken = models.iter().zip(finest).map(|(m, mesh)| m.members.len() * mesh.triangles());
     let (taken, trees) =
         (taken.sum::<usize>(), models.iter().map(|m| m.members.len()).sum::<usize>());
-    let why = match job.forms().is_empty() {
-        true => "two cones and a cylinder are the coarsest form of any".into(),
-        false => format!("no finest form has fewer than about {LEAST_TRIANGLES}"),
-    };
-    (taken > total).then(|| {
-        format!(
-            "--scene-triangles {total}: {trees} trees take {taken}, for {why}; give more, or fewer trees \
-             (--clip, --camera)"
-        )
-    })
+    let told = format!("--scene-triangles {total}: {trees} trees take {taken}");
+    if taken > total {
+        let why = match job.forms().is_empty() {
+            true => "two cones and a cylinder are the coarsest form of any".into(),
+            false => format!("no finest form has fewer than about {LEAST_TRIANGLES}"),
+        };
+        return Some(format!("{told}, for {why}; give more, or fewer trees (--clip, --camera)"));
+    }
+    let most = job.triangles;
+    let is_held = !plans.is_empty() && plans.iter().all(|p| p.triangles >= most && !p.is_coarsest);
+    let is_unspent = is_held && (taken as f64) < UNSPENT * total as f64;
+    is_unspent.then(|| format!("{told}, as no model has more than {most}; give more --triangles"))
 }
 
 /// Skeletons of all models, and what each has lost of its width by its condition, metres.
@@ -697,7 +707,7 @@ fn build_meshes(
                 "{few} models of {trees} trees, the smallest, as two cones and a cylinder each"
             ));
         }
-        warnings.extend(over_budget(job, models, &meshes));
+        warnings.extend(off_budget(job, models, plans, &meshes));
         Ok((meshes, outcome))
     })
 }
