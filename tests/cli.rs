@@ -548,6 +548,9 @@ fn levels_lie_beside_the_scene_and_say_how_far_off_they_are() {
         // Opened together, no two forms have one name.
         let level = name.strip_prefix("forest").unwrap();
         let is_tree = |n: &gltf::Node| n.extras().as_ref().is_some_and(|e| e.get().contains("id"));
+        let root = document.default_scene().unwrap().nodes().next().unwrap();
+        assert!(root.name().unwrap().ends_with(level), "{name}");
+        assert!(level.is_empty() || root.children().all(|n| n.name().unwrap().ends_with(level)));
         let trees: Vec<_> = document.nodes().filter(is_tree).collect();
         assert!(!trees.is_empty(), "{name}");
         for tree in trees {

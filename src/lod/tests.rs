@@ -103,7 +103,7 @@ fn pictured_twigs_are_as_far_from_a_pole_as_meshed_ones() {
     // half is mostly opaque: smaller versions of it would keep nothing else.
     for side in [32, 64, 256] {
         let mut picture = Picture::filled(side, side, [20, 160, 30, 0]);
-        let opaque = |x: u32| x < side / 32 || x >= side / 2 && x % 8 != 0;
+        let opaque = |x: u32| x < side / 32 || x >= side / 2 && !x.is_multiple_of(8);
         for (x, y) in (0..side).flat_map(|y| (0..side).filter(|x| opaque(*x)).map(move |x| (x, y)))
         {
             picture.set(x, y, [90, 60, 30, 255]);

@@ -299,6 +299,9 @@ pub fn tell_fruitless<'a>(
 /// Share of a tree's height over which the lower part of its crown has no leaves to be told.
 const DEAD: f32 = 0.1;
 
+/// Pixels along a picture of twigs from which on it shows boughs.
+const LEAST_PX: u32 = 128;
+
 /// A tree as two cones and a cylinder (P18); with boughs for cones where all its twigs are bare, so many where they
 /// show the picture of one, and of wood where there are none.
 fn scheme(
@@ -340,8 +343,8 @@ fn scheme(
         }
     }
     let is_bare = species.foliage.is_bare();
-    // The user's own twigs may have no picture; without pictures there is none.
-    let has_picture = !species.has_own_leaves() && textures.leaf.width() > 1;
+    // The user's own twigs may have no picture, and in small ones those of a bough are blots.
+    let has_picture = !species.has_own_leaves() && textures.leaf.width() >= LEAST_PX;
     let mut of_wood = Surface::default();
     if tree.foliage.is_empty() {
         (of_wood, mesh.foliage) = (scheme.bare_crown(), Surface::default());

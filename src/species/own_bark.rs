@@ -54,6 +54,7 @@ pub fn read(bark: &Node, sources: &Sources, errors: &mut Vec<Error>) -> Option<W
         match picture(&beside(node, sources, name)) {
             Ok(picture) => {
                 remarks.extend(remark(name, &picture));
+                remarks.extend((key == "normal").then(|| no_normals(name, &picture)).flatten());
                 Some(Arc::new(picture))
             }
             Err((message, remedy)) => {
@@ -136,6 +137,23 @@ fn remark(name: &str, picture: &Picture) -> Option<String> {
         .then(|| format!("{name} has {w} pixels a side; game engines like powers of two better"))
 }
 
+/// What is told of a picture that can hardly be of normals, the mean of which looks out of the bark.
+fn no_normals(name: &str, picture: &Picture) -> Option<String> {
+    /// Of 255: most that the mean leans along the bark, and least that it looks out of it.
+    const MOST: f64 = 40.0;
+    const LEAST: f64 = 40.0;
+    let sum = |k: usize| picture.data.iter().map(|p| f64::from(p[k])).sum::<f64>();
+    let mean = [0, 1, 2].map(|k| sum(k) / picture.data.len().max(1) as f64);
+    let [x, y, z] = mean.map(|c| c - 127.5);
+    (x.abs().max(y.abs()) > MOST || z < LEAST).then(|| {
+        let [r, g, b] = mean.map(|c| c.round() as u8);
+        format!(
+            "{name} hardly holds normals: its mean colour is #{r:02x}{g:02x}{b:02x}, and that of normals \
+             is about #8080ff; a picture of heights is to be turned into normals first"
+        )
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -168,6 +186,21 @@ mod tests {
         assert!(own.normal.is_none() && own.roughness.is_some());
         assert_eq!(species.remarks.len(), 1);
         assert!(species.remarks[0].contains("rough.png is not square"), "{:?}", species.remarks);
+    }
+
+    #[test]
+    fn a_picture_that_holds_no_normals_is_told_of() {
+        let folder = tempfile::tempdir().unwrap();
+        save(folder.path().join("bark.png"), [64, 64], [90, 80, 70, 255]);
+        for (colour, is_told) in
+            [([128, 128, 255, 255], false), ([150, 110, 220, 255], false), ([120; 4], true)]
+        {
+            save(folder.path().join("n.png"), [64, 64], colour);
+            let path = file(folder.path(), "picture = 'bark.png'\nnormal = 'n.png'");
+            let remarks = load(&path).unwrap().remarks;
+            assert_eq!(remarks.len(), usize::from(is_told), "{remarks:?}");
+            assert!(!is_told || remarks[0].contains("n.png hardly holds normals"), "{remarks:?}");
+        }
     }
 
     #[test]

@@ -182,7 +182,7 @@ impl<'a, 's> Builder<'a, 's> {
             true => range(m),
             false => UvRange::PICTURE,
         });
-        let root = Node { name: selection.scene().name().into(), ..Node::default() };
+        let root = Node { name: level_of(selection, selection.scene().name()), ..Node::default() };
         Builder {
             selection,
             profile,
@@ -306,7 +306,8 @@ impl<'a, 's> Builder<'a, 's> {
             let mut children: Vec<u32> = alone.into_iter().map(|t| self.tree(t)).collect();
             let cells = cells(selection, &together);
             children.extend(cells.iter().flat_map(|cell| self.cell(cell)));
-            let node = self.node(Node { name: group.name.into(), children, ..Node::default() });
+            let name = level_of(selection, group.name);
+            let node = self.node(Node { name, children, ..Node::default() });
             self.nodes[0].children.push(node);
         }
     }
@@ -432,6 +433,12 @@ fn attributes(at: &PieceAccessors, wind: WindAs) -> Attributes {
         color_0: wind_as(WindAs::Color),
         wind: wind_as(WindAs::Attribute),
     }
+}
+
+/// What all models together are called in the finest form that is shown.
+fn level_of<'n>(selection: &Selection<'_>, of: &'n str) -> Cow<'n, str> {
+    let finest = selection.models.first().and_then(|model| model.forms.first());
+    finest.map_or(of.into(), |form| form.name_of(of))
 }
 
 /// One for all forms and colliders, so that instances of each stand alike; `None` where positions stay
