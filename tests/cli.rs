@@ -1,6 +1,6 @@
 //! The program as a user meets it: right files, clear refusals, earlier output left whole.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -550,6 +550,8 @@ fn levels_lie_beside_the_scene_and_say_how_far_off_they_are() {
         let is_tree = |n: &gltf::Node| n.extras().as_ref().is_some_and(|e| e.get().contains("id"));
         let root = document.default_scene().unwrap().nodes().next().unwrap();
         assert!(root.name().unwrap().ends_with(level), "{name}");
+        let named: Vec<_> = document.nodes().map(|n| n.name().unwrap().to_owned()).collect();
+        assert_eq!(named.iter().collect::<BTreeSet<_>>().len(), named.len(), "{named:?}");
         assert!(level.is_empty() || root.children().all(|n| n.name().unwrap().ends_with(level)));
         let trees: Vec<_> = document.nodes().filter(is_tree).collect();
         assert!(!trees.is_empty(), "{name}");
@@ -661,6 +663,27 @@ fn an_octahedral_impostor_keeps_its_stem_with_small_pictures() {
     let last = told["levels"].as_array().unwrap().last().unwrap();
     let worst_m = last["silhouette_worst_m"].as_f64().unwrap();
     assert!(worst_m < 5.0, "{last}");
+}
+
+/// Importers number what has one name.
+#[test]
+fn nodes_of_a_tree_have_names_of_their_own() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("tree.glb");
+    let of = ["tree", "corylus_avellana", "--triangles", "600", "--texture", "0"];
+    let more = ["--lods", "1", "--collision", "convex", "-o", file.to_str().unwrap()];
+    let out = larix(&[&of[..], &more].concat());
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    let mut names = BTreeSet::new();
+    for name in ["tree.glb", "tree_LOD1.glb"] {
+        let (document, ..) = gltf::import(dir.path().join(name)).unwrap();
+        for node in document.nodes() {
+            let name = node.name().unwrap().to_owned();
+            assert!(names.insert(name.clone()), "{name} twice");
+        }
+    }
+    let roots = ["Corylus_avellana_root", "Corylus_avellana_root_LOD1"];
+    assert!(roots.iter().all(|root| names.contains(*root)), "{names:?}");
 }
 
 #[test]

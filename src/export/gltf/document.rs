@@ -182,7 +182,13 @@ impl<'a, 's> Builder<'a, 's> {
             true => range(m),
             false => UvRange::PICTURE,
         });
-        let root = Node { name: level_of(selection, selection.scene().name()), ..Node::default() };
+        // Importers number what has one name.
+        let scene = selection.scene().name();
+        let name = match selection.groups.iter().any(|group| group.name == scene) {
+            true => level_of(selection, &format!("{scene}_root")).into_owned().into(),
+            false => level_of(selection, scene),
+        };
+        let root = Node { name, ..Node::default() };
         Builder {
             selection,
             profile,
