@@ -18,8 +18,7 @@ use super::{Surface, TreeMesh};
 use crate::diagnostic::{Error, Result};
 use crate::texture::Atlas;
 
-/// Boughs of a bare crown, of no more triangles than the cones; and as many as it takes to show most of what bare
-/// twigs do.
+/// Boughs of a bare crown, of no more triangles than the cones; and more of them, to show more of its twigs.
 pub const BOUGHS: u32 = 13;
 pub const MANY_BOUGHS: u32 = 36;
 /// Share of the crown up to which boughs leave the stem; how far they rise by the way they go outwards; and the
