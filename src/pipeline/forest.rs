@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
+use super::coarsest;
 use super::cover::Subject;
 use super::drape::drape;
 use super::fit;
@@ -15,6 +16,7 @@ use super::model::{Look, add_materials, prototype, tinted};
 use super::paint::{leaf_variants, paint, tell_no_variants};
 use super::survey;
 use super::survey::{Survey, SurveyJob};
+use super::told;
 use super::tolerance;
 use super::view::{self, Chosen, Clip, Eye};
 use crate::cache::Cache;
@@ -678,7 +680,7 @@ fn build_meshes(
                 }
                 let height_m = Some(survey.trees[grown.models[m].exemplar].crown.height_m);
                 if plan.is_coarsest {
-                    return Ok(vec![levels::coarsest_alone(&subject, &options, height_m)?]);
+                    return Ok(vec![coarsest::alone(&subject, &options, height_m)?]);
                 }
                 levels::meshes(&subject, &options, meshed, height_m)
             })
@@ -691,15 +693,15 @@ fn build_meshes(
             .error(tolerance::sagitta(finest.clone(), job.wood.tolerance_m, warnings));
         let is_bare = models.iter().any(|m| looks[m.species].foliage.is_bare());
         let what = if is_bare { "leaves, needles or buds" } else { "leaves or needles" };
-        let outcome = levels::tell_leaves(finest.clone(), what, "", outcome);
-        levels::tell_thin(job.foliage, finest.clone(), warnings);
+        let outcome = told::leaves(finest.clone(), what, "", outcome);
+        told::thin(job.foliage, finest.clone(), warnings);
         let of_model =
             || models.iter().filter(|m| textures[m.species].is_some()).zip(finest.clone());
         for (k, species) in looks.iter().enumerate() {
             let its = of_model().filter(|(m, _)| m.species == k).map(|(_, mesh)| mesh);
-            levels::tell_fruitless(species, job.foliage, its, warnings);
+            told::fruitless(species, job.foliage, its, warnings);
         }
-        let mut outcome = levels::tell_unmeshed(finest, outcome, warnings);
+        let mut outcome = told::unmeshed(finest, outcome, warnings);
         let coarsest = models.iter().zip(plans).filter(|(_, plan)| plan.is_coarsest);
         let (few, trees) = coarsest.fold((0, 0), |(n, t), (m, _)| (n + 1, t + m.members.len()));
         if few > 0 {

@@ -4,6 +4,7 @@
 use glam::Vec2;
 use rayon::prelude::*;
 
+use super::coarsest;
 use super::cover::{self, Subject};
 use super::forest::coarser;
 use super::impostors::{self, Baked};
@@ -11,11 +12,10 @@ use super::model::{Look, parts_of};
 use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::lod::{self, Silhouettes, Views, impostor};
-use crate::mesh::{self, FoliageLevel, MeshOptions, Surface, TreeMesh, WindProfile, p18};
+use crate::mesh::{MeshOptions, TreeMesh, WindProfile, p18};
 use crate::render::capture::Sitter;
 use crate::report::{ErrorMeasure, Outcome};
 use crate::scene::{Alpha, Apart, ColliderShape, Level, Material, Part, Scene, Variant};
-use crate::species::Species;
 use crate::work::{self, Work};
 
 /// Which forms are made of a model beside the finest.
@@ -93,59 +93,9 @@ pub fn meshes(
         surfaces.for_each(|surface| profile.over(height_m, surface));
     }
     if meshed > SHARES.len() {
-        out.push(coarsest(&out[0], factor, subject, options, p18::MANY_BOUGHS)?);
+        out.push(coarsest::of(&out[0], factor, subject, options, p18::MANY_BOUGHS)?);
     }
     Ok(out)
-}
-
-/// A model as the scheme of P18 alone, of `height_m` where one is asked for.
-///
-/// # Errors
-/// Those of [`meshes`].
-pub fn coarsest_alone(
-    subject: &Subject<'_>,
-    options: &MeshOptions,
-    height_m: Option<f32>,
-) -> Result<TreeMesh> {
-    let mut measured = subject.mesh(options)?;
-    let factor = height_m.map_or(1.0, |h| measured.factor_to(h));
-    measured.scale(factor);
-    coarsest(&measured, factor, subject, options, p18::BOUGHS)
-}
-
-/// The scheme of a finest mesh, `factor` times as large as its skeleton, with the wind asked for, and so many
-/// boughs where its twigs are bare.
-fn coarsest(
-    finest: &TreeMesh,
-    factor: f32,
-    subject: &Subject<'_>,
-    options: &MeshOptions,
-    boughs: u32,
-) -> Result<TreeMesh> {
-    let Subject { skeleton, species, .. } = subject;
-    let upper_from_m = mesh::upper_bark_from_m(skeleton, &species.bark).map(|z| z * factor);
-    let base_m = skeleton.crown_base_m() * factor;
-    let mut scheme = scheme(finest, base_m, upper_from_m, subject, boughs)?;
-    if let Some(profile) = options.wind {
-        let height_m = finest.bounds().1.z;
-        let TreeMesh { wood, upper_wood, foliage, .. } = &mut scheme;
-        for surface in [wood, upper_wood, foliage] {
-            profile.whole_tree(height_m, surface);
-        }
-    }
-    Ok(scheme)
-}
-
-/// The height above which nearly all leaves are; 0 without any.
-fn lowest_leaves_m(tree: &TreeMesh) -> f32 {
-    /// Share of them that may be lower.
-    const LOWER: usize = 50;
-    let mut heights: Vec<f32> = tree.foliage.position.iter().map(|p| p.z).collect();
-    if heights.is_empty() {
-        return 0.0;
-    }
-    let k = heights.len() / LOWER;
-    *heights.select_nth_unstable_by(k, f32::total_cmp).1
 }
 
 /// Share of the triangles given from which on they are taken for all used.
@@ -162,205 +112,6 @@ fn less(most: usize, used: usize, k: usize) -> usize {
     let lowest = (most as f32 * last / used).min(FALL.powi((SHARES.len() - k) as i32));
     let steps = (share(most, k) / before).ln() / (last / before).ln();
     (used * lowest.powf(steps)) as usize
-}
-
-/// Share of the axes thick enough for a mesh above which it is worth a warning that they have none.
-const MANY: f32 = 0.05;
-
-/// Adds to a report how many branches of these (finest) meshes have none; to the warnings where
-/// that is many.
-pub fn tell_unmeshed<'a>(
-    meshes: impl Iterator<Item = &'a TreeMesh>,
-    outcome: Outcome,
-    warnings: &mut Vec<String>,
-) -> Outcome {
-    let (axes, unmeshed) = meshes.fold((0, 0), |(a, u), m| (a + m.axes, u + m.unmeshed_axes));
-    if unmeshed == 0 {
-        return outcome;
-    }
-    let told = format!(
-        "{unmeshed} of {axes} branches have no mesh: they end within their parent's bark or collar"
-    );
-    if unmeshed as f32 > MANY * axes as f32 {
-        warnings.push(format!("{told}; --junctions intersect meshes them"));
-    }
-    outcome.note(told)
-}
-
-/// Adds to a report how much larger than the species' the leaves of these (finest) meshes are, where
-/// each is meshed for itself: the largest. Of crowns that are thin all the same [`tell_thin`] warns.
-/// `what` they are; `instead`: what else could be done than give more triangles.
-pub fn tell_leaves<'a>(
-    meshes: impl Iterator<Item = &'a TreeMesh>,
-    what: &str,
-    instead: &str,
-    outcome: Outcome,
-) -> Outcome {
-    let each = meshes.filter(|mesh| mesh.leaf_cover >= THIN).filter_map(|mesh| {
-        let beside = mesh.triangles() - mesh.foliage.triangles();
-        mesh.stand_in.map(|of| (of.size, beside + of.whole))
-    });
-    let area = |[long, wide]: [f32; 2]| long * wide;
-    let largest = each.max_by(|a, b| area(a.0).total_cmp(&area(b.0)));
-    match largest {
-        Some(([long, wide], whole)) if long.max(wide) > 1.05 => outcome.note(format!(
-            "{what} {long:.1} times as long and {wide:.1} times as wide as the species', to hide \
-             as much as all of them, which would take about {} --triangles{instead}",
-            rounded_up(whole as f32),
-        )),
-        _ => outcome,
-    }
-}
-
-/// Adds to a report how many twigs stand where few are stored, and what all of them would take.
-pub fn tell_twigs<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, mut outcome: Outcome) -> Outcome {
-    for mesh in meshes.filter(|mesh| !mesh.twigs.is_empty()) {
-        let places: usize = mesh.twigs.iter().map(|twigs| twigs.places.len()).sum();
-        outcome = outcome.note(format!(
-            "forms of twigs: {}, at {places} places: {} triangles are seen where {} are stored",
-            mesh.twigs.len(),
-            mesh.shown_triangles(),
-            mesh.triangles(),
-        ));
-    }
-    outcome
-}
-
-/// To two digits.
-fn rounded_up(number: f32) -> f32 {
-    let unit = 10f32.powf(number.max(1.0).log10().floor() - 1.0);
-    (number / unit).ceil() * unit
-}
-
-/// Share of what the species' leaves hide below which a crown is worth a warning.
-const THIN: f32 = 0.75;
-
-/// Warns where so few leaves, or models of the user's, stand for a crown that one sees through it.
-pub fn tell_thin<'a>(
-    foliage: FoliageLevel,
-    meshes: impl Iterator<Item = &'a TreeMesh>,
-    warnings: &mut Vec<String>,
-) {
-    let thinnest = meshes.min_by(|a, b| a.leaf_cover.total_cmp(&b.leaf_cover));
-    let Some(mesh) = thinnest.filter(|m| m.leaf_cover < THIN) else {
-        return;
-    };
-    if mesh.leaf_cover == 0.0 {
-        warnings.push(
-            "--foliage geometry: there are too few triangles for any leaf; give more --triangles, or take \
-             --foliage cards"
-                .to_owned(),
-        );
-        return;
-    }
-    let needed = mesh.triangles() as f32 / mesh.leaf_cover.max(1e-6);
-    let (what, or) = match foliage {
-        FoliageLevel::Geometry => ("--foliage geometry: leaves", "take --foliage cards"),
-        _ => ("leaves by a model", "a model of fewer"),
-    };
-    warnings.push(format!(
-        "{what} of {} triangles hide {:.0} % of what the species' do; give about {} --triangles, or {or}",
-        mesh.foliage.triangles(),
-        100.0 * mesh.leaf_cover,
-        rounded_up(needed),
-    ));
-}
-
-/// Warns where a species has cones of the user's own and no tree of it bears any, for want of triangles.
-pub fn tell_fruitless<'a>(
-    species: &Species,
-    foliage: FoliageLevel,
-    meshes: impl Iterator<Item = &'a TreeMesh>,
-    warnings: &mut Vec<String>,
-) {
-    let Some(model) = &species.own_fruit.as_ref().filter(|_| species.fruit.per_m > 0.0) else {
-        return;
-    };
-    if matches!(foliage, FoliageLevel::Sparse | FoliageLevel::Shell) {
-        let (name, fruit) = (&species.name, model.name.display());
-        warnings.push(format!(
-            "{name}: no {fruit} is borne beside --foliage sparse or shell; give cards or geometry"
-        ));
-        return;
-    }
-    let mut in_leaf = meshes.filter(|m| m.twig_scale > 0.0).peekable();
-    let is_fruitless = in_leaf.peek().is_some() && in_leaf.all(|m| m.fruit.is_empty());
-    if is_fruitless {
-        warnings.push(format!(
-            "{}: no {} is borne: one has {} triangles, and all of them may take a quarter of the leaves'; \
-             give more --triangles, or the model fewer",
-            species.name,
-            model.name.display(),
-            model.index.len() / 3
-        ));
-    }
-}
-
-/// Share of a tree's height over which the lower part of its crown has no leaves to be told.
-const DEAD: f32 = 0.1;
-
-/// Pixels along a picture of twigs from which on it shows boughs.
-const LEAST_PX: u32 = 128;
-
-/// A tree as two cones and a cylinder (P18); with boughs for cones where all its twigs are bare, so many where they
-/// show the picture of one, and of wood where there are none.
-fn scheme(
-    tree: &TreeMesh,
-    crown_base_m: f32,
-    upper_from_m: Option<f32>,
-    subject: &Subject<'_>,
-    boughs: u32,
-) -> Result<TreeMesh> {
-    const SIDES: u32 = 8;
-    let Subject { species, textures, .. } = subject;
-    let size = &species.size;
-    let height_m = tree.bounds().1.z.max(0.01);
-    let widest = size.profile.iter().fold([0.0f32; 2], |w, p| if p[1] > w[1] { *p } else { w });
-    let stem_diameter_m = size.stem_diameter_at(height_m);
-    let lowest = size.profile.first().map_or(1.0, |p| p[1]);
-    let of_crown = |base_m: f32| {
-        let crown_length_m = (height_m - base_m).clamp(0.05 * height_m, height_m);
-        p18::Scheme::new(&p18::Measures {
-            height_m,
-            stem_diameter_m,
-            crown_width_m: tree.crown_diameter_m().max(1.1 * stem_diameter_m),
-            crown_length_m,
-            widest_m: height_m - crown_length_m * (1.0 - widest[0].clamp(0.02, 0.98)),
-            lower_share: lowest / widest[1].max(1e-3),
-        })
-    };
-    // A crown whose lower branches are dead is one of leaves above bare boughs.
-    let whole = of_crown(crown_base_m)?;
-    let leaves_m = lowest_leaves_m(tree);
-    let is_dead_below = leaves_m > crown_base_m + DEAD * height_m;
-    let scheme = if is_dead_below { of_crown(leaves_m)? } else { whole };
-    let mut mesh = scheme.mesh(SIDES, upper_from_m);
-    // As deep in the ground as the tree, for slopes.
-    let foot_m = tree.bounds().0.z.min(0.0);
-    for Surface { position, uv, .. } in [&mut mesh.wood, &mut mesh.upper_wood] {
-        for (p, uv) in position.iter_mut().zip(uv).filter(|(p, _)| p.z == 0.0) {
-            (p.z, uv.y) = (foot_m, foot_m);
-        }
-    }
-    let is_bare = species.foliage.is_bare();
-    // The user's own twigs may have no picture, and in small ones those of a bough are blots.
-    let has_picture = !species.has_own_leaves() && textures.leaf.width() >= LEAST_PX;
-    let mut of_wood = Surface::default();
-    if tree.foliage.is_empty() {
-        (of_wood, mesh.foliage) = (scheme.bare_crown(), Surface::default());
-    } else if is_bare && has_picture {
-        (of_wood, mesh.foliage) = (scheme.leader(), scheme.twigs(boughs, &textures.atlas));
-        mesh.is_hull = false;
-    } else if is_bare {
-        mesh.foliage = scheme.bare_crown();
-    }
-    if is_dead_below {
-        of_wood.append(whole.boughs(leaves_m));
-    }
-    let wood = if mesh.upper_wood.is_empty() { &mut mesh.wood } else { &mut mesh.upper_wood };
-    wood.append(of_wood);
-    mesh.leaf_cover = 1.0;
-    Ok(mesh)
 }
 
 /// What is told of one form of one model.
@@ -587,14 +338,13 @@ fn overtaken(of: &[Row]) -> Vec<&Row> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::forest::{WoodJob, detail};
     use super::*;
-    use crate::mesh::FoliageLevel;
+    use crate::mesh::{FoliageLevel, Surface};
     use crate::raster::linear_from_srgb;
     use crate::seed::Seed;
     use crate::skeleton::{self, Target};
-    use crate::species::state::{Season, State};
     use crate::texture::LeafVariant;
 
     #[test]
@@ -670,7 +420,7 @@ mod tests {
     }
 
     /// A tree of the species grown for so many triangles, and how one of `budget` is meshed.
-    fn tree_of(
+    pub fn tree_of(
         (name, triangles, budget): (&str, usize, usize),
         make: impl Fn(&Subject<'_>, &MeshOptions) -> Result<Vec<TreeMesh>>,
     ) -> Vec<TreeMesh> {
@@ -682,33 +432,6 @@ mod tests {
         let textures = crate::texture::for_species(&species, 64, seed);
         let subject = Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
         make(&subject, &WoodJob::default().options(budget, FoliageLevel::Cards)).unwrap()
-    }
-
-    #[test]
-    fn the_coarsest_form_of_a_tree_without_twigs_reaches_its_top() {
-        for name in ["picea_abies", "betula_pendula", "pinus_sylvestris"] {
-            let trees = tree_of((name, 8_000, 8_000), |subject, options| {
-                let options = MeshOptions { leaf_share: 0.0, ..*options };
-                meshes(subject, &options, SHARES.len() + 1, None)
-            });
-            let (finest, coarsest) = (&trees[0], trees.last().unwrap());
-            assert!(finest.foliage.is_empty() && coarsest.foliage.is_empty());
-            let [top, top_of_coarsest] = [finest, coarsest].map(|tree| tree.bounds().1.z);
-            assert!(
-                (top_of_coarsest / top - 1.0).abs() < 0.02,
-                "{name}: {top_of_coarsest} of {top}"
-            );
-            let reach_m = |tree: &TreeMesh| {
-                let corners = tree.woods().into_iter().flat_map(|w| &w.position);
-                corners.map(|p| p.truncate().length()).fold(0.0, f32::max)
-            };
-            let [reach, of_coarsest] = [finest, coarsest].map(reach_m);
-            assert!(
-                (0.6..1.1).contains(&(of_coarsest / reach)),
-                "{name}: {of_coarsest} of {reach}"
-            );
-            coarsest.woods().iter().for_each(|w| w.check().unwrap());
-        }
     }
 
     #[test]
@@ -787,32 +510,6 @@ mod tests {
             assert_eq!(material.textures().count(), 0, "{k}");
             assert_eq!((material.alpha, material.double_sided), (Alpha::Opaque, false), "{k}");
             assert_eq!(material.variants[0].base_color, crown.map(linear_from_srgb), "{k}");
-        }
-    }
-
-    /// One sees through it, and what one sees are twigs; without pictures these are plain boughs.
-    #[test]
-    fn the_coarsest_form_of_a_tree_in_winter_shows_its_twigs() {
-        let (seed, winter) = (Seed::new(1), State { season: Season::Winter, ..State::default() });
-        let species = winter.look(&crate::species::load("betula_pendula").unwrap(), seed);
-        let detail = detail(20_000, FoliageLevel::Cards);
-        let target = Target::FromSpecies { height_m: None };
-        let skeleton = skeleton::grow(&species, target, detail, seed).unwrap();
-        let pictured = crate::texture::for_species(&species, 256, seed);
-        for (textures, is_masked) in [(pictured, true), (crate::texture::plain(&species), false)] {
-            let subject =
-                Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
-            let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
-            let mut trees = meshes(&subject, &options, SHARES.len() + 1, None).unwrap();
-            let coarsest = trees.pop().unwrap();
-            assert!(coarsest.triangles() < 130, "{}", coarsest.triangles());
-            let shown = cover::shares(&subject, &trees[0], vec![coarsest.clone()]).unwrap()[0];
-            let scene = super::super::model::model_scene(&species, vec![coarsest], textures);
-            let parts = &scene.prototypes[0].parts;
-            let crown = parts.iter().find(|p| p.name == "foliage").unwrap();
-            let material = &scene.materials[crown.material as usize];
-            assert_eq!(material.alpha != Alpha::Opaque, is_masked);
-            assert!(!is_masked || shown > 0.3, "{shown}");
         }
     }
 

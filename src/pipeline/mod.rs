@@ -1,6 +1,7 @@
 //! The stages in their order: the only room that knows every stage. Knows nothing of the command
 //! line; takes resolved jobs, gives values, and records what each stage did.
 
+mod coarsest;
 pub mod cover;
 pub mod demo;
 mod drape;
@@ -21,6 +22,7 @@ pub mod rules;
 pub mod sheet;
 pub mod survey;
 mod tiled;
+mod told;
 mod tolerance;
 pub mod tree;
 pub mod view;

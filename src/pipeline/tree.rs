@@ -10,6 +10,7 @@ use super::levels::{self, LevelsJob};
 use super::light;
 use super::model::{add_materials, prototype};
 use super::paint::{leaf_variants, paint, tell_no_variants};
+use super::told;
 use super::tolerance;
 use crate::cache::Cache;
 use crate::diagnostic::Result;
@@ -240,27 +241,29 @@ fn stand(
             Ok((found, tolerance::outcome(&[reached], warnings)))
         })?;
     }
-    let mut meshes = run.stage("mesh", |warnings| {
-        let mut options = MeshOptions { wind: job.levels.wind, ..options(triangles) };
-        if is_rough {
-            options = options.roughened();
-        }
-        // Wood fitted to a cloud stays where it is.
-        let height_m = job.cloud.is_none().then(|| skeleton.height_m());
-        let subject = Subject { skeleton, species, textures: &textures, seed };
-        let meshes = levels::meshes(&subject, &options, job.levels.meshed, height_m)?;
-        let triangles = meshes.iter().map(|m| m.triangles()).sum();
-        let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles");
-        let outcome = levels::tell_twigs(meshes.first().into_iter(), outcome)
-            .error(tolerance::sagitta(meshes.first().into_iter(), job.wood.tolerance_m, warnings));
-        let outcome = levels::tell_unmeshed(meshes.first().into_iter(), outcome, warnings);
-        let instead = "; --twigs instance stores them in a few forms";
-        let what = if species.foliage.is_bare() { "buds" } else { "leaves or needles" };
-        let outcome = levels::tell_leaves(meshes.first().into_iter(), what, instead, outcome);
-        levels::tell_thin(job.foliage, meshes.first().into_iter(), warnings);
-        levels::tell_fruitless(species, job.foliage, meshes.first().into_iter(), warnings);
-        Ok((meshes, outcome))
-    })?;
+    let mut meshes =
+        run.stage("mesh", |warnings| {
+            let mut options = MeshOptions { wind: job.levels.wind, ..options(triangles) };
+            if is_rough {
+                options = options.roughened();
+            }
+            // Wood fitted to a cloud stays where it is.
+            let height_m = job.cloud.is_none().then(|| skeleton.height_m());
+            let subject = Subject { skeleton, species, textures: &textures, seed };
+            let meshes = levels::meshes(&subject, &options, job.levels.meshed, height_m)?;
+            let triangles = meshes.iter().map(|m| m.triangles()).sum();
+            let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles");
+            let outcome = told::twigs(meshes.first().into_iter(), outcome).error(
+                tolerance::sagitta(meshes.first().into_iter(), job.wood.tolerance_m, warnings),
+            );
+            let outcome = told::unmeshed(meshes.first().into_iter(), outcome, warnings);
+            let instead = "; --twigs instance stores them in a few forms";
+            let what = if species.foliage.is_bare() { "buds" } else { "leaves or needles" };
+            let outcome = told::leaves(meshes.first().into_iter(), what, instead, outcome);
+            told::thin(job.foliage, meshes.first().into_iter(), warnings);
+            told::fruitless(species, job.foliage, meshes.first().into_iter(), warnings);
+            Ok((meshes, outcome))
+        })?;
     let name = identifier(&species.name);
     let mut scene = Scene::empty(name.clone(), frame);
     let look = add_materials(&mut scene, species, textures);

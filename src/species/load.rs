@@ -307,6 +307,7 @@ fn build_reporting(
         read.map_or((None, Vec::new()), |own| (Some(own.value), own.warnings));
     let models = [&own_model, &own_fruit].into_iter().flatten();
     remarks.extend(models.flat_map(|model| model.remarks.clone()));
+    remarks.extend(modelless(merged.get("fruit")?, &sources));
     let name = name.unwrap_or_else(|| id.to_owned());
     let mut species = Species {
         id: id.to_owned(),
@@ -335,6 +336,19 @@ fn build_reporting(
     }
     check::ranges(&species, &merged, &sources, errors);
     Some(species)
+}
+
+/// What is told of a section that says how its model is borne, and never which.
+fn modelless(fruit: &Node, sources: &Sources) -> Option<String> {
+    let given = fruit.entries().iter().find(|entry| !entry.node.place.is_nowhere())?;
+    let file = sources.0.get(given.node.place.source)?;
+    let is_left_out = fruit.get("model").is_none();
+    is_left_out.then(|| {
+        let (file, key) = (&file.name, &given.key);
+        format!(
+            "{file}: `fruit.{key}` bears nothing without a `fruit.model`; name an OBJ file, or \"\""
+        )
+    })
 }
 
 /// Keys that name files of the user's own.

@@ -106,6 +106,20 @@ fn a_model_that_lacks_its_material_or_hangs_in_the_air_is_told_of() {
 }
 
 #[test]
+fn fruit_that_names_no_model_is_told_of() {
+    let remarks = |fruit: &str| {
+        let folder = folder(&format!("{RULE}\n[fruit]\n{fruit}\n"), TWIG, MATERIAL);
+        load(&rule(&folder)).unwrap().remarks
+    };
+    let told = remarks("per_m = 3");
+    assert_eq!(told.len(), 1);
+    assert!(told[0].contains(": `fruit.per_m` bears nothing without a `fruit.model`"), "{told:?}");
+    for said in ["", "per_m = 3\nmodel = \"\"", "per_m = 3\nmodel = \"twig.obj\""] {
+        assert_eq!(remarks(said), [""; 0], "{said}");
+    }
+}
+
+#[test]
 fn the_nearest_place_of_a_triangle_is_as_near_as_any_sampled() {
     let mut draws = crate::seed::Seed::new(4).draws();
     for _ in 0..200 {

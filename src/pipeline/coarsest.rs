@@ -1,0 +1,189 @@
+//! A tree's coarsest mesh: the scheme of P18, with the measures of its finest one.
+
+use super::cover::Subject;
+use crate::diagnostic::Result;
+use crate::mesh::{self, MeshOptions, Surface, TreeMesh, p18};
+
+/// A model as the scheme of P18 alone, of `height_m` where one is asked for.
+///
+/// # Errors
+/// Those of [`meshes`].
+pub fn alone(
+    subject: &Subject<'_>,
+    options: &MeshOptions,
+    height_m: Option<f32>,
+) -> Result<TreeMesh> {
+    let mut measured = subject.mesh(options)?;
+    let factor = height_m.map_or(1.0, |h| measured.factor_to(h));
+    measured.scale(factor);
+    of(&measured, factor, subject, options, p18::BOUGHS)
+}
+
+/// The scheme of a finest mesh, `factor` times as large as its skeleton, with the wind asked for, and so many
+/// boughs where its twigs are bare.
+pub fn of(
+    finest: &TreeMesh,
+    factor: f32,
+    subject: &Subject<'_>,
+    options: &MeshOptions,
+    boughs: u32,
+) -> Result<TreeMesh> {
+    let Subject { skeleton, species, .. } = subject;
+    let upper_from_m = mesh::upper_bark_from_m(skeleton, &species.bark).map(|z| z * factor);
+    let base_m = skeleton.crown_base_m() * factor;
+    let mut scheme = scheme(finest, base_m, upper_from_m, subject, boughs)?;
+    if let Some(profile) = options.wind {
+        let height_m = finest.bounds().1.z;
+        let TreeMesh { wood, upper_wood, foliage, .. } = &mut scheme;
+        for surface in [wood, upper_wood, foliage] {
+            profile.whole_tree(height_m, surface);
+        }
+    }
+    Ok(scheme)
+}
+
+/// The height above which nearly all leaves are; 0 without any.
+fn lowest_leaves_m(tree: &TreeMesh) -> f32 {
+    /// Share of them that may be lower.
+    const LOWER: usize = 50;
+    let mut heights: Vec<f32> = tree.foliage.position.iter().map(|p| p.z).collect();
+    if heights.is_empty() {
+        return 0.0;
+    }
+    let k = heights.len() / LOWER;
+    *heights.select_nth_unstable_by(k, f32::total_cmp).1
+}
+
+/// Share of a tree's height over which the lower part of its crown has no leaves to be told.
+const DEAD: f32 = 0.1;
+
+/// Pixels along a picture of twigs from which on it shows boughs.
+const LEAST_PX: u32 = 128;
+
+/// A tree as two cones and a cylinder (P18); with boughs for cones where all its twigs are bare, so many where they
+/// show the picture of one, and of wood where there are none.
+fn scheme(
+    tree: &TreeMesh,
+    crown_base_m: f32,
+    upper_from_m: Option<f32>,
+    subject: &Subject<'_>,
+    boughs: u32,
+) -> Result<TreeMesh> {
+    const SIDES: u32 = 8;
+    let Subject { species, textures, .. } = subject;
+    let size = &species.size;
+    let height_m = tree.bounds().1.z.max(0.01);
+    let widest = size.profile.iter().fold([0.0f32; 2], |w, p| if p[1] > w[1] { *p } else { w });
+    let stem_diameter_m = size.stem_diameter_at(height_m);
+    let lowest = size.profile.first().map_or(1.0, |p| p[1]);
+    let of_crown = |base_m: f32| {
+        let crown_length_m = (height_m - base_m).clamp(0.05 * height_m, height_m);
+        p18::Scheme::new(&p18::Measures {
+            height_m,
+            stem_diameter_m,
+            crown_width_m: tree.crown_diameter_m().max(1.1 * stem_diameter_m),
+            crown_length_m,
+            widest_m: height_m - crown_length_m * (1.0 - widest[0].clamp(0.02, 0.98)),
+            lower_share: lowest / widest[1].max(1e-3),
+        })
+    };
+    // A crown whose lower branches are dead is one of leaves above bare boughs.
+    let whole = of_crown(crown_base_m)?;
+    let leaves_m = lowest_leaves_m(tree);
+    let is_dead_below = leaves_m > crown_base_m + DEAD * height_m;
+    let scheme = if is_dead_below { of_crown(leaves_m)? } else { whole };
+    let mut mesh = scheme.mesh(SIDES, upper_from_m);
+    // As deep in the ground as the tree, for slopes.
+    let foot_m = tree.bounds().0.z.min(0.0);
+    for Surface { position, uv, .. } in [&mut mesh.wood, &mut mesh.upper_wood] {
+        for (p, uv) in position.iter_mut().zip(uv).filter(|(p, _)| p.z == 0.0) {
+            (p.z, uv.y) = (foot_m, foot_m);
+        }
+    }
+    let is_bare = species.foliage.is_bare();
+    // The user's own twigs may have no picture, and in small ones those of a bough are blots.
+    let has_picture = !species.has_own_leaves() && textures.leaf.width() >= LEAST_PX;
+    let mut of_wood = Surface::default();
+    if tree.foliage.is_empty() {
+        (of_wood, mesh.foliage) = (scheme.bare_crown(), Surface::default());
+    } else if is_bare && has_picture {
+        (of_wood, mesh.foliage) = (scheme.leader(), scheme.twigs(boughs, &textures.atlas));
+        mesh.is_hull = false;
+    } else if is_bare {
+        mesh.foliage = scheme.bare_crown();
+    }
+    if is_dead_below {
+        of_wood.append(whole.boughs(leaves_m));
+    }
+    let wood = if mesh.upper_wood.is_empty() { &mut mesh.wood } else { &mut mesh.upper_wood };
+    wood.append(of_wood);
+    mesh.leaf_cover = 1.0;
+    Ok(mesh)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::cover;
+    use super::super::forest::{WoodJob, detail};
+    use super::super::levels::tests::tree_of;
+    use super::super::levels::{SHARES, meshes};
+    use super::*;
+    use crate::mesh::FoliageLevel;
+    use crate::scene::Alpha;
+    use crate::seed::Seed;
+    use crate::skeleton::{self, Target};
+    use crate::species::state::{Season, State};
+
+    #[test]
+    fn the_coarsest_form_of_a_tree_without_twigs_reaches_its_top() {
+        for name in ["picea_abies", "betula_pendula", "pinus_sylvestris"] {
+            let trees = tree_of((name, 8_000, 8_000), |subject, options| {
+                let options = MeshOptions { leaf_share: 0.0, ..*options };
+                meshes(subject, &options, SHARES.len() + 1, None)
+            });
+            let (finest, coarsest) = (&trees[0], trees.last().unwrap());
+            assert!(finest.foliage.is_empty() && coarsest.foliage.is_empty());
+            let [top, top_of_coarsest] = [finest, coarsest].map(|tree| tree.bounds().1.z);
+            assert!(
+                (top_of_coarsest / top - 1.0).abs() < 0.02,
+                "{name}: {top_of_coarsest} of {top}"
+            );
+            let reach_m = |tree: &TreeMesh| {
+                let corners = tree.woods().into_iter().flat_map(|w| &w.position);
+                corners.map(|p| p.truncate().length()).fold(0.0, f32::max)
+            };
+            let [reach, of_coarsest] = [finest, coarsest].map(reach_m);
+            assert!(
+                (0.6..1.1).contains(&(of_coarsest / reach)),
+                "{name}: {of_coarsest} of {reach}"
+            );
+            coarsest.woods().iter().for_each(|w| w.check().unwrap());
+        }
+    }
+
+    /// One sees through it, and what one sees are twigs; without pictures these are plain boughs.
+    #[test]
+    fn the_coarsest_form_of_a_tree_in_winter_shows_its_twigs() {
+        let (seed, winter) = (Seed::new(1), State { season: Season::Winter, ..State::default() });
+        let species = winter.look(&crate::species::load("betula_pendula").unwrap(), seed);
+        let detail = detail(20_000, FoliageLevel::Cards);
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = skeleton::grow(&species, target, detail, seed).unwrap();
+        let pictured = crate::texture::for_species(&species, 256, seed);
+        for (textures, is_masked) in [(pictured, true), (crate::texture::plain(&species), false)] {
+            let subject =
+                Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
+            let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
+            let mut trees = meshes(&subject, &options, SHARES.len() + 1, None).unwrap();
+            let coarsest = trees.pop().unwrap();
+            assert!(coarsest.triangles() < 130, "{}", coarsest.triangles());
+            let shown = cover::shares(&subject, &trees[0], vec![coarsest.clone()]).unwrap()[0];
+            let scene = super::super::model::model_scene(&species, vec![coarsest], textures);
+            let parts = &scene.prototypes[0].parts;
+            let crown = parts.iter().find(|p| p.name == "foliage").unwrap();
+            let material = &scene.materials[crown.material as usize];
+            assert_eq!(material.alpha != Alpha::Opaque, is_masked);
+            assert!(!is_masked || shown > 0.3, "{shown}");
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! What reports and warnings say of meshes: branches without one, leaves that stand for others, crowns that
+//! are thin, cones that are not borne.
+
+use crate::mesh::{FoliageLevel, TreeMesh};
+use crate::report::Outcome;
+use crate::species::Species;
+
+/// Share of the axes thick enough for a mesh above which it is worth a warning that they have none.
+const MANY: f32 = 0.05;
+
+/// Adds to a report how many branches of these (finest) meshes have none; to the warnings where
+/// that is many.
+pub fn unmeshed<'a>(
+    meshes: impl Iterator<Item = &'a TreeMesh>,
+    outcome: Outcome,
+    warnings: &mut Vec<String>,
+) -> Outcome {
+    let (axes, unmeshed) = meshes.fold((0, 0), |(a, u), m| (a + m.axes, u + m.unmeshed_axes));
+    if unmeshed == 0 {
+        return outcome;
+    }
+    let told = format!(
+        "{unmeshed} of {axes} branches have no mesh: they end within their parent's bark or collar"
+    );
+    if unmeshed as f32 > MANY * axes as f32 {
+        warnings.push(format!("{told}; --junctions intersect meshes them"));
+    }
+    outcome.note(told)
+}
+
+/// Adds to a report how much larger than the species' the leaves of these (finest) meshes are, where
+/// each is meshed for itself: the largest. Of crowns that are thin all the same [`thin`] warns.
+/// `what` they are; `instead`: what else could be done than give more triangles.
+pub fn leaves<'a>(
+    meshes: impl Iterator<Item = &'a TreeMesh>,
+    what: &str,
+    instead: &str,
+    outcome: Outcome,
+) -> Outcome {
+    let each = meshes.filter(|mesh| mesh.leaf_cover >= THIN).filter_map(|mesh| {
+        let beside = mesh.triangles() - mesh.foliage.triangles();
+        mesh.stand_in.map(|of| (of.size, beside + of.whole))
+    });
+    let area = |[long, wide]: [f32; 2]| long * wide;
+    let largest = each.max_by(|a, b| area(a.0).total_cmp(&area(b.0)));
+    match largest {
+        Some(([long, wide], whole)) if long.max(wide) > 1.05 => outcome.note(format!(
+            "{what} {long:.1} times as long and {wide:.1} times as wide as the species', to hide \
+             as much as all of them, which would take about {} --triangles{instead}",
+            rounded_up(whole as f32),
+        )),
+        _ => outcome,
+    }
+}
+
+/// Adds to a report how many twigs stand where few are stored, and what all of them would take.
+pub fn twigs<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, mut outcome: Outcome) -> Outcome {
+    for mesh in meshes.filter(|mesh| !mesh.twigs.is_empty()) {
+        let places: usize = mesh.twigs.iter().map(|twigs| twigs.places.len()).sum();
+        outcome = outcome.note(format!(
+            "forms of twigs: {}, at {places} places: {} triangles are seen where {} are stored",
+            mesh.twigs.len(),
+            mesh.shown_triangles(),
+            mesh.triangles(),
+        ));
+    }
+    outcome
+}
+
+/// To two digits.
+fn rounded_up(number: f32) -> f32 {
+    let unit = 10f32.powf(number.max(1.0).log10().floor() - 1.0);
+    (number / unit).ceil() * unit
+}
+
+/// Share of what the species' leaves hide below which a crown is worth a warning.
+const THIN: f32 = 0.75;
+
+/// Warns where so few leaves, or models of the user's, stand for a crown that one sees through it.
+pub fn thin<'a>(
+    foliage: FoliageLevel,
+    meshes: impl Iterator<Item = &'a TreeMesh>,
+    warnings: &mut Vec<String>,
+) {
+    let thinnest = meshes.min_by(|a, b| a.leaf_cover.total_cmp(&b.leaf_cover));
+    let Some(mesh) = thinnest.filter(|m| m.leaf_cover < THIN) else {
+        return;
+    };
+    if mesh.leaf_cover == 0.0 {
+        warnings.push(
+            "--foliage geometry: there are too few triangles for any leaf; give more --triangles, or take \
+             --foliage cards"
+                .to_owned(),
+        );
+        return;
+    }
+    let needed = mesh.triangles() as f32 / mesh.leaf_cover.max(1e-6);
+    let (what, or) = match foliage {
+        FoliageLevel::Geometry => ("--foliage geometry: leaves", "take --foliage cards"),
+        _ => ("leaves by a model", "a model of fewer"),
+    };
+    warnings.push(format!(
+        "{what} of {} triangles hide {:.0} % of what the species' do; give about {} --triangles, or {or}",
+        mesh.foliage.triangles(),
+        100.0 * mesh.leaf_cover,
+        rounded_up(needed),
+    ));
+}
+
+/// Warns where a species has cones of the user's own and no tree of it bears any, for want of triangles.
+pub fn fruitless<'a>(
+    species: &Species,
+    foliage: FoliageLevel,
+    meshes: impl Iterator<Item = &'a TreeMesh>,
+    warnings: &mut Vec<String>,
+) {
+    let Some(model) = &species.own_fruit.as_ref().filter(|_| species.fruit.per_m > 0.0) else {
+        return;
+    };
+    if matches!(foliage, FoliageLevel::Sparse | FoliageLevel::Shell) {
+        let (name, fruit) = (&species.name, model.name.display());
+        warnings.push(format!(
+            "{name}: no {fruit} is borne beside --foliage sparse or shell; give cards or geometry"
+        ));
+        return;
+    }
+    let mut in_leaf = meshes.filter(|m| m.twig_scale > 0.0).peekable();
+    let is_fruitless = in_leaf.peek().is_some() && in_leaf.all(|m| m.fruit.is_empty());
+    if is_fruitless {
+        warnings.push(format!(
+            "{}: no {} is borne: one has {} triangles, and all of them may take a quarter of the leaves'; \
+             give more --triangles, or the model fewer",
+            species.name,
+            model.name.display(),
+            model.index.len() / 3
+        ));
+    }
+}
