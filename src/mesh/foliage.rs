@@ -49,13 +49,22 @@ const MOST_TRIANGLES: usize = 40_000_000;
 /// Cards of the sparse level, and triangles of a shell, at most.
 const MOST_SPARSE: usize = 600;
 const MOST_SHELL: usize = 400;
-/// How far folded and flat cards may grow to make up for those left out.
-const MOST_ENLARGED_CARDS: f32 = 3.0;
+/// How far models of the user's, folded cards and flat ones may grow to make up for those left out: a leaf so much
+/// larger would be seen to be, but pictures of large cards show boughs.
+const MOST_ENLARGED_MODELS: f32 = 3.0;
+const MOST_ENLARGED_CARDS: f32 = 5.0;
 const MOST_ENLARGED_FLAT: f32 = 6.0;
 
 /// Cards further from wood than they are long, which one sees float, count by the square of that, and no
 /// less than so much of others.
 const AFLOAT: f32 = 0.2;
+
+/// A card hangs in the air whose foot is more of its length away from where it leaves wood.
+const GAP: f32 = 0.3;
+
+/// Radius of a bare twig's stalk over that of its shoot, at most. Where leaves hide the rest of a stalk, it is as
+/// thick as the shoots that it stands for.
+const STOUTEST_BARE: f32 = 1.5;
 
 /// Cards that keep near wood hide one another: share of what is lost so, by the inverse of how evenly they
 /// count, that they are larger in area.
@@ -74,6 +83,16 @@ pub fn at_heights(share: f32) -> [f32; HEIGHTS] {
     array::from_fn(|k| (1.0 - (at - k as f32).abs()).max(0.0))
 }
 
+/// Which cards have stalks from the wood that is meshed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stalks {
+    None,
+    /// Those that would hang in the air.
+    Afloat,
+    /// Those of bare twigs, which no leaves hide.
+    All,
+}
+
 /// What one tree's foliage is made of.
 pub struct Order<'a> {
     pub species: &'a Species,
@@ -84,8 +103,7 @@ pub struct Order<'a> {
     /// Of the skeleton's nodes, whether wood goes along them: cards hang near it. Empty where one does
     /// not see what they hang from.
     pub is_meshed: &'a [bool],
-    /// Whether cards have stalks from wood.
-    pub has_stalks: bool,
+    pub stalks: Stalks,
     /// Cards of more rows.
     pub detail: bool,
     /// Cards of two triangles, so that there are more of them, where folded ones would not be all.
@@ -180,7 +198,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     };
     // Where there are triangles for all of them, folded ones.
     let folded = Shape::of(f.shape, false);
-    let has_stalks = order.has_stalks;
+    let has_stalks = order.stalks == Stalks::All;
     let is_crowded = folded.room().triangles * of_cards(folded) > budget;
     let is_flat = is_sparse || (order.is_flat || f.is_bare()) && is_crowded;
     // Finer cards where there are triangles for all of them; else rather more cards.
@@ -230,9 +248,12 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let most = twig.as_ref().map_or(budget / room.triangles.max(1), |t| t.count);
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
     let most = if twig.is_none() && model.is_none() { most.min(of_cards(shape)) } else { most };
-    // A user's leaf six times as large would be seen to be.
-    let is_large = is_flat && (is_sparse || model.is_none());
-    let limit = if is_large { MOST_ENLARGED_FLAT } else { MOST_ENLARGED_CARDS };
+    let limit = match model {
+        _ if is_sparse => MOST_ENLARGED_FLAT,
+        Some(_) => MOST_ENLARGED_MODELS,
+        None if is_flat => MOST_ENLARGED_FLAT,
+        None => MOST_ENLARGED_CARDS,
+    };
     let by_cards = |coverage: f32| {
         let needed = of_models.unwrap_or_else(|| enough(shape, coverage));
         (needed / all.min(most).max(1) as f32).sqrt().clamp(1.0, limit)
@@ -277,6 +298,19 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         (None, Some(needed)) => (kept.len() as f32 * enlarge.powi(2) / needed).min(1.0),
         (None, None) => 1.0,
     };
+    let mut afloat = Vec::new();
+    if is_cards && order.stalks == Stalks::Afloat {
+        // However a card is moved as far as it is longer than a twig.
+        let floats = |s: &Spot| {
+            let away_m = hangs_from(skeleton, order, s).distance(s.at);
+            let size_m = |enlarge: f32| hull.twig_m(s.at, f.twig_length_m, enlarge);
+            away_m > 0.0 && away_m > size_m(enlarge) * larger_at(s) * (1.0 + GAP) - size_m(1.0)
+        };
+        let stalks = kept.iter().filter(|s| floats(s)).count() * stalk::ROOM.triangles;
+        let over = (kept.len() * room.triangles + stalks).saturating_sub(budget);
+        leave_out(&mut kept, over.div_ceil(room.triangles));
+        afloat = (0..kept.len()).filter(|&k| floats(&kept[k])).collect();
+    }
     let outlines = atlas.outlines(shape.rows());
     let fold = stance(f.shape).fold;
     let wind = order.wind.map(|wind| (wind, kept.as_slice()));
@@ -328,7 +362,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
             if has_stalks {
                 let bases: Vec<Vec3> =
                     (0..kept.len()).into_par_iter().map(|k| card(k).0.base).collect();
-                feet = stalk::feet(skeleton, order.is_meshed, &kept, &bases);
+                feet = stalk::feet(skeleton, order.is_meshed, &kept, &bases, STOUTEST_BARE);
             }
             let emit = |k, out: &mut Piece| {
                 let (pose, mut draws) = card(k);
@@ -347,11 +381,27 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
                 };
                 let fold = fold * draws.between(0.6, 1.3);
                 card::emit(&pose, shape, fold, &atlas.cells()[id], &outlines[id], out);
-                if let Some(&(from, radius_m)) = feet.get(k) {
-                    stalk::emit(&pose, from, radius_m, atlas.wood(), out);
+                if let Some(foot) = feet.get(k) {
+                    stalk::emit(&pose, foot, atlas.wood(), out);
                 }
             };
-            fill(kept.len(), room, emit, wind)
+            let mut surface = fill(kept.len(), room, emit, wind);
+            if !afloat.is_empty() {
+                let spots: Vec<Spot> = afloat.iter().map(|&k| kept[k]).collect();
+                let poses: Vec<Pose> = afloat.par_iter().map(|&k| card(k).0).collect();
+                let bases: Vec<Vec3> = poses.iter().map(|pose| pose.base).collect();
+                let feet = stalk::feet(skeleton, order.is_meshed, &spots, &bases, f32::INFINITY);
+                let emit = |k: usize, out: &mut Piece| {
+                    stalk::emit(&poses[k], &feet[k], atlas.wood(), out);
+                };
+                let mut stalks = fill(afloat.len(), stalk::ROOM, emit, None);
+                if let Some(wind) = order.wind {
+                    let nodes = spots.iter().zip(&feet).map(|(s, foot)| [foot.node, s.node()]);
+                    wind.stalks(nodes, &mut stalks);
+                }
+                surface.append(stalks);
+            }
+            surface
         }
     };
     let stand_in = twig.as_ref().map(Twig::stands_in);
@@ -389,15 +439,28 @@ pub fn taken_by_cards(
     shapes.map(taken).find(|taken| *taken <= most)
 }
 
-/// Whether the cards of bare twigs have stalks from the wood that is meshed, which no leaves hide.
-pub fn has_stalks(species: &Species, options: &MeshOptions) -> bool {
-    options.has_near_cards() && !species.has_own_leaves() && species.foliage.is_bare()
+/// Which cards of a tree have stalks: seen from near, and with a picture that has wood.
+pub fn stalks(species: &Species, options: &MeshOptions) -> Stalks {
+    match options.has_near_cards() && !species.has_own_leaves() {
+        false => Stalks::None,
+        true if species.foliage.is_bare() => Stalks::All,
+        true => Stalks::Afloat,
+    }
+}
+
+/// Leaves out so many, evenly over all.
+fn leave_out(spots: &mut Vec<Spot>, count: usize) {
+    let (all, mut k) = (spots.len(), 0);
+    spots.retain(|_| {
+        k += 1;
+        k * count / all == (k - 1) * count / all
+    });
 }
 
 /// The wood to which a card is moved that is larger than a twig.
 fn hangs_from(skeleton: &Skeleton, order: &Order<'_>, spot: &Spot) -> Vec3 {
     match order.is_meshed.get(spot.node() as usize) {
-        Some(false) if !order.has_stalks => leaves_wood(skeleton, order.is_meshed, spot),
+        Some(false) if order.stalks != Stalks::All => leaves_wood(skeleton, order.is_meshed, spot),
         _ => spot.at,
     }
 }

@@ -1,4 +1,4 @@
-use super::foliage::{Order, foliage};
+use super::foliage::{Order, Stalks, foliage};
 use super::stalk::nearest;
 use super::tests::SPECIES;
 use super::*;
@@ -48,7 +48,7 @@ fn order(
         atlas,
         level,
         is_meshed: &[],
-        has_stalks: false,
+        stalks: Stalks::None,
         budget,
         detail: true,
         twigs: TwigsAs::Merged,
@@ -556,9 +556,53 @@ fn bare_twigs_have_stalks_from_wood_that_is_meshed() {
         species.foliage.kept = 1.0;
         let leafy = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
         let leaves = &leafy.foliage;
-        assert!(!leaves.index.chunks_exact(3).any(|t| is_stalk(leaves, t)), "{name}");
+        let few = leaves.index.chunks_exact(3).filter(|t| is_stalk(leaves, t)).count();
+        assert!(3 * few < stalks.len(), "{name}: leaves hide where {few} hang");
         assert!(leafy.wood_triangles() < tree.wood_triangles());
     }
+}
+
+/// A crown for which the budget is small: few of its shoots are meshed, and leaves do not hide that.
+#[test]
+fn no_card_of_a_large_tree_hangs_in_the_air() {
+    let species = species::load("quercus_robur").unwrap();
+    let detail = Detail { max_nodes: 6_000, attractor_spacing_m: None };
+    let target = Target::FromSpecies { height_m: Some(45.0) };
+    let skeleton = grow(&species, target, detail, Seed::new(3)).unwrap();
+    let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+    let options = MeshOptions {
+        triangle_budget: Some(12_000),
+        wind: Some(WindProfile::Unity),
+        ..MeshOptions::FOREST
+    };
+    let tree = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
+    tree.check().unwrap();
+    assert!(tree.triangles() <= 12_000 && tree.triangles() > 11_000);
+    let leaves = &tree.foliage;
+    let faces = leaves.index.as_chunks::<3>().0.iter().map(|t| t.map(|i| i as usize));
+    let is_stalk = |t: &[usize; 3]| t.iter().all(|&i| leaves.uv[i] == atlas.wood());
+    let (stalks, cards): (Vec<_>, Vec<_>) = faces.partition(is_stalk);
+    assert!(stalks.len() > 50 && 10 * stalks.len() < cards.len(), "{}", stalks.len());
+    let shoots = (1..skeleton.len()).filter(|&n| tree.is_meshed[n]).map(|n| {
+        let from = skeleton.parent_of(n as u32).unwrap() as usize;
+        [from, n].map(|n| skeleton.position[n])
+    });
+    let corners = |t: &[usize; 3]| t.map(|i| leaves.position[i]);
+    let of_stalks = stalks.iter().map(|t| {
+        let [a, b, tip] = corners(t);
+        [a.midpoint(b), tip]
+    });
+    let ways: Vec<[Vec3; 2]> = shoots.chain(of_stalks).collect();
+    for t in &cards {
+        let [a, b, c] = corners(t);
+        let size_m = a.distance(b).max(b.distance(c)).max(c.distance(a));
+        let away_m =
+            ways.iter().flat_map(|[p, q]| [a, b, c].map(|at| nearest(at, *p, *q).distance(at)));
+        let away_m = away_m.fold(f32::INFINITY, f32::min);
+        assert!(away_m < 0.7 * size_m, "{size_m} m long, {away_m} m away");
+    }
+    // A stalk holds a card to wood: it does not flutter.
+    assert!(stalks.iter().flatten().all(|&i| leaves.wind[i][1] == 0));
 }
 
 /// As blades, against those of summer.
@@ -610,7 +654,9 @@ fn leaves_on_cards_are_of_one_size() {
             let uv: f32 = sides.map(|(i, j)| s.uv[i].distance(s.uv[j])).iter().sum();
             m / uv * (cell.max.x - cell.min.x) / cell.size_m
         };
-        let mut sizes: Vec<f32> = s.index.chunks_exact(3).map(size).collect();
+        let is_stalk = |t: &&[u32]| t.iter().all(|&i| s.uv[i as usize] == atlas.wood());
+        let mut sizes: Vec<f32> =
+            s.index.chunks_exact(3).filter(|t| !is_stalk(t)).map(size).collect();
         sizes.sort_by(f32::total_cmp);
         let [low, high] = [0.1, 0.9].map(|share| sizes[(share * sizes.len() as f32) as usize]);
         assert!(low > 0.5 && high < 1.8 && high < 2.0 * low, "{name}: {low} to {high}");
@@ -712,7 +758,8 @@ fn cards_hang_on_wood_that_is_there() {
         let mut until = 0;
         let mut card: Vec<glam::Vec3> = Vec::new();
         let leaves = &tree.foliage;
-        for t in leaves.index.chunks_exact(3) {
+        let is_stalk = |t: &&[u32]| t.iter().all(|&i| leaves.uv[i as usize] == atlas.wood());
+        for t in leaves.index.chunks_exact(3).filter(|t| !is_stalk(t)) {
             if t.iter().all(|&i| i >= until) && !card.is_empty() {
                 cards += 1.0;
                 afloat += f32::from(u8::from(!card.iter().any(is_near)));

@@ -548,7 +548,7 @@ fn order<'a>(
         level: options.foliage,
         budget: options.triangle_budget.map(|b| b.saturating_sub(beside.triangles)),
         is_meshed: beside.is_meshed,
-        has_stalks: foliage::has_stalks(species, options),
+        stalks: foliage::stalks(species, options),
         detail: options.detail,
         is_flat: options.is_flat(),
         twigs: options.twigs,

@@ -1,4 +1,5 @@
-//! The bare shoots by which cards of twigs hang from wood where no leaves hide them: a slender triangle each.
+//! The bare shoots by which cards of twigs hang from wood that is meshed, where no leaves hide them or they would
+//! hang in the air: a slender triangle each.
 //!
 //! They stand for shoots that have no triangles of their own, and part as these do. Limit: each is straight, and
 //! ends in a point at its twig.
@@ -14,17 +15,28 @@ use crate::skeleton::Skeleton;
 pub const ROOM: Room = Room { vertices: 3, triangles: 1 };
 /// Thinner and shorter ones are not made, metres.
 const LEAST_M: [f32; 2] = [0.002, 0.02];
+/// Nor those thinner than so much of their length.
+const SLENDEREST: f32 = 0.012;
+
+/// Where a stalk begins.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Foot {
+    at: Vec3,
+    radius_m: f32,
+    /// With which it sways.
+    pub node: u32,
+}
 
 /// Where each twig's stalk begins, and how thick: at the next twig, or beside the next stalk, down the shoots that
-/// are not meshed, so that stalks part as these do; and only then at wood. `bases`: where they end.
+/// are not meshed, so that stalks part as these do; and only then at wood. `bases`: where they end; `stoutest`:
+/// radius over that of the shoot that the twig is on, at most.
 pub fn feet(
     skeleton: &Skeleton,
     is_meshed: &[bool],
     kept: &[Spot],
     bases: &[Vec3],
-) -> Vec<(Vec3, f32)> {
-    /// Over the radius of the shoot that the twig is on.
-    const STOUTEST: f32 = 1.5;
+    stoutest: f32,
+) -> Vec<Foot> {
     let place = |node: u32| skeleton.position[node as usize];
     let base = |node: u32| place(skeleton.parent_of(node).unwrap_or(0));
     let mut order: Vec<u32> = (0..kept.len() as u32).collect();
@@ -35,7 +47,7 @@ pub fn feet(
     });
     // Of each shoot the twig farthest out so far, or else the ends of a stalk that passes it.
     let mut ends: Vec<Option<[Vec3; 2]>> = vec![None; skeleton.len()];
-    let mut feet = vec![(Vec3::ZERO, 0.0); kept.len()];
+    let mut feet = vec![Foot::default(); kept.len()];
     for k in order {
         let (own, tip) = (kept[k as usize].node(), bases[k as usize]);
         let (mut at, mut foot) = (own, ends[own as usize].map(|[_, twig]| twig));
@@ -64,7 +76,8 @@ pub fn feet(
         }
         ends[own as usize] = Some([tip; 2]);
         let radius_m = |node: u32| skeleton.radius_m[node as usize];
-        feet[k as usize] = (foot, radius_m(thickest).min(STOUTEST * radius_m(own)));
+        let radius_m = radius_m(thickest).min(stoutest * radius_m(own));
+        feet[k as usize] = Foot { at: foot, radius_m, node: at };
     }
     feet
 }
@@ -77,17 +90,17 @@ pub fn nearest(to: Vec3, a: Vec3, b: Vec3) -> Vec3 {
 }
 
 /// The bare shoot from wood to the foot of a card, as one slender triangle of the colour at `uv`.
-pub fn emit(pose: &Pose, from: Vec3, radius_m: f32, uv: Vec2, out: &mut Piece) {
+pub fn emit(pose: &Pose, foot: &Foot, uv: Vec2, out: &mut Piece) {
     let [thin_m, short_m] = LEAST_M;
-    let way = pose.base - from;
+    let way = pose.base - foot.at;
     let (way, from) = match way.length() < short_m {
         true => (pose.heading * short_m, pose.base - pose.heading * short_m),
-        false => (way, from),
+        false => (way, foot.at),
     };
     let any = way.normalize_or(Vec3::Z).any_orthonormal_vector();
     let across = way.cross(pose.facing).normalize_or(any);
     let facing = across.cross(way).normalize_or(pose.facing);
-    let half = across * radius_m.max(thin_m);
+    let half = across * foot.radius_m.max(thin_m).max(SLENDEREST * way.length());
     let mut put = |p: Vec3| out.vertex(p, pose.bent(facing.into(), p.into(), BENT).into(), uv);
     let corners = [put(from - half), put(from + half), put(pose.base)];
     out.triangle(corners);

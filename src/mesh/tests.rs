@@ -648,7 +648,7 @@ fn speed() {
         atlas: &atlas,
         level,
         is_meshed: &[],
-        has_stalks: false,
+        stalks: foliage::Stalks::None,
         budget: None,
         detail: true,
         twigs: TwigsAs::Merged,
