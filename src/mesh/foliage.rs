@@ -389,16 +389,14 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
             if !afloat.is_empty() {
                 let spots: Vec<Spot> = afloat.iter().map(|&k| kept[k]).collect();
                 let poses: Vec<Pose> = afloat.par_iter().map(|&k| card(k).0).collect();
-                let bases: Vec<Vec3> = poses.iter().map(|pose| pose.base).collect();
-                let feet = stalk::feet(skeleton, order.is_meshed, &spots, &bases, f32::INFINITY);
-                let emit = |k: usize, out: &mut Piece| {
-                    stalk::emit(&poses[k], &feet[k], atlas.wood(), out);
-                };
-                let mut stalks = fill(afloat.len(), stalk::ROOM, emit, None);
-                if let Some(wind) = order.wind {
-                    let nodes = spots.iter().zip(&feet).map(|(s, foot)| [foot.node, s.node()]);
-                    wind.stalks(nodes, &mut stalks);
-                }
+                let stalks = stalk::hung(
+                    skeleton,
+                    order.is_meshed,
+                    &spots,
+                    &poses,
+                    atlas.wood(),
+                    order.wind,
+                );
                 surface.append(stalks);
             }
             surface

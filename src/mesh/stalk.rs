@@ -6,9 +6,11 @@
 
 use glam::{Vec2, Vec3};
 
+use super::Surface;
 use super::card::BENT;
-use super::piece::{Piece, Room};
+use super::piece::{Piece, Room, fill};
 use super::spot::{Pose, Spot};
+use super::wind::Wind;
 use crate::skeleton::Skeleton;
 
 /// What a stalk takes.
@@ -24,7 +26,7 @@ pub struct Foot {
     at: Vec3,
     radius_m: f32,
     /// With which it sways.
-    pub node: u32,
+    node: u32,
 }
 
 /// Where each twig's stalk begins, and how thick: at the next twig, or beside the next stalk, down the shoots that
@@ -80,6 +82,25 @@ pub fn feet(
         feet[k as usize] = Foot { at: foot, radius_m, node: at };
     }
     feet
+}
+
+/// The stalks alone of twigs that leaves hide from near: as thick as the shoots that they stand for.
+pub fn hung(
+    skeleton: &Skeleton,
+    is_meshed: &[bool],
+    kept: &[Spot],
+    poses: &[Pose],
+    uv: Vec2,
+    wind: Option<&Wind>,
+) -> Surface {
+    let bases: Vec<Vec3> = poses.iter().map(|pose| pose.base).collect();
+    let feet = feet(skeleton, is_meshed, kept, &bases, f32::INFINITY);
+    let each = |k: usize, out: &mut Piece| emit(&poses[k], &feet[k], uv, out);
+    let mut stalks = fill(kept.len(), ROOM, each, None);
+    if let Some(wind) = wind {
+        wind.stalks(kept.iter().zip(&feet).map(|(s, foot)| [foot.node, s.node()]), &mut stalks);
+    }
+    stalks
 }
 
 /// The place between two others that is nearest to a third.
