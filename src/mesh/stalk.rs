@@ -17,7 +17,7 @@ use crate::skeleton::Skeleton;
 pub const ROOM: Room = Room { vertices: 3, triangles: 1 };
 /// Thinner and shorter ones are not made, metres.
 const LEAST_M: [f32; 2] = [0.002, 0.02];
-/// Nor those thinner than so much of their length.
+/// Nor, beside leaves, those thinner than so much of their length.
 const SLENDEREST: f32 = 0.012;
 
 /// Where a stalk begins.
@@ -94,7 +94,10 @@ pub fn hung(
     wind: Option<&Wind>,
 ) -> Surface {
     let bases: Vec<Vec3> = poses.iter().map(|pose| pose.base).collect();
-    let feet = feet(skeleton, is_meshed, kept, &bases, f32::INFINITY);
+    let mut feet = feet(skeleton, is_meshed, kept, &bases, f32::INFINITY);
+    for (foot, base) in feet.iter_mut().zip(&bases) {
+        foot.radius_m = foot.radius_m.max(SLENDEREST * foot.at.distance(*base));
+    }
     let each = |k: usize, out: &mut Piece| emit(&poses[k], &feet[k], uv, out);
     let mut stalks = fill(kept.len(), ROOM, each, None);
     if let Some(wind) = wind {
@@ -121,8 +124,24 @@ pub fn emit(pose: &Pose, foot: &Foot, uv: Vec2, out: &mut Piece) {
     let any = way.normalize_or(Vec3::Z).any_orthonormal_vector();
     let across = way.cross(pose.facing).normalize_or(any);
     let facing = across.cross(way).normalize_or(pose.facing);
-    let half = across * foot.radius_m.max(thin_m).max(SLENDEREST * way.length());
+    let half = across * foot.radius_m.max(thin_m);
     let mut put = |p: Vec3| out.vertex(p, pose.bent(facing.into(), p.into(), BENT).into(), uv);
     let corners = [put(from - half), put(from + half), put(pose.base)];
     out.triangle(corners);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Those of bare twigs, however long, show no more wood than there is.
+    #[test]
+    fn a_stalk_is_as_thick_as_its_foot() {
+        let species = crate::species::load("betula_pendula").unwrap();
+        let pose = Pose { base: Vec3::X, ..Pose::measured(&species.foliage) };
+        let foot = Foot { radius_m: 0.003, ..Foot::default() };
+        let stalk = fill(1, ROOM, |_, out| emit(&pose, &foot, Vec2::ZERO, out), None);
+        let [a, b, tip] = [0, 1, 2].map(|k| stalk.position[k]);
+        assert!((a.distance(b) - 0.006).abs() < 1e-6 && tip == Vec3::X, "{a} {b} {tip}");
+    }
 }
