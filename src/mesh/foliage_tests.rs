@@ -188,7 +188,7 @@ fn a_seedling_is_needled_all_along_and_uses_its_budget() {
     for name in ["larix_decidua", "picea_abies", "pinus_sylvestris"] {
         for height_m in [0.3, 0.6, 1.0] {
             let mut tree = grown_to(name, Some(height_m));
-            tree.1.foliage = tree.1.foliage.at_height(height_m);
+            tree.1.foliage = tree.1.foliage_at(height_m);
             let all = leaves(&tree, FoliageLevel::Geometry, None);
             let what = format!("{name}, {height_m} m");
             for share in [0.6, 0.75, 0.9] {
@@ -249,7 +249,7 @@ fn a_young_tree_has_leaves_up_its_leader() {
     let names = ["larix_sibirica", "picea_abies", "betula_pendula"];
     for (name, height_m) in names.into_iter().flat_map(|n| [0.5f32, 1.0, 2.0].map(|h| (n, h))) {
         let mut tree = grown_to(name, Some(height_m));
-        tree.1.foliage = tree.1.foliage.at_height(height_m);
+        tree.1.foliage = tree.1.foliage_at(height_m);
         let stem = tree.0.axes().of(0).nodes.to_vec();
         let stem: Vec<Vec3> = stem.iter().map(|&i| tree.0.position[i as usize]).collect();
         let near = |p: Vec3| stem.iter().any(|s| s.distance(p) < 0.1 * height_m);

@@ -412,7 +412,7 @@ mod tests {
         for name in ["larix_sibirica", "betula_pendula", "pinus_sylvestris", "picea_abies"] {
             for height_m in [0.5, 1.0] {
                 let mut grown = Grown::new(name, Some(height_m), 20_000, 512);
-                grown.species.foliage = grown.species.foliage.at_height(height_m);
+                grown.species.foliage = grown.species.foliage_at(height_m);
                 let whole = grown.mesh(1_000_000, FoliageLevel::Geometry);
                 let cards = grown.mesh(20_000, FoliageLevel::Cards);
                 let cover = shares(&grown.subject(), &whole, vec![cards]).unwrap()[0];

@@ -186,7 +186,14 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     let (skeletons, shed_m) = grow(job, &survey, &models, &plans, run)?;
     let looks = looks(job);
     let textures = paint_all(job, &models, &looks, run)?;
-    let of = Grown { models: &models, skeletons: &skeletons, looks: &looks, textures: &textures };
+    let hung = hung(&models, &survey, &looks);
+    let of = Grown {
+        models: &models,
+        skeletons: &skeletons,
+        looks: &looks,
+        hung: &hung,
+        textures: &textures,
+    };
     if let Some(tolerance_m) = job.wood.tolerance_m {
         plans = within(job, &survey, of, &plans, tolerance_m, run)?;
     }
@@ -288,6 +295,16 @@ fn looks(job: &ForestJob) -> Vec<Species> {
     job.survey.species.iter().map(|s| job.state.look_of_many(s)).collect()
 }
 
+/// The look of each model: twigs hang as those of trees of its height do.
+fn hung(models: &[Model], survey: &Survey, looks: &[Species]) -> Vec<Species> {
+    let of = |m: &Model| {
+        let mut look = looks[m.species].clone();
+        look.foliage.droop = look.droop_at(survey.trees[m.exemplar].crown.height_m);
+        look
+    };
+    models.iter().map(of).collect()
+}
+
 /// Models with their skeletons, and how their species look.
 #[derive(Clone, Copy)]
 struct Grown<'a> {
@@ -296,6 +313,8 @@ struct Grown<'a> {
     skeletons: &'a [Skeleton],
     /// Of each species; textures where a model is of it.
     looks: &'a [Species],
+    /// The look of each model.
+    hung: &'a [Species],
     textures: &'a [Option<TreeTextures>],
 }
 
@@ -306,7 +325,7 @@ impl<'a> Grown<'a> {
         let textures = self.textures[model.species].as_ref()?;
         let key = survey.trees[model.exemplar].crown.key;
         let seed = job.survey.seed.derive("mesh", key);
-        let species = &self.looks[model.species];
+        let species = &self.hung[m];
         Some(Subject { skeleton: &self.skeletons[m], species, textures, seed })
     }
 }
@@ -685,7 +704,7 @@ fn build_meshes(
                 levels::meshes(&subject, &options, meshed, height_m)
             })
             .collect::<Result<_>>()?;
-        let Grown { models, skeletons, looks, textures } = grown;
+        let Grown { models, skeletons, looks, textures, .. } = grown;
         let nodes = skeletons.iter().map(Skeleton::len).sum();
         let triangles = meshes.iter().flatten().map(TreeMesh::triangles).sum();
         let finest = meshes.iter().filter_map(|of_model| of_model.first());

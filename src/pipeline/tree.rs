@@ -206,7 +206,7 @@ fn stand(
     frame: Frame,
     run: &mut Recorder,
 ) -> Result<Grown> {
-    let foliage = job.species.foliage.at_height(skeleton.height_m());
+    let foliage = job.species.foliage_at(skeleton.height_m());
     let own = Species { foliage, ..job.species.clone() };
     let species = &job.state.look(&own, job.seed);
     let leaf_share = job.state.leaf_share(&job.species);

@@ -232,6 +232,18 @@ pub struct Young {
     #[serde(default)]
     #[schemars(extend("examples" = [1.0]))]
     pub keep: Option<f32>,
+    /// Turn of the outer half of all branches, up (+) or down (−), degrees.
+    #[serde(default)]
+    #[schemars(extend("examples" = [[5, 0]]))]
+    pub tip_deg: Option<[f32; 2]>,
+    /// Turn of the outer twigs towards the ground, degrees a metre.
+    #[serde(default)]
+    #[schemars(extend("examples" = [10.0]))]
+    pub hang: Option<f32>,
+    /// Hang of a twig, as in `[foliage]`.
+    #[serde(default)]
+    #[schemars(extend("examples" = [0.1]))]
+    pub droop: Option<f32>,
 }
 
 /// How branches of one order grow. Pairs hold at the base and at the top of the crown (for order
@@ -364,14 +376,6 @@ impl Foliage {
             leaf_width_m: self.leaf_width_m * small,
             ..self.clone()
         }
-    }
-
-    /// Of a tree of that height: a young one has short twigs that hang little.
-    #[must_use]
-    pub fn at_height(&self, height_m: f32) -> Foliage {
-        let hangs = 1.0 - 0.8 * youth(height_m);
-        let droop = if self.droop > 0.0 { self.droop * hangs } else { self.droop };
-        Foliage { droop, ..self.within(0.3 * height_m) }
     }
 }
 

@@ -2,7 +2,7 @@
 //! branches, and where the species says so are of another outline and branch otherwise. Numbers change
 //! evenly with height from those of `[young]` to those of a grown tree.
 
-use super::model::{Growth, Size, Species, Young, curve};
+use super::model::{Foliage, Growth, Size, Species, Young, curve, youth};
 
 /// The one or the other at 0 and 1, to the bit.
 fn mix(young: f32, grown: f32, share: f32) -> f32 {
@@ -43,6 +43,7 @@ impl Young {
         toward(&mut growth.stem, self.stem);
         toward(&mut growth.uneven, self.uneven);
         toward(&mut growth.bare, self.bare);
+        toward(&mut growth.hang, self.hang);
         // One is the rule's own tree, whole.
         if let Some(young) = self.internodes.filter(|_| growth.internodes > 1) {
             growth.internodes = mix(young as f32, growth.internodes as f32, grown).round() as u32;
@@ -55,14 +56,37 @@ impl Young {
                 habit.angle_deg = Some([mix(foot, old[0], grown), mix(top, old[1], grown)]);
             }
         }
+        for habit in &mut growth.order {
+            let [foot, top] = &mut habit.tip_deg;
+            toward(foot, self.tip_deg.map(|young| young[0]));
+            toward(top, self.tip_deg.map(|young| young[1]));
+        }
     }
 }
 
 impl Species {
+    /// How much a tree's height is of a grown one's.
+    fn height_share(&self, height_m: f32) -> f32 {
+        height_m / self.size.height_m.max(0.1)
+    }
+
+    /// How twigs of a tree of that height hang: those of small ones little.
+    pub fn droop_at(&self, height_m: f32) -> f32 {
+        let grown = self.young.grown(self.height_share(height_m));
+        let own = self.foliage.droop;
+        let droop = self.young.droop.filter(|_| grown < 1.0).map_or(own, |d| mix(d, own, grown));
+        if droop > 0.0 { droop * (1.0 - 0.8 * youth(height_m)) } else { droop }
+    }
+
+    /// Foliage of a tree of that height: a small one has short twigs.
+    pub fn foliage_at(&self, height_m: f32) -> Foliage {
+        Foliage { droop: self.droop_at(height_m), ..self.foliage.within(0.3 * height_m) }
+    }
+
     /// The species as its trees of that height are, their crown's base among it.
     #[must_use]
     pub fn at_height(&self, height_m: f32) -> Species {
-        let height_share = height_m / self.size.height_m.max(0.1);
+        let height_share = self.height_share(height_m);
         let grown = self.young.grown(height_share);
         let mut of_height = self.clone();
         self.young.size(&mut of_height.size, height_share, grown);
@@ -85,14 +109,17 @@ mod tests {
             profile = [[0, 0.4], [0.5, 1.0], [1, 0.2]]
             [growth]
             internodes = 4
+            hang = 40
             bare = 0.8
             [[growth.order]]
             irregular = 0.5
             curve_deg = [0, 0]
-            tip_deg = [0, 0]
+            tip_deg = [-30, -20]
             length = 1
             flat = 0
             keep = 0.5
+            [foliage]
+            droop = 0.6
             [young]
             until = [0.2, 0.6]
             crown_base = 0.1
@@ -101,7 +128,10 @@ mod tests {
             internodes = 8
             bare = 0.2
             angle_deg = [60, 40]
-            keep = 1";
+            keep = 1
+            tip_deg = [10, 20]
+            hang = 8
+            droop = 0.2";
         load_text("pine", text).unwrap()
     }
 
@@ -114,10 +144,14 @@ mod tests {
         assert_eq!((young.growth.bare, young.growth.order[0].keep), (0.2, 1.0));
         assert_eq!(young.growth.order[0].angle_deg, Some([60.0, 40.0]));
         assert_eq!(young.size.profile, [[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]]);
+        assert_eq!((young.growth.hang, young.growth.order[0].tip_deg), (8.0, [10.0, 20.0]));
+        assert_eq!((grown.droop_at(4.0), grown.droop_at(12.0)), (0.2, 0.6));
         assert_eq!(young.growth.stem, grown.growth.stem, "what it does not say stays");
         let between = grown.at_height(8.0);
         assert_eq!((between.growth.internodes, between.growth.order[0].keep), (6, 0.75));
         assert!((between.size.profile[1][1] - 0.75).abs() < 1e-6);
+        assert_eq!((between.growth.hang, between.growth.order[0].tip_deg), (24.0, [-10.0, 0.0]));
+        assert!((grown.droop_at(8.0) - 0.4).abs() < 1e-6);
         for height_m in [20.0, 12.0, 30.0] {
             assert_eq!(grown.at_height(height_m).growth, grown.growth);
         }
