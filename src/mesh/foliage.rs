@@ -109,6 +109,8 @@ pub struct Order<'a> {
     /// Cards of two triangles, so that there are more of them, where folded ones would not be all.
     pub is_flat: bool,
     pub twigs: TwigsAs,
+    /// On the branches that are dead instead of those that live.
+    pub is_on_dead: bool,
     /// Of the places for leaves, those that bear them.
     pub share: f32,
     /// How much larger twigs are at each height than their number asks.
@@ -154,7 +156,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     if level == FoliageLevel::None {
         return Ok(Foliage::default());
     }
-    let bears = skeleton.bears_leaves(f.bearing_radius_m);
+    let bears = skeleton.bears_twigs(f.bearing_radius_m, order.is_on_dead);
     // The crown is that of all shoots, however few bear leaves; the same at any budget.
     let Some(hull) = Hull::around(skeleton, &bears) else { return Ok(Foliage::default()) };
     let f = &f.within(hull.longest_twig_m());

@@ -53,6 +53,7 @@ fn order(
         detail: true,
         twigs: TwigsAs::Merged,
         is_flat: false,
+        is_on_dead: false,
         share: 1.0,
         larger: [1.0; HEIGHTS],
         wind: None,
@@ -790,6 +791,60 @@ fn leaves_get_fewer_as_a_tree_declines() {
             let areas = Condition::ALL.map(area_sq_m);
             assert!(areas[..5].windows(2).all(|w| w[1] < w[0]), "{name}, {level:?}: {areas:?}");
             assert!(areas[4] > 0.0, "{name}, {level:?}: some still hang");
+        }
+    }
+}
+
+/// Branches that have dried bear bare twigs of the picture's own for them, which hang on dead wood, within the
+/// budget; those of a healthy tree and of an old dead one, none.
+#[test]
+fn dry_branches_bear_bare_twigs() {
+    use crate::skeleton::decline::in_condition;
+    use crate::species::state::{Condition, Season, State};
+    for (name, season) in [
+        ("picea_abies", Season::Summer),
+        ("quercus_robur", Season::Summer),
+        ("quercus_robur", Season::Winter),
+    ] {
+        let (skeleton, own, _) = grown_with(name, None, 6_000, 3);
+        let made = |condition, budget| {
+            let state = State { condition, season };
+            let species = state.look(&own, Seed::new(1));
+            let s = in_condition(&skeleton, own.kind, condition, Seed::new(1));
+            let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+            let options = MeshOptions {
+                triangle_budget: Some(budget),
+                leaf_share: state.leaf_share(&own),
+                ..MeshOptions::HERO
+            };
+            let tree = build(&s, &species, &atlas, &options, Seed::new(1)).unwrap();
+            tree.check().unwrap();
+            assert!(tree.triangles() <= budget, "{name}, {condition:?}");
+            (s, tree, atlas)
+        };
+        for condition in [Condition::Healthy, Condition::OldDead] {
+            assert!(made(condition, 20_000).1.dry.is_empty(), "{name}, {condition:?}");
+        }
+        for budget in [3_000, 20_000] {
+            let (s, tree, atlas) = made(Condition::StronglyWeakened, budget);
+            let what = format!("{name}, {season:?}, {budget}");
+            let share = tree.dry.triangles() as f32 / tree.foliage.triangles() as f32;
+            assert!((0.1..1.1).contains(&share), "{what}: {share}");
+            let dead: Vec<Vec3> =
+                (0..s.len()).filter(|&i| s.dead[i]).map(|i| s.position[i]).collect();
+            let near = |p: &&Vec3| dead.iter().any(|d| d.distance(**p) < 1.5);
+            let hung = tree.dry.position.iter().filter(near).count();
+            assert!(hung as f32 > 0.99 * tree.dry.position.len() as f32, "{what}: {hung}");
+            if season == Season::Summer {
+                let dry = atlas.dry().unwrap();
+                let cell = &dry.cells()[0];
+                let shows = |uv: &&Vec2| {
+                    **uv == atlas.wood()
+                        || (uv.cmpge(cell.min - 1e-4) & uv.cmple(cell.max + 1e-4)).all()
+                };
+                assert_eq!(tree.dry.uv.iter().filter(shows).count(), tree.dry.uv.len(), "{what}");
+                assert!(!tree.foliage.uv.iter().any(|uv| *uv != atlas.wood() && shows(&uv)));
+            }
         }
     }
 }

@@ -5,6 +5,7 @@ mod blend;
 mod card;
 mod chain;
 mod check;
+mod dry;
 mod facing;
 mod foliage;
 mod form;
@@ -89,6 +90,35 @@ impl Surface {
         self.lightmap_uv.append(&mut more.lightmap_uv);
     }
 
+    /// Drops the triangles that reach below z = 0.
+    fn clear_ground(&mut self) {
+        let is_above = |i: u32| self.position.get(i as usize).is_some_and(|p| p.z >= 0.0);
+        if self.position.par_iter().with_min_len(CHUNK).all(|p| p.z >= 0.0) {
+            return;
+        }
+        let kept: Vec<u32> = self
+            .index
+            .chunks_exact(3)
+            .filter(|t| t.iter().all(|&i| is_above(i)))
+            .flatten()
+            .copied()
+            .collect();
+        let mut place = vec![u32::MAX; self.position.len()];
+        let mut out = Surface::default();
+        for i in kept {
+            let i = i as usize;
+            if place[i] == u32::MAX {
+                place[i] = out.position.len() as u32;
+                out.position.push(self.position[i]);
+                out.normal.push(self.normal[i]);
+                out.uv.push(self.uv[i]);
+                out.wind.extend(self.wind.get(i));
+            }
+            out.index.push(place[i]);
+        }
+        *self = out;
+    }
+
     /// Least and greatest corner; zero for an empty surface.
     pub fn bounds(&self) -> (Vec3, Vec3) {
         if self.position.is_empty() {
@@ -134,12 +164,14 @@ pub struct TreeMesh {
     /// The part of the wood with the bark of the upper stem and the branches; empty where the
     /// species has none. Closed only together with the other woods.
     pub upper_wood: Surface,
-    /// The part between the two, one tile of bark long, likewise.
+    /// The part between the two, a few tiles of bark long, likewise.
     pub transition_wood: Surface,
     /// The part with the bark of twigs, likewise.
     pub twig_wood: Surface,
     /// Empty for a bare tree, and where [`TreeMesh::twigs`] are its leaves.
     pub foliage: Surface,
+    /// Bare twigs of branches that are dead, with the same picture.
+    pub dry: Surface,
     /// Whether the foliage is a closed hull of the crown, without pictures of leaves.
     pub is_hull: bool,
     /// Leaves as twigs in many places; empty unless asked for.
@@ -169,7 +201,8 @@ impl TreeMesh {
     /// What is stored: twigs once a form.
     pub fn triangles(&self) -> usize {
         let twigs: usize = self.twigs.iter().map(|t| t.form.triangles()).sum();
-        self.wood_triangles() + self.foliage.triangles() + twigs + self.fruit.triangles()
+        let beside = self.dry.triangles() + self.fruit.triangles();
+        self.wood_triangles() + self.foliage.triangles() + twigs + beside
     }
 
     /// What is seen: twigs wherever they stand.
@@ -184,9 +217,10 @@ impl TreeMesh {
     }
 
     /// All but twigs that are stored once.
-    pub fn surfaces_mut(&mut self) -> [&mut Surface; BARKS + 2] {
-        let TreeMesh { wood, upper_wood, transition_wood, twig_wood, foliage, fruit, .. } = self;
-        [wood, upper_wood, transition_wood, twig_wood, foliage, fruit]
+    pub fn surfaces_mut(&mut self) -> [&mut Surface; BARKS + 3] {
+        let TreeMesh { wood, upper_wood, transition_wood, twig_wood, foliage, dry, fruit, .. } =
+            self;
+        [wood, upper_wood, transition_wood, twig_wood, foliage, dry, fruit]
     }
 
     pub fn wood_triangles(&self) -> usize {
@@ -197,7 +231,7 @@ impl TreeMesh {
     pub fn bounds(&self) -> (Vec3, Vec3) {
         self.woods()
             .into_iter()
-            .chain([&self.foliage, &self.fruit])
+            .chain([&self.foliage, &self.dry, &self.fruit])
             .filter(|s| !s.is_empty())
             .map(|s| s.bounds())
             .chain((!self.twigs.is_empty()).then(|| bounds_of(&self.outer_twigs())))
@@ -250,38 +284,16 @@ impl TreeMesh {
     pub fn clear_ground(&mut self) {
         self.twigs.iter_mut().for_each(Twigs::clear_ground);
         self.twigs.retain(|twigs| !twigs.places.is_empty());
-        let foliage = &mut self.foliage;
-        let is_above = |i: u32| foliage.position.get(i as usize).is_some_and(|p| p.z >= 0.0);
-        if foliage.position.par_iter().with_min_len(CHUNK).all(|p| p.z >= 0.0) {
-            return;
+        for leaves in [&mut self.foliage, &mut self.dry] {
+            leaves.clear_ground();
         }
-        let kept: Vec<u32> = foliage
-            .index
-            .chunks_exact(3)
-            .filter(|t| t.iter().all(|&i| is_above(i)))
-            .flatten()
-            .copied()
-            .collect();
-        let mut place = vec![u32::MAX; foliage.position.len()];
-        let mut out = Surface::default();
-        for i in kept {
-            let i = i as usize;
-            if place[i] == u32::MAX {
-                place[i] = out.position.len() as u32;
-                out.position.push(foliage.position[i]);
-                out.normal.push(foliage.normal[i]);
-                out.uv.push(foliage.uv[i]);
-                out.wind.extend(foliage.wind.get(i));
-            }
-            out.index.push(place[i]);
-        }
-        *foliage = out;
     }
 
     /// All surfaces sound, and the wood closed.
     pub fn check(&self) -> Result<()> {
         self.woods().into_iter().try_for_each(Surface::check)?;
         self.foliage.check()?;
+        self.dry.check()?;
         self.fruit.check()?;
         self.twigs.iter().try_for_each(Twigs::check)?;
         match check::open_edges(&self.woods()) {
@@ -456,6 +468,8 @@ pub fn build(
     }
     let seed = seed.derive("mesh", 0);
     let level = options.foliage;
+    let dry_twigs = dry::Dry::of(skeleton, species, atlas, options);
+    let dry_share = dry_twigs.as_ref().map_or(0.0, |dry| dry.share);
     let wood_budget = options.triangle_budget.map(|b| {
         let of = |share: f32| (b as f32 * share) as usize;
         let usual = match level {
@@ -465,8 +479,10 @@ pub fn build(
             _ => of(WOOD_SHARE),
         };
         // What cards leave over is for more branches.
-        let taken = foliage::taken_by_cards(skeleton, species, atlas, options, b - usual);
-        taken.map_or(usual, |taken| b - taken)
+        let all = |in_leaf: usize| (in_leaf as f32 / (1.0 - dry_share)) as usize;
+        let most = ((b - usual) as f32 * (1.0 - dry_share)) as usize;
+        let taken = foliage::taken_by_cards(skeleton, species, atlas, options, most);
+        taken.map_or(usual, |taken| b.saturating_sub(all(taken)))
     });
     let hides = level == FoliageLevel::Shell && !species.foliage.is_bare();
     let outside = hides.then(|| shell::outside(skeleton, species.foliage.bearing_radius_m));
@@ -483,6 +499,16 @@ pub fn build(
     let mut order = order(species, atlas, options, beside, wind.as_ref(), seed);
     let fruit = fruit::fruit(skeleton, &order);
     order.budget = order.budget.map(|b| b.saturating_sub(fruit.triangles()));
+    let dry = match dry_twigs {
+        Some(dry) => {
+            let part = |b: usize| (b as f32 * dry.share) as usize;
+            let made =
+                dry.made(skeleton, &foliage::Order { budget: order.budget.map(part), ..order })?;
+            order.budget = order.budget.map(|b| b.saturating_sub(made.triangles()));
+            made
+        }
+        None => Surface::default(),
+    };
     let leaves = foliage::foliage(skeleton, &order)?;
     let [wood, upper_wood, transition_wood, twig_wood] = made.surface;
     let wood::Count { axes, without: unmeshed_axes, sagitta: (sagitta_m, sagitta_sides) } =
@@ -493,6 +519,7 @@ pub fn build(
         transition_wood,
         twig_wood,
         foliage: leaves.surface,
+        dry,
         is_hull: leaves.is_hull,
         twigs: leaves.twigs,
         fruit,
@@ -552,6 +579,7 @@ fn order<'a>(
         detail: options.detail,
         is_flat: options.is_flat(),
         twigs: options.twigs,
+        is_on_dead: false,
         share: options.leaf_share,
         larger: options.larger,
         wind,

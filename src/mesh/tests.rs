@@ -653,6 +653,7 @@ fn speed() {
         detail: true,
         twigs: TwigsAs::Merged,
         is_flat: false,
+        is_on_dead: false,
         share: 1.0,
         larger: [1.0; HEIGHTS],
         wind: None,

@@ -1,5 +1,5 @@
-//! Where along a tube old bark gives way to that of the upper stem and the branches: over one tile of a
-//! bark that is old at its foot and young at its top, between two rings of its own. What is too thin, too
+//! Where along a tube old bark gives way to that of the upper stem and the branches: over the few tiles
+//! of one picture that is old at its foot and young at its top, between two rings of its own. What is too thin, too
 //! short or too coarse for that changes at a ring.
 
 use super::junction::{self, Hole};
@@ -16,7 +16,7 @@ const NEAR: f32 = 0.12;
 /// The same of a single ring where bark changes, share of the tube's length.
 const NEAR_ALONG: f32 = 0.02;
 /// Where a tile finds no room it is moved by so much of its length, so often at most up and down.
-const STEP: f32 = 0.15;
+const STEP: f32 = 0.05;
 const STEPS: i32 = 8;
 
 /// Says of each ring of a tube, the last of which is the apex, which bark it and the band below it have;

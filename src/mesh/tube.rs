@@ -7,7 +7,7 @@
 //! corner and turns at another, whose twin is the last vertex. The foot of a
 //! branch is a hole in the facets of one band (see `junction`); its corners are the first ring of
 //! the branch.
-//! Old bark goes over into that of the upper stem in a tile between two rings (see `transition`). Where bark
+//! Old bark goes over into that of the upper stem in one picture between two rings (see `transition`). Where bark
 //! gives way to that of twigs, the line between them winds through the facets of thick wood (see `blend`) and
 //! goes around those of thin wood. Rings between two barks are in both surfaces; together all are closed.
 
@@ -27,6 +27,7 @@ use super::young::{
     BARKS, Blend, COATS, Coat, FINEST, FOLDED_GIRTH, Limits, Luck, Mix, OLD, TRANSITION, Young,
 };
 use crate::seed::Seed;
+use crate::texture::bark::TILES;
 
 /// Tables of the rings of every number of sides.
 pub struct Circles([Vec<Laid>; 2]);
@@ -163,7 +164,8 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, (radius_m, from_m): (f32, f32
         let per_m = between.map_or(density / repeat_m, |t| t.per_m);
         ring.v = below.v + (ring.arc_m - below.arc_m) * per_m;
         if !is_folded {
-            ring.u = below.u + spiral * (ring.v - below.v);
+            let tiles = between.map_or(1.0, |_| TILES as f32);
+            ring.u = below.u + spiral * tiles * (ring.v - below.v);
         }
         below = *ring;
     }

@@ -8,6 +8,7 @@ use glam::Vec4;
 use super::path::Ring;
 use crate::seed::Seed;
 use crate::species::model::Bark;
+use crate::texture::bark::TILES;
 
 /// Barks of a tree: old, that of the upper stem and branches, what lies between the two, that of twigs.
 pub const BARKS: usize = 4;
@@ -145,12 +146,12 @@ impl Young {
         }
     }
 
-    /// How long a tile of transition is on wood of a radius; `None` where twigs' bark begins.
+    /// How long the tiles of a transition are on wood of a radius; `None` where twigs' bark begins.
     pub fn transition_m(&self, radius_m: f32, repeat_m: f32) -> Option<f32> {
         let girth = TAU * radius_m / repeat_m;
         let is_twig = self.twig_m.is_some_and(|r| part(radius_m, r) > 0.0);
         let density = girth.round().max(1.0) / girth.max(1e-6);
-        (!is_twig && girth > FOLDED_GIRTH[0]).then(|| repeat_m / density)
+        (!is_twig && girth > FOLDED_GIRTH[0]).then(|| TILES as f32 * repeat_m / density)
     }
 
     /// Of a ring whose bark is known but for twigs.

@@ -71,13 +71,14 @@ impl Subject<'_> {
         let beside = mesh::Beside { triangles, is_meshed: &is_meshed };
         let foliage = mesh::leaves(self.skeleton, self.species, atlas, options, beside, self.seed)?;
         let [wood, upper_wood, transition_wood, twig_wood] = tree.woods().map(Clone::clone);
-        let fruit = tree.fruit.clone();
+        let (dry, fruit) = (tree.dry.clone(), tree.fruit.clone());
         let mut tree = TreeMesh {
             wood,
             upper_wood,
             transition_wood,
             twig_wood,
             foliage,
+            dry,
             twigs: Vec::new(),
             fruit,
             is_meshed,

@@ -217,7 +217,8 @@ pub(super) fn empty_scene(species: &Species, textures: TreeTextures) -> (Scene, 
     (scene, look)
 }
 
-pub(super) fn parts_of(mesh: TreeMesh, look: Look) -> Vec<Part> {
+pub(super) fn parts_of(mut mesh: TreeMesh, look: Look) -> Vec<Part> {
+    mesh.foliage.append(mesh.dry);
     let part = |name: &str, surface, material| Part { name: name.into(), surface, material };
     vec![
         part("wood", mesh.wood, look.bark),

@@ -69,6 +69,7 @@ pub(super) fn leaf_variants(
         if !look.foliage.is_bare() && !own.is_bare() {
             look.foliage.kept = own.kept;
         }
+        look.foliage.has_dry = own.has_dry;
         if look.foliage != own && look.foliage.kept == own.kept {
             let crown = texture::crown_colour(&look);
             variants.push(LeafVariant { name, leaf: leaf(&look, size_px, cache)?, crown });

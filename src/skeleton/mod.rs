@@ -222,6 +222,11 @@ impl Skeleton {
     /// Whether the internode that ends at each node bears leaves: it is alive, and thinner than
     /// `bearing_radius_m` or the last of its axis.
     pub fn bears_leaves(&self, bearing_radius_m: f32) -> Vec<bool> {
+        self.bears_twigs(bearing_radius_m, false)
+    }
+
+    /// The same of twigs on the branches that live or on those that are dead.
+    pub fn bears_twigs(&self, bearing_radius_m: f32, of_dead: bool) -> Vec<bool> {
         let mut is_tip = vec![true; self.len()];
         for &p in &self.parent {
             if let Some(tip) = is_tip.get_mut(p as usize) {
@@ -231,7 +236,7 @@ impl Skeleton {
         (0..self.len())
             .map(|i| i != 0 && (is_tip[i] || self.radius_m[i] <= bearing_radius_m))
             .zip(self.dead.iter().copied().chain(std::iter::repeat(false)))
-            .map(|(bears, is_dead)| bears && !is_dead)
+            .map(|(bears, is_dead)| bears && is_dead == of_dead)
             .collect()
     }
 

@@ -346,6 +346,9 @@ pub struct Foliage {
     /// Share of a twig's leaves that still hang, 0…1. The season's, not the rule file's.
     #[serde(skip, default = "all")]
     pub kept: f32,
+    /// Whether some branches are dry beside others in leaf. The condition's, not the rule file's.
+    #[serde(skip)]
+    pub has_dry: bool,
 }
 
 fn all() -> f32 {
@@ -358,6 +361,12 @@ pub fn youth(height_m: f32) -> f32 {
 }
 
 impl Foliage {
+    /// That of dry branches, which bear twigs alone.
+    #[must_use]
+    pub fn dry(&self) -> Foliage {
+        Foliage { kept: 0.0, has_dry: false, ..self.clone() }
+    }
+
     /// Whether twigs are seen without most of their leaves: they hide no crown.
     pub fn is_bare(&self) -> bool {
         is_bare(self.kept)

@@ -178,7 +178,11 @@ impl State {
         if !self.thins_twigs(species) {
             out.foliage.kept = self.hang_on(species);
         }
+        let dries = Condition::Weakened..=Condition::FreshDead;
+        out.foliage.has_dry = dries.contains(&self.condition) && !species.has_own_leaves();
         if out.foliage.is_bare() {
+            // All twigs are as those of dry branches.
+            out.foliage.has_dry = false;
             // Drawn leaves are not the user's.
             if species.has_own_leaves() {
                 out.foliage.kept = 0.0;

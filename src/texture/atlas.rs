@@ -183,6 +183,8 @@ impl PartialEq for Outlines {
 pub struct Atlas {
     cells: Vec<Cell>,
     leaves: Vec<Cell>,
+    /// Twigs of dry branches beside those in leaf, where there are.
+    dry: Vec<Cell>,
     wood: Vec2,
     fill: Vec2,
     #[serde(skip)]
@@ -221,7 +223,18 @@ impl Atlas {
 
     fn with(cells: Vec<Cell>, leaves: Vec<Cell>, wood: Vec2, fill: Vec2) -> Self {
         let [outlines, leaf_outlines] = Default::default();
-        Atlas { cells, leaves, wood, fill, outlines, leaf_outlines }
+        Atlas { cells, leaves, dry: Vec::new(), wood, fill, outlines, leaf_outlines }
+    }
+
+    /// With twigs of dry branches in the same picture.
+    pub fn with_dry(self, dry: Vec<Cell>) -> Self {
+        Atlas { dry, ..self }
+    }
+
+    /// That of dry branches; `None` where the picture shows no twigs of theirs.
+    pub fn dry(&self) -> Option<Atlas> {
+        let of = |cells| Atlas::with(cells, self.leaves.clone(), self.wood, self.fill);
+        (!self.dry.is_empty()).then(|| of(self.dry.clone()))
     }
 
     /// With a cell of its own for single leaves.

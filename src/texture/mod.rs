@@ -27,7 +27,7 @@ pub struct TreeTextures {
     pub bark: BarkTextures,
     /// The bark of the upper stem and the branches, where the species has one of its own.
     pub bark_upper: Option<BarkTextures>,
-    /// Between the two: one tile high, see [`bark::draw_transition`].
+    /// Between the two: as high as [`bark::TILES`] tiles, see [`bark::draw_transition`].
     pub bark_transition: Option<BarkTextures>,
     /// That of twigs: colour alone.
     pub bark_twig: Option<BarkTextures>,

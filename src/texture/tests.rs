@@ -356,3 +356,31 @@ fn no_leaf_is_cut_at_the_border_of_its_cell() {
         }
     }
 }
+
+/// Beside twigs in leaf, whose colour stays that of the species; alike in other seasons.
+#[test]
+fn twigs_of_dry_branches_have_a_cell_of_their_own() {
+    let state = State { condition: "III".parse().unwrap(), season: Season::Summer };
+    for name in ["picea_abies", "betula_pendula"] {
+        let own = crate::species::load(name).unwrap();
+        let species = state.look(&own, Seed::new(1));
+        let TreeTextures { leaf, atlas, .. } = for_species(&species, 256, Seed::new(1));
+        let dry = atlas.dry().unwrap();
+        assert_eq!((atlas.cells().len(), dry.cells().len()), (2, 1), "{name}");
+        let mean = |cell: &Cell| {
+            let picture = leaf.picture();
+            let [min, max] = [cell.min, cell.max].map(|at| (at * 256.0).as_uvec2());
+            let seen: Vec<[u8; 4]> = (min.y..max.y)
+                .flat_map(|v| (min.x..max.x).map(move |u| (u, 255 - v)))
+                .map(|(x, y)| picture.data[(y * 256 + x) as usize])
+                .filter(|p| p[3] >= 128)
+                .collect();
+            assert!(seen.len() > 500, "{name}: {}", seen.len());
+            [0, 1, 2].map(|c| seen.iter().map(|p| f32::from(p[c])).sum::<f32>() / seen.len() as f32)
+        };
+        let [green, grey] = [&atlas.cells()[0], &dry.cells()[0]].map(mean);
+        assert!(green[1] > green[0] && green[1] > 1.3 * green[2], "{name}: {green:?}");
+        assert!(grey[1] < 1.02 * grey[0] && grey[0] < 1.6 * grey[2], "{name}: {grey:?}");
+        assert!(for_species(&own, 64, Seed::new(1)).atlas.dry().is_none(), "{name}: all live");
+    }
+}

@@ -1,6 +1,6 @@
-//! The leaf picture of a species. Its quarters: two single twigs; a bough of the same leaves at a
-//! smaller scale, for large cards; and three single leaves or needles beside plain bark and the
-//! leaves' mean colour, for a model of every leaf.
+//! The leaf picture of a species. Its quarters: two single twigs, or one and one of a dry branch where the
+//! tree has some; a bough of the same leaves at a smaller scale, for large cards; and three single leaves
+//! or needles beside plain bark and the leaves' mean colour, for a model of every leaf.
 //!
 //! Leaves sit alternately, or all round for needles, as the golden angle seen from one side;
 //! what lies deeper is painted first and darker.
@@ -20,6 +20,9 @@ use crate::species::{Species, own};
 
 /// A bough cell shows this many times the length of a twig cell.
 const BOUGH: f32 = 2.4;
+/// … and one of a dry branch, which serves for cards of all sizes, this many; how far its colour goes to grey.
+const DRY: f32 = 1.5;
+const GREY: f32 = 0.35;
 /// Golden angle.
 const GOLDEN_RAD: f32 = 2.399_963;
 /// Share of its cell that a single leaf is long, and where it begins.
@@ -53,6 +56,7 @@ const PLAIN: f32 = 1.0 / 16.0;
 enum Part {
     Twig,
     Bough,
+    Dry,
     Leaf,
 }
 
@@ -62,26 +66,31 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
     let quarter = (size_px / 2).max(16) & !1;
     let twig_m = f.twig_length_m.max(1e-3);
     // What is shown, and its least corner in quarters of the picture's side, from the bottom.
+    let other = if f.has_dry { Part::Dry } else { Part::Twig };
     let parts = [
         (Part::Twig, [0, 0]),
-        (Part::Twig, [2, 0]),
+        (other, [2, 0]),
         (Part::Bough, [0, 2]),
         (Part::Leaf, [2, 2]),
         (Part::Leaf, [3, 2]),
         (Part::Leaf, [2, 3]),
     ];
     let outline = Outline::of(f);
+    let dry = f.has_dry.then(|| dry(species));
     let drawn: Vec<(Vec<[u8; 4]>, u32, f32)> = parts
         .into_par_iter()
         .enumerate()
         .map(|(k, (part, _))| {
             let side = if part == Part::Leaf { quarter / 2 } else { quarter };
             // Bare twigs are never thinner than a pixel: coarse ones are drawn fine, and thinned.
+            let species = dry.as_ref().filter(|_| part == Part::Dry).unwrap_or(species);
+            let f = &species.foliage;
             let finer = if f.is_bare() && side < FINE { FINE.div_ceil(side) } else { 1 };
             let factor = if side > 600 { 2 } else { 3 };
             let size_m = match part {
                 Part::Twig => twig_m,
                 Part::Bough => twig_m * BOUGH,
+                Part::Dry => twig_m * DRY,
                 Part::Leaf => leaf_length_m(f) / LEAF_SHARE,
             };
             let mut painter = Painter {
@@ -106,29 +115,47 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
         })
         .collect();
     let mut picture = Picture::filled(quarter * 2, quarter * 2, [0; 4]);
-    let (mut cells, mut leaves) = (Vec::new(), Vec::new());
-    for ((pixels, side, size_m), (part, corner)) in drawn.iter().zip(parts) {
-        let [left, bottom] = corner.map(|c| c * quarter / 2);
-        let span = *side as f32 / picture.width as f32;
-        let min = Vec2::new(left as f32, bottom as f32) / picture.width as f32;
-        let foot = if part == Part::Leaf { foot(&outline) } else { 0.0 };
-        let cell = Cell { foot, ..describe(pixels, *side as usize, *size_m, min, span) };
-        if part == Part::Leaf { &mut leaves } else { &mut cells }.push(cell);
-        for y in 0..*side {
-            let row = picture.height - 1 - (bottom + y);
-            for x in 0..*side {
-                picture.set(left + x, row, pixels[(y * side + x) as usize]);
+    let (mut cells, mut leaves, mut dry) = (Vec::new(), Vec::new(), Vec::new());
+    let in_leaf =
+        drawn.iter().zip(parts).partition::<Vec<_>, _>(|(_, (part, _))| *part != Part::Dry);
+    // Of bare twigs the mean is that of their bark.
+    for (k, parts) in [in_leaf.0, in_leaf.1].into_iter().enumerate() {
+        for ((pixels, side, size_m), (part, corner)) in parts {
+            let [left, bottom] = corner.map(|c| c * quarter / 2);
+            let span = *side as f32 / picture.width as f32;
+            let min = Vec2::new(left as f32, bottom as f32) / picture.width as f32;
+            let foot = if part == Part::Leaf { foot(&outline) } else { 0.0 };
+            let cell = Cell { foot, ..describe(pixels, *side as usize, *size_m, min, span) };
+            match part {
+                Part::Leaf => leaves.push(cell),
+                Part::Dry => dry.push(cell),
+                Part::Twig | Part::Bough => cells.push(cell),
+            }
+            for y in 0..*side {
+                let row = picture.height - 1 - (bottom + y);
+                for x in 0..*side {
+                    picture.set(left + x, row, pixels[(y * side + x) as usize]);
+                }
             }
         }
-    }
-    // Of bare twigs the mean is that of their bark.
-    if !f.is_bare() {
-        match_colour(&mut picture, f.colour);
+        if k == 0 && !f.is_bare() {
+            match_colour(&mut picture, f.colour);
+        }
     }
     let places = plain(&mut picture, species, quarter);
     finish(&mut picture);
     let atlas = Atlas::new(cells, leaves, places).unwrap_or_else(|| Atlas::whole(twig_m));
-    (picture, atlas)
+    (picture, atlas.with_dry(dry))
+}
+
+/// The species as its dry branches are: without leaves, and grey.
+fn dry(species: &Species) -> Species {
+    let mut dry = species.clone();
+    dry.foliage = species.foliage.dry();
+    let colour = twig_colour(&species.bark);
+    let grey = colour.iter().sum::<f32>() / 3.0 + 20.0;
+    dry.bark.twig = Some(colour.map(|c| (c + (grey - c) * GREY) as u8));
+    dry
 }
 
 /// A square picture of `side` pixels from one `times` as large, which shows as much.

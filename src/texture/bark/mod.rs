@@ -21,7 +21,7 @@ use crate::seed::Seed;
 use crate::species::model::{Bark, BarkStyle, OwnBark};
 
 pub use relief::normal_map;
-pub use transition::PURE;
+pub use transition::{PURE, TILES};
 
 /// One tile of bark shows this many metres in both directions.
 pub const BARK_REPEAT_M: f32 = 1.0;

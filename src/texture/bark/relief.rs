@@ -19,16 +19,17 @@ pub fn spread(texels: &mut [Texel]) -> Vec<f32> {
     texels.iter().map(|t| ((t.height - low) / span).clamp(0.0, 1.0)).collect()
 }
 
-/// The normals of a tiling height field; `relief` is the height of 1 in tile widths.
+/// The normals of a tiling height field `n` texels wide; `relief` is the height of 1 in tile widths.
 pub fn normal_map(height: &[f32], n: usize, relief: f32) -> Picture {
-    let mut picture = Picture::filled(n as u32, n as u32, [128, 128, 255, 255]);
-    if height.len() != n * n || n == 0 {
+    let rows = height.len() / n.max(1);
+    let mut picture = Picture::filled(n as u32, rows as u32, [128, 128, 255, 255]);
+    if rows == 0 || height.len() != rows * n {
         return picture;
     }
     // Central differences over two texels of 1 / n.
     let slope = relief * n as f32 * 0.5;
     picture.data.par_chunks_mut(n).enumerate().for_each(|(y, row)| {
-        let (above, below) = ((y + n - 1) % n * n, (y + 1) % n * n);
+        let (above, below) = ((y + rows - 1) % rows * n, (y + 1) % rows * n);
         for (x, pixel) in row.iter_mut().enumerate() {
             let (left, right) = ((x + n - 1) % n, (x + 1) % n);
             let dx = (height[y * n + right] - height[y * n + left]) * slope;

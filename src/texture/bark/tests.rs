@@ -241,6 +241,15 @@ fn bark_falls_in_strips_along_the_stem() {
     }
 }
 
+fn off(a: [u8; 4], b: [u8; 4]) -> u8 {
+    (0..3).map(|c| a[c].abs_diff(b[c])).max().unwrap()
+}
+
+fn mean(p: &Picture) -> [u8; 4] {
+    let sum = |c: usize| p.data.iter().map(|p| u64::from(p[c])).sum::<u64>();
+    [0, 1, 2, 3].map(|c| (sum(c) / p.data.len() as u64) as u8)
+}
+
 /// It goes on from the one bark and into the other, row by row less of the one, and tiles around.
 #[test]
 fn a_transition_is_one_bark_at_its_foot_and_another_at_its_top() {
@@ -251,22 +260,39 @@ fn a_transition_is_one_bark_at_its_foot_and_another_at_its_top() {
         let [old, upper] =
             [super::draw(&bark, n, seed), super::draw_upper(&bark, n, seed).unwrap()];
         let between = draw_transition(&bark, &old, &upper, seed);
+        // A row is as high as so many of theirs; half of what is pure is laid.
+        let tiles = TILES as u32;
         let rows = (PURE * n as f32) as u32 - 1;
-        let row = |p: &Picture, y: u32| (0..n).map(|x| p.at(x, y)).collect::<Vec<_>>();
-        let all = |p: &BarkPictures, y| [&p.colour, &p.normal, &p.orm].map(|p| row(p, y));
-        for y in 0..rows {
-            let foot = n - 1 - y;
-            assert!(all(&between, foot) == all(&old.pictures, foot), "{name}: row {foot}");
-            assert!(all(&between, y) == all(&upper.pictures, y), "{name}: row {y}");
-        }
-        let off = |a: [u8; 4], b: [u8; 4]| (0..3).map(|c| a[c].abs_diff(b[c])).max().unwrap();
-        let own = &between.colour;
-        let share = |y: u32| {
-            let like = |x: &u32| {
-                let [a, b] =
-                    [&old, &upper].map(|p| off(own.at(*x, y), p.pictures.colour.at(*x, y)));
-                b < a
+        let meets = (0.5 * PURE * n as f32).round() as u32;
+        let of = |p: &Picture, x: u32, y: u32| p.at(x, y).map(i32::from);
+        // Normals are of one length again.
+        let maps = [
+            (&between.colour, &old.pictures.colour, &upper.pictures.colour, 1.0),
+            (&between.normal, &old.pictures.normal, &upper.pictures.normal, 50.0),
+            (&between.orm, &old.pictures.orm, &upper.pictures.orm, 1.0),
+        ];
+        for (own, low, high, most) in maps {
+            let near = |x: u32, y: u32, other: &Picture, top: u32| {
+                let mean = |c: usize| {
+                    let sum = (0..tiles).map(|k| of(other, x, (top + k) % n)[c]).sum::<i32>();
+                    sum as f32 / tiles as f32
+                };
+                (0..3).all(|c| (of(own, x, y)[c] as f32 - mean(c)).abs() <= most)
             };
+            for (y, x) in (0..rows).flat_map(|y| (0..n).map(move |x| (y, x))) {
+                // Rows from where the pictures meet, up and down.
+                let [top, foot] = [y, n - 1 - y];
+                let up = (meets + n + tiles * top - tiles * meets) % n;
+                let down = (n - meets + tiles * foot - tiles * (n - meets) + 4 * n) % n;
+                assert!(near(x, top, high, up), "{name}: {x}, row {top}");
+                assert!(near(x, foot, low, down), "{name}: {x}, row {foot}");
+            }
+        }
+        let own = &between.colour;
+        // As its colour is nearer to the mean of the one or of the other.
+        let [old_mean, upper_mean] = [&old, &upper].map(|d| mean(&d.pictures.colour));
+        let share = |y: u32| {
+            let like = |x: &u32| off(own.at(*x, y), upper_mean) < off(own.at(*x, y), old_mean);
             (0..n).filter(like).count() as f32 / n as f32
         };
         let band = |k: u32| (0..n / 4).map(|y| share(k * n / 4 + y)).sum::<f32>() / (n / 4) as f32;
@@ -293,7 +319,8 @@ fn a_transition_ends_in_tongues() {
             let [old, upper] =
                 [super::draw(&bark, n, seed), super::draw_upper(&bark, n, seed).unwrap()];
             let own = draw_transition(&bark, &old, &upper, seed).colour;
-            let is_upper = |x, y| own.at(x, y) == upper.pictures.colour.at(x, y);
+            let [old, upper] = [&old, &upper].map(|d| mean(&d.pictures.colour));
+            let is_upper = |x, y| off(own.at(x, y), upper) < off(own.at(x, y), old);
             let columns = |g: u32| g * n / GROUPS..(g + 1) * n / GROUPS;
             let top =
                 |g: u32| (0..n).find(|&y| columns(g).any(|x| !is_upper(x, y))).unwrap_or(n) as f32;
