@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use glam::{Vec2, Vec3};
 
+use super::stalk::nearest;
 use super::*;
 use crate::skeleton::{Detail, Target, grow};
 use crate::species;
@@ -258,7 +259,7 @@ fn a_transition_is_to_scale_and_stays_from_level_to_level() {
     let names = ["quercus_robur", "pinus_sylvestris", "betula_pendula", "populus_tremula"];
     for (name, seed) in names.iter().flat_map(|n| (1..=4).map(move |s| (n, s))) {
         let (s, skeleton) = grown(name, seed);
-        let mut feet_m = Vec::new();
+        let mut middles_m = Vec::new();
         for triangles in [20_000, 8_000, 3_000] {
             let options = MeshOptions { triangle_budget: Some(triangles), ..MeshOptions::HERO };
             let tree = build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(seed)).unwrap();
@@ -270,11 +271,19 @@ fn a_transition_is_to_scale_and_stays_from_level_to_level() {
             let middle = ratios[ratios.len() / 2];
             assert!(middle < 1.8, "{name} {seed}: {middle} times as long as wide");
             // On limbs there are others.
-            let from_stem = |p: &&Vec3| p.truncate().length() < 0.5;
+            let stem = skeleton.axes().of(0).nodes.to_vec();
+            let from_stem = |p: &&Vec3| {
+                let near = |w: &[u32]| {
+                    let [a, b] = [w[0], w[1]].map(|i| skeleton.position[i as usize]);
+                    nearest(**p, a, b).distance(**p) < 1.6 * skeleton.radius_m[w[0] as usize]
+                };
+                stem.windows(2).any(near)
+            };
             let stem = tree.transition_wood.position.iter().filter(from_stem).map(|p| p.z);
-            feet_m.push(stem.fold(f32::INFINITY, f32::min));
+            let ends = stem.fold([f32::INFINITY, 0.0], |[low, high], z| [low.min(z), high.max(z)]);
+            middles_m.push(0.5 * (ends[0] + ends[1]));
         }
-        let off_m = feet_m.iter().map(|z| (z - feet_m[0]).abs()).fold(0.0, f32::max);
-        assert!(off_m < 0.5, "{name} {seed}: it begins at {feet_m:?}");
+        let off_m = middles_m.iter().map(|z| (z - middles_m[0]).abs()).fold(0.0, f32::max);
+        assert!(off_m < 0.5, "{name} {seed}: its middle is at {middles_m:?}");
     }
 }

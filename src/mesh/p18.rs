@@ -146,7 +146,7 @@ impl Scheme {
         out
     }
 
-    fn top_m(&self) -> f32 {
+    pub fn top_m(&self) -> f32 {
         self.h4_m + self.h2_m
     }
 
@@ -174,11 +174,12 @@ impl Scheme {
         out
     }
 
-    /// For a tree of bare twigs: so many boughs, each a sheet with the picture of a twig.
-    pub fn twigs(&self, boughs: u32, atlas: &Atlas) -> Surface {
+    /// For a tree of bare twigs: so many boughs, each a sheet with the picture of a twig; those that leave the stem
+    /// below a height.
+    pub fn twigs(&self, boughs: u32, below_m: f32, atlas: &Atlas) -> Surface {
         let outlines = atlas.outlines(2);
         let mut out = Surface::default();
-        for (k, Bough { foot, way, across }) in self.each_bough(boughs, self.top_m()).enumerate() {
+        for (k, Bough { foot, way, across }) in self.each_bough(boughs, below_m).enumerate() {
             let length_m = way.length();
             let count = atlas.nearest(length_m).count().max(1);
             let id = atlas.nearest(length_m).nth(k % count).unwrap_or(0);
@@ -343,7 +344,7 @@ mod tests {
         let s = Scheme::new(&PINE).unwrap();
         let atlas = Atlas::whole(0.5);
         for boughs in [BOUGHS, MANY_BOUGHS] {
-            let twigs = s.twigs(boughs, &atlas);
+            let twigs = s.twigs(boughs, s.top_m(), &atlas);
             twigs.check().unwrap();
             assert_eq!(twigs.triangles(), 2 * boughs as usize);
             for sheet in twigs.position.as_chunks::<4>().0 {

@@ -9,13 +9,15 @@ use crate::texture::bark::PURE;
 
 /// How much of the tile is laid: what is left out at both ends is of one bark alone.
 pub const SPAN: f32 = 1.0 - PURE;
-/// How much longer or shorter than it is to scale a tile may be laid, as is tried in turn.
-const STRETCH: [f32; 2] = [1.2, 1.6];
-/// A ring no farther from where the tile ends than this share of it is its end.
+/// How much longer or shorter than they are to scale tiles may be laid; and how much that counts beside how far
+/// they are moved.
+const STRETCH: f32 = 1.6;
+const UNLIKE: f32 = 0.5;
+/// A ring no farther from where the tiles end than this share of them is their end.
 const NEAR: f32 = 0.12;
 /// The same of a single ring where bark changes, share of the tube's length.
 const NEAR_ALONG: f32 = 0.02;
-/// Where a tile finds no room it is moved by so much of its length, so often at most up and down.
+/// Where tiles find no room they are moved by so much of their length, so often at most up and down.
 const STEP: f32 = 0.05;
 const STEPS: i32 = 8;
 
@@ -87,16 +89,20 @@ fn ends(
     let [foot, .., last, _] = &rings[..] else { return None };
     let within_m = [foot.arc_m, last.arc_m];
     let near_m = (NEAR * long_m).max(2.0 * least.step_m);
-    let steps = (0..=STEPS).flat_map(|k| [k, -k]).map(|k| STEP * long_m * k as f32);
-    let within = |off_m: f32, most: f32| {
+    let within = |off_m: f32| {
         let low_m = (middle_m - 0.5 * long_m + off_m).max(within_m[0]);
         let [low, high] = [low_m, low_m + long_m].map(|m| End::at(rings, holes, m, near_m));
-        let stretch = (high.arc_m - low.arc_m) / long_m;
-        let fits = high.arc_m <= within_m[1] && stretch * most >= 1.0 && stretch <= most;
-        fits.then_some([low, high])
+        let own_m = high.arc_m - low.arc_m;
+        let fits =
+            high.arc_m <= within_m[1] && own_m * STRETCH >= long_m && own_m <= long_m * STRETCH;
+        let aside_m = (0.5 * (low.arc_m + high.arc_m) - middle_m).abs();
+        fits.then_some(([low, high], aside_m + UNLIKE * (own_m - long_m).abs()))
     };
-    let found =
-        STRETCH.into_iter().find_map(|most| steps.clone().find_map(|off_m| within(off_m, most)));
+    // Of those that are as good, the first, which was moved least.
+    let steps = (0..=STEPS).flat_map(|k| [k, -k]).map(|k| STEP * long_m * k as f32);
+    let best =
+        steps.filter_map(within).reduce(|best, next| if next.1 < best.1 { next } else { best });
+    let found = best.map(|(ends, _)| ends);
     let [low, high] = found?;
     // The upper one first: that moves nothing below.
     let end = high.put(rings, holes, least);

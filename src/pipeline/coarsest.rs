@@ -34,8 +34,8 @@ pub fn of(
     let mut scheme = scheme(finest, base_m, upper_from_m, subject, boughs)?;
     if let Some(profile) = options.wind {
         let height_m = finest.bounds().1.z;
-        let TreeMesh { wood, upper_wood, foliage, .. } = &mut scheme;
-        for surface in [wood, upper_wood, foliage] {
+        let TreeMesh { wood, upper_wood, foliage, dry, .. } = &mut scheme;
+        for surface in [wood, upper_wood, foliage, dry] {
             profile.whole_tree(height_m, surface);
         }
     }
@@ -76,22 +76,24 @@ fn scheme(
     let widest = size.profile.iter().fold([0.0f32; 2], |w, p| if p[1] > w[1] { *p } else { w });
     let stem_diameter_m = size.stem_diameter_at(height_m);
     let lowest = size.profile.first().map_or(1.0, |p| p[1]);
-    let of_crown = |base_m: f32| {
+    let of_crown = |base_m: f32, width_m: f32| {
         let crown_length_m = (height_m - base_m).clamp(0.05 * height_m, height_m);
         p18::Scheme::new(&p18::Measures {
             height_m,
             stem_diameter_m,
-            crown_width_m: tree.crown_diameter_m().max(1.1 * stem_diameter_m),
+            crown_width_m: width_m.max(1.1 * stem_diameter_m),
             crown_length_m,
             widest_m: height_m - crown_length_m * (1.0 - widest[0].clamp(0.02, 0.98)),
             lower_share: lowest / widest[1].max(1e-3),
         })
     };
     // A crown whose lower branches are dead is one of leaves above bare boughs.
-    let whole = of_crown(crown_base_m)?;
+    let in_leaf_m = tree.crown_diameter_m();
+    let whole_m = in_leaf_m.max(mesh::crown_diameter_m(&tree.dry.position));
     let leaves_m = lowest_leaves_m(tree);
     let is_dead_below = leaves_m > crown_base_m + DEAD * height_m;
-    let scheme = if is_dead_below { of_crown(leaves_m)? } else { whole };
+    let whole = of_crown(crown_base_m, if is_dead_below { whole_m } else { in_leaf_m })?;
+    let scheme = if is_dead_below { of_crown(leaves_m, in_leaf_m)? } else { whole };
     let mut mesh = scheme.mesh(SIDES, upper_from_m);
     // As deep in the ground as the tree, for slopes.
     let foot_m = tree.bounds().0.z.min(0.0);
@@ -107,13 +109,18 @@ fn scheme(
     if tree.foliage.is_empty() {
         (of_wood, mesh.foliage) = (scheme.bare_crown(), Surface::default());
     } else if is_bare && has_picture {
-        (of_wood, mesh.foliage) = (scheme.leader(), scheme.twigs(boughs, &textures.atlas));
+        (of_wood, mesh.foliage) =
+            (scheme.leader(), scheme.twigs(boughs, scheme.top_m(), &textures.atlas));
         mesh.is_hull = false;
     } else if is_bare {
         mesh.foliage = scheme.bare_crown();
     }
     if is_dead_below {
-        of_wood.append(whole.boughs(leaves_m));
+        let atlas = if is_bare { Some(textures.atlas.clone()) } else { textures.atlas.dry() };
+        match atlas.filter(|_| has_picture) {
+            Some(atlas) => mesh.dry = whole.twigs(boughs, leaves_m, &atlas),
+            None => of_wood.append(whole.boughs(leaves_m)),
+        }
     }
     let wood = if mesh.upper_wood.is_empty() { &mut mesh.wood } else { &mut mesh.upper_wood };
     wood.append(of_wood);
@@ -132,7 +139,7 @@ mod tests {
     use crate::scene::Alpha;
     use crate::seed::Seed;
     use crate::skeleton::{self, Target};
-    use crate::species::state::{Season, State};
+    use crate::species::state::{Condition, Season, State};
 
     #[test]
     fn the_coarsest_form_of_a_tree_without_twigs_reaches_its_top() {
@@ -185,5 +192,45 @@ mod tests {
             assert_eq!(material.alpha != Alpha::Opaque, is_masked);
             assert!(!is_masked || shown > 0.3, "{shown}");
         }
+    }
+
+    /// Below a crown in leaf dry boughs show their twigs, too, as wide as LOD0's; without pictures they are of wood.
+    #[test]
+    fn dry_boughs_of_the_coarsest_form_show_their_twigs() {
+        let (seed, condition) = (Seed::new(1), Condition::StronglyWeakened);
+        let state = State { condition, ..State::default() };
+        let species = state.look(&crate::species::load("picea_abies").unwrap(), seed);
+        let detail = detail(20_000, FoliageLevel::Cards);
+        let target = Target::FromSpecies { height_m: None };
+        let grown = skeleton::grow(&species, target, detail, seed).unwrap();
+        let skeleton = skeleton::decline::in_condition(&grown, species.kind, condition, seed);
+        let pictured = crate::texture::for_species(&species, 256, seed);
+        let mut woods = Vec::new();
+        for (textures, has_picture) in [(pictured, true), (crate::texture::plain(&species), false)]
+        {
+            let subject =
+                Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
+            let options = MeshOptions {
+                leaf_share: state.leaf_share(&species),
+                ..WoodJob::default().options(20_000, FoliageLevel::Cards)
+            };
+            let mut trees = meshes(&subject, &options, SHARES.len() + 1, None).unwrap();
+            let coarsest = trees.pop().unwrap();
+            assert!(trees.iter().all(|tree| tree.dry.is_empty() != has_picture));
+            assert!(coarsest.triangles() < 130, "{}", coarsest.triangles());
+            woods.push(coarsest.wood_triangles());
+            let width_m = mesh::crown_diameter_m(&trees[0].dry.position);
+            let scene = super::super::model::model_scene(&species, vec![coarsest], textures);
+            let parts = &scene.prototypes[0].parts;
+            let dry = parts.iter().find(|p| p.name == "dry_twigs" && !p.surface.is_empty());
+            assert_eq!(dry.is_some(), has_picture);
+            let Some(dry) = dry else { continue };
+            assert!(scene.materials[dry.material as usize].alpha != Alpha::Opaque);
+            let crown = parts.iter().find(|p| p.name == "foliage").unwrap();
+            assert!(dry.surface.bounds().0.z < crown.surface.bounds().0.z);
+            let shown_m = mesh::crown_diameter_m(&dry.surface.position);
+            assert!((0.6..1.2).contains(&(shown_m / width_m)), "{shown_m} of {width_m}");
+        }
+        assert!(woods[1] > woods[0]);
     }
 }

@@ -1,7 +1,7 @@
 //! Models of a scene out of a tree's mesh and the pictures of its species: parts and their materials.
 
 use crate::frame::Frame;
-use crate::mesh::{TreeMesh, Twigs};
+use crate::mesh::{Surface, TreeMesh, Twigs};
 use crate::raster::{Image, Picture, linear_from_srgb};
 use crate::scene::{
     Alpha, Colorspace, Material, Part, Prototype, Relief, Scattered, Scene, Texture, Variant,
@@ -218,7 +218,11 @@ pub(super) fn empty_scene(species: &Species, textures: TreeTextures) -> (Scene, 
 }
 
 pub(super) fn parts_of(mut mesh: TreeMesh, look: Look) -> Vec<Part> {
-    mesh.foliage.append(mesh.dry);
+    // Beside leaves that have their picture, of one part with them.
+    let mut dry = std::mem::take(&mut mesh.dry);
+    if !mesh.is_hull {
+        mesh.foliage.append(std::mem::take(&mut dry));
+    }
     let part = |name: &str, surface, material| Part { name: name.into(), surface, material };
     vec![
         part("wood", mesh.wood, look.bark),
@@ -226,6 +230,7 @@ pub(super) fn parts_of(mut mesh: TreeMesh, look: Look) -> Vec<Part> {
         part("transition_wood", mesh.transition_wood, look.transition_bark),
         part("twig_wood", mesh.twig_wood, look.twig_bark),
         part("foliage", mesh.foliage, if mesh.is_hull { look.crown } else { look.leaf }),
+        part("dry_twigs", dry, look.leaf),
         part("fruit", mesh.fruit, look.fruit),
     ]
 }
