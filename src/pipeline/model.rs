@@ -1,7 +1,7 @@
 //! Models of a scene out of a tree's mesh and the pictures of its species: parts and their materials.
 
 use crate::frame::Frame;
-use crate::mesh::{Surface, TreeMesh, Twigs};
+use crate::mesh::{TreeMesh, Twigs};
 use crate::raster::{Image, Picture, linear_from_srgb};
 use crate::scene::{
     Alpha, Colorspace, Material, Part, Prototype, Relief, Scattered, Scene, Texture, Variant,
