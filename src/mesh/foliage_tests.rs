@@ -848,3 +848,22 @@ fn dry_branches_bear_bare_twigs() {
         }
     }
 }
+
+/// Cards of one colour all over would be a crown of squares.
+#[test]
+fn without_pictures_bare_twigs_have_no_cards() {
+    use crate::skeleton::decline::in_condition;
+    use crate::species::state::Condition;
+    let mut tree = grown_with("betula_pendula", None, 3_000, 3);
+    tree.1.foliage = tree.1.foliage.dry();
+    tree.0 = in_condition(&tree.0, tree.1.kind, Condition::Weakened, Seed::new(1));
+    let plain = crate::texture::plain(&tree.1).atlas;
+    for (atlas, has_cards) in [(&tree.2, true), (&plain, false)] {
+        let made = build(&tree.0, &tree.1, atlas, &MeshOptions::HERO, Seed::new(1)).unwrap();
+        assert_eq!([made.foliage.is_empty(), made.dry.is_empty()], [!has_cards; 2]);
+        assert!(made.triangles() > 10_000, "branches take what twigs leave: {}", made.triangles());
+    }
+    let single = MeshOptions { foliage: FoliageLevel::Geometry, ..MeshOptions::HERO };
+    let made = build(&tree.0, &tree.1, &plain, &single, Seed::new(1)).unwrap();
+    assert!(!made.foliage.is_empty(), "leaf by leaf they have their own form");
+}

@@ -394,6 +394,16 @@ impl MeshOptions {
         self.foliage == FoliageLevel::Cards && !self.is_flat()
     }
 
+    /// Without leaves where none is borne, when shoots are the crown, and where cards without a picture would show
+    /// bare twigs.
+    fn as_borne(&self, species: &Species, atlas: &Atlas) -> MeshOptions {
+        let are_blank =
+            self.foliage != FoliageLevel::Geometry && species.foliage.is_bare() && atlas.is_plain();
+        let is_bare = self.leaf_share <= 0.0 || are_blank;
+        let foliage = if is_bare { FoliageLevel::None } else { self.foliage };
+        MeshOptions { foliage, ..*self }
+    }
+
     /// Whether one sees between the leaves, which are few.
     fn is_thin(&self) -> bool {
         self.leaf_share < THIN
@@ -458,9 +468,7 @@ pub fn build(
     seed: Seed,
 ) -> Result<TreeMesh> {
     skeleton.check()?;
-    // Where no leaf is borne the twigs are the crown.
-    let foliage = if options.leaf_share > 0.0 { options.foliage } else { FoliageLevel::None };
-    let options = &MeshOptions { foliage, ..*options };
+    let options = &options.as_borne(species, atlas);
     let far = reach_m(&skeleton.position);
     if far > 1e4 {
         return Err(Error::new(format!("a skeleton reaches {far} m from its root"))
@@ -555,6 +563,7 @@ pub fn leaves(
     beside: Beside<'_>,
     seed: Seed,
 ) -> Result<Surface> {
+    let options = &options.as_borne(species, atlas);
     let seed = seed.derive("mesh", 0);
     let wind = options.wind.map(|profile| Wind::new(skeleton, skeleton.height_m(), profile, seed));
     let order = order(species, atlas, options, beside, wind.as_ref(), seed);

@@ -187,6 +187,9 @@ pub struct Atlas {
     dry: Vec<Cell>,
     wood: Vec2,
     fill: Vec2,
+    /// Without a picture.
+    #[serde(skip)]
+    is_plain: bool,
     #[serde(skip)]
     outlines: Outlines,
     #[serde(skip)]
@@ -223,7 +226,8 @@ impl Atlas {
 
     fn with(cells: Vec<Cell>, leaves: Vec<Cell>, wood: Vec2, fill: Vec2) -> Self {
         let [outlines, leaf_outlines] = Default::default();
-        Atlas { cells, leaves, dry: Vec::new(), wood, fill, outlines, leaf_outlines }
+        let (dry, is_plain) = (Vec::new(), false);
+        Atlas { cells, leaves, dry, wood, fill, is_plain, outlines, leaf_outlines }
     }
 
     /// With twigs of dry branches in the same picture.
@@ -237,8 +241,17 @@ impl Atlas {
         (!self.dry.is_empty()).then(|| of(self.dry.clone()))
     }
 
+    /// Of no picture: cards are of one colour all over, `size_m` along, and single leaves have their outline.
+    pub fn plain(size_m: f32, leaf: Cell) -> Self {
+        Atlas { is_plain: true, ..Atlas::whole(size_m).with_leaf(leaf) }
+    }
+
+    pub fn is_plain(&self) -> bool {
+        self.is_plain
+    }
+
     /// With a cell of its own for single leaves.
-    pub fn with_leaf(self, leaf: Cell) -> Self {
+    fn with_leaf(self, leaf: Cell) -> Self {
         Atlas { leaves: vec![leaf], leaf_outlines: Outlines::default(), ..self }
     }
 

@@ -184,8 +184,7 @@ pub fn plain(species: &Species) -> TreeTextures {
         bark_twig: None,
         leaf: pixel(species.foliage.colour),
         leaf_normal: None,
-        atlas: Atlas::whole(species.foliage.twig_length_m)
-            .with_leaf(twig::plain_leaf(&species.foliage)),
+        atlas: Atlas::plain(species.foliage.twig_length_m, twig::plain_leaf(&species.foliage)),
         crown: crown_colour(species),
         leaf_variants: Vec::new(),
     }
