@@ -1,8 +1,6 @@
 //! From trees to a scene: which trees share a model, one skeleton and mesh a model, textures,
 //! terrain with its photo, and everything in its place.
 
-use std::collections::HashMap;
-
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use rstar::RTree;
@@ -12,6 +10,7 @@ use super::coarsest;
 use super::cover::Subject;
 use super::drape::drape;
 use super::fit;
+use super::hung::Hung;
 use super::levels::{self, LevelsJob};
 use super::light;
 use super::model::{Look, add_materials, prototype, tinted};
@@ -298,39 +297,6 @@ fn looks(job: &ForestJob) -> Vec<Species> {
     job.survey.species.iter().map(|s| job.state.look_of_many(s)).collect()
 }
 
-/// How species look whose twigs hang as those of trees of a height do.
-struct Hung {
-    looks: Vec<Species>,
-    /// Of each model, which of them it has.
-    of: Vec<usize>,
-}
-
-impl Hung {
-    /// Of models of species and heights, metres.
-    fn of(models: impl Iterator<Item = (usize, f32)>, looks: &[Species]) -> Hung {
-        /// Of young trees, so many between twigs that stand out and that hang: hundreds of models share them.
-        const STEPS: f32 = 32.0;
-        let mut hung = Hung { looks: looks.to_vec(), of: Vec::new() };
-        let mut known = HashMap::new();
-        for (species, height_m) in models {
-            let look = &looks[species];
-            let (own, droop) = (look.foliage.droop, look.droop_at(height_m));
-            let droop = if droop == own { own } else { (droop * STEPS).round() / STEPS };
-            let place = *known.entry((species, droop.to_bits())).or_insert_with(|| {
-                if droop == own {
-                    return species;
-                }
-                let mut look = look.clone();
-                look.foliage.droop = droop;
-                hung.looks.push(look);
-                hung.looks.len() - 1
-            });
-            hung.of.push(place);
-        }
-        hung
-    }
-}
-
 /// Models with their skeletons, and how their species look.
 #[derive(Clone, Copy)]
 struct Grown<'a> {
@@ -350,7 +316,7 @@ impl<'a> Grown<'a> {
         let textures = self.textures[model.species].as_ref()?;
         let key = survey.trees[model.exemplar].crown.key;
         let seed = job.survey.seed.derive("mesh", key);
-        let species = &self.hung.looks[self.hung.of[m]];
+        let species = self.hung.look(m);
         Some(Subject { skeleton: &self.skeletons[m], species, textures, seed })
     }
 }
@@ -968,23 +934,6 @@ pub fn preview(scene: &ValidScene, [width, height]: [u32; 2]) -> Picture {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Grown trees have the species' own look, and hundreds of young ones share few.
-    #[test]
-    fn twigs_of_a_forest_s_models_hang_by_their_height() {
-        let looks = ["picea_abies", "betula_pendula"].map(|n| crate::species::load(n).unwrap());
-        let heights = (0..400).map(|k| 1.0 + 0.05 * k as f32);
-        let models: Vec<(usize, f32)> = heights.flat_map(|m| [(0, m), (1, m)]).collect();
-        let hung = Hung::of(models.iter().copied(), &looks);
-        assert!(hung.looks.len() < 60, "{}", hung.looks.len());
-        for (&(species, height_m), &place) in models.iter().zip(&hung.of) {
-            let (look, own) = (&hung.looks[place], &looks[species]);
-            assert_eq!(look.id, own.id);
-            let off = look.foliage.droop - own.droop_at(height_m);
-            assert!(off.abs() <= 1.0 / 64.0, "{}, {height_m} m: {off}", own.id);
-            assert!(height_m < 13.0 || place == species, "{}, {height_m} m", own.id);
-        }
-    }
 
     #[test]
     fn a_scene_s_triangles_suffice_for_the_smallest_in_their_coarsest_form() {

@@ -10,6 +10,7 @@ mod figure;
 mod fit;
 pub mod forest;
 pub mod goal;
+mod hung;
 mod impostors;
 pub mod landscape;
 pub mod left_out;

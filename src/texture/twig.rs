@@ -116,10 +116,10 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
         .collect();
     let mut picture = Picture::filled(quarter * 2, quarter * 2, [0; 4]);
     let (mut cells, mut leaves, mut dry) = (Vec::new(), Vec::new(), Vec::new());
-    let in_leaf =
-        drawn.iter().zip(parts).partition::<Vec<_>, _>(|(_, (part, _))| *part != Part::Dry);
+    let (last, first): (Vec<_>, Vec<_>) =
+        drawn.iter().zip(parts).partition(|(_, (part, _))| *part == Part::Dry);
     // Of bare twigs the mean is that of their bark.
-    for (k, parts) in [in_leaf.0, in_leaf.1].into_iter().enumerate() {
+    for (parts, are_in_leaf) in [(first, !f.is_bare()), (last, false)] {
         for ((pixels, side, size_m), (part, corner)) in parts {
             let [left, bottom] = corner.map(|c| c * quarter / 2);
             let span = *side as f32 / picture.width as f32;
@@ -138,7 +138,7 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
                 }
             }
         }
-        if k == 0 && !f.is_bare() {
+        if are_in_leaf {
             match_colour(&mut picture, f.colour);
         }
     }
