@@ -1,3 +1,6 @@
+use rstar::RTree;
+use rstar::primitives::{GeomWithData, Rectangle};
+
 use super::foliage::{Order, Stalks, foliage};
 use super::stalk::nearest;
 use super::tests::SPECIES;
@@ -427,6 +430,25 @@ fn off(p: Vec3, [a, b, c]: [Vec3; 3]) -> f32 {
     if is_above { edges.min((p - a).dot(normal).abs()) } else { edges }
 }
 
+type Boxed = GeomWithData<Rectangle<[f32; 3]>, [Vec3; 3]>;
+
+fn boxed(triangle: [Vec3; 3]) -> Boxed {
+    let [a, b, c] = triangle;
+    let about = Rectangle::from_corners(a.min(b).min(c).into(), a.max(b).max(c).into());
+    GeomWithData::new(about, triangle)
+}
+
+fn from_wood(wood: &RTree<Boxed>, p: Vec3) -> f32 {
+    let mut least = f32::INFINITY;
+    for (triangle, box_sq) in wood.nearest_neighbor_iter_with_distance_2(p.into()) {
+        if box_sq.sqrt() >= least {
+            break;
+        }
+        least = least.min(off(p, triangle.data));
+    }
+    least
+}
+
 /// However crowded the feet of branches are along a shoot.
 #[test]
 fn twigs_leaf_by_leaf_begin_on_wood() {
@@ -444,20 +466,19 @@ fn twigs_leaf_by_leaf_begin_on_wood() {
         };
         let tree = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
         tree.check().unwrap();
-        let wood: Vec<[Vec3; 3]> = (tree.woods().iter())
-            .flat_map(|s| {
-                s.index.as_chunks::<3>().0.iter().map(|t| t.map(|i| s.position[i as usize]))
-            })
-            .collect();
+        let corners = |s: &Surface| -> Vec<[Vec3; 3]> {
+            let triangles = s.index.as_chunks::<3>().0.iter();
+            triangles.map(|t| t.map(|i| s.position[i as usize])).collect()
+        };
+        let wood = tree.woods().into_iter().flat_map(corners);
+        let wood = RTree::bulk_load(wood.map(boxed).collect());
         let feet: Vec<Vec3> = tree
             .twigs
             .iter()
             .flat_map(|t| t.places.iter().map(|p| p.position))
             .step_by(7)
             .collect();
-        let far =
-            feet.par_iter().map(|p| wood.iter().map(|t| off(*p, *t)).fold(f32::INFINITY, f32::min));
-        let mut far: Vec<f32> = far.collect();
+        let mut far: Vec<f32> = feet.par_iter().map(|p| from_wood(&wood, *p)).collect();
         far.sort_by(f32::total_cmp);
         let at = |share: f32| far[(share * (far.len() - 1) as f32) as usize];
         assert!(far.len() > 300, "{name}: {}", far.len());
@@ -682,18 +703,21 @@ fn leafy_twigs_hang_near_wood() {
                 for k in 0..3 {
                     let (a, b) = (corner[k], corner[(k + 1) % 3]);
                     let steps = (a.distance(b) / APART_M).ceil().max(1.0);
-                    wood.extend((0..steps as u32).map(|i| a.lerp(b, i as f32 / steps)));
+                    wood.extend(
+                        (0..steps as u32).map(|i| <[f32; 3]>::from(a.lerp(b, i as f32 / steps))),
+                    );
                 }
             }
         }
+        let wood = RTree::bulk_load(wood);
         // A folded card has six corners.
         let cards = tree.foliage.position.as_chunks::<6>().0.iter().step_by(4);
-        let mut gaps: Vec<f32> = cards
-            .map(|card| {
-                let each = card.iter().flat_map(|p| wood.iter().map(|w| w.distance_squared(*p)));
-                each.fold(f32::MAX, f32::min).sqrt()
-            })
-            .collect();
+        let gap = |p: &Vec3| {
+            let nearest = wood.nearest_neighbor((*p).into()).expect("wood");
+            p.distance(Vec3::from(*nearest))
+        };
+        let mut gaps: Vec<f32> =
+            cards.map(|card| card.iter().map(gap).fold(f32::MAX, f32::min)).collect();
         gaps.sort_by(f32::total_cmp);
         let half_m = gaps[gaps.len() / 2];
         assert!(half_m < most_m, "{name}: half the twigs are {half_m} m and more from wood");
@@ -779,7 +803,7 @@ fn leaves_get_fewer_as_a_tree_declines() {
     use crate::skeleton::decline::in_condition;
     use crate::species::state::{Condition, State};
     for name in ["larix_sibirica", "betula_pendula", "picea_abies", "pinus_sylvestris"] {
-        let (skeleton, species, atlas) = grown(name);
+        let (skeleton, species, atlas) = grown_to(name, Some(8.0));
         for level in [FoliageLevel::Geometry, FoliageLevel::Cards] {
             let area_sq_m = |condition| {
                 let s = in_condition(&skeleton, species.kind, condition, Seed::new(1));

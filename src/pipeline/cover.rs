@@ -380,9 +380,9 @@ mod tests {
     #[test]
     fn leaf_by_leaf_a_crown_covers_as_much_as_with_cards() {
         for name in ["larix_sibirica", "picea_obovata", "betula_pendula", "tilia_cordata"] {
-            let grown = Grown::new(name, Some(15.0), 20_000, 512);
+            let grown = Grown::new(name, Some(10.0), 20_000, 512);
             let cards = grown.mesh(20_000, FoliageLevel::Cards);
-            let whole = [500_000, 3_000_000].map(|n| grown.mesh(n, FoliageLevel::Geometry));
+            let whole = [300_000, 1_500_000].map(|n| grown.mesh(n, FoliageLevel::Geometry));
             assert!(whole.iter().all(|tree| tree.leaf_cover > 0.999));
             let wanted = Wanted::of(&grown.subject(), &cards, TEST_SIDES, TEST_SAMPLES).unwrap();
             let seen = wanted.seen(whole.to_vec()).unwrap();
