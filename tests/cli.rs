@@ -60,6 +60,23 @@ fn contents(dir: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 }
 
 #[test]
+fn a_crown_of_too_few_cards_is_told_thin() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("oak.glb");
+    let said = |triangles: &str| {
+        let args = ["tree", "quercus_robur", "--height", "45", "--texture", "64", "--triangles"];
+        let run = larix(&[&args[..], &[triangles, "-o", out.to_str().unwrap()]].concat());
+        assert!(run.status.success(), "{}", text(&run.stderr));
+        text(&run.stderr)
+    };
+    let few = said("500");
+    assert!(few.contains("warning: cards of "), "{few}");
+    assert!(few.contains(" % of what the species' leaves do; give about "), "{few}");
+    let enough = said("20000");
+    assert!(!enough.contains("cards of "), "{enough}");
+}
+
+#[test]
 fn demo_is_whole_and_the_same_on_one_thread_and_two() {
     let dir = tempfile::tempdir().unwrap();
     let run = |name: &str, threads: &str| {

@@ -409,7 +409,7 @@ pub struct SceneArgs {
     /// How near the terrain's triangles keep to its heights, in metres.
     #[arg(long, value_name = "M", default_value = "0.05", allow_negative_numbers = true, value_parser = above_zero::<f32>("metres"))]
     pub terrain_error: f32,
-    /// Side of the tree textures in pixels; 0 for none: bark and leaves in a colour each.
+    /// Side of the tree textures in pixels, 64 to 4096; 0 for none: bark and leaves in a colour each.
     #[arg(long, value_name = "PX", default_value_t = 512, allow_negative_numbers = true, value_parser = texture_px)]
     pub texture: u32,
     /// Heights of the bark, too, for those who displace: pictures in `textures` beside the scene.
@@ -552,7 +552,7 @@ pub struct Tree {
     /// Most triangles, 200 to 40000000; 20000 where absent, 1000000 with --foliage geometry.
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(200..=40_000_000))]
     pub triangles: Option<u32>,
-    /// Side of the textures in pixels; 0 for none: bark and leaves in a colour each.
+    /// Side of the textures in pixels, 64 to 4096; 0 for none: bark and leaves in a colour each.
     #[arg(long, value_name = "PX", default_value_t = 1024, allow_negative_numbers = true, value_parser = texture_px)]
     pub texture: u32,
     /// Heights of the bark, too, for those who displace: pictures in `textures` beside the scene.

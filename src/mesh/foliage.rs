@@ -14,10 +14,11 @@ use std::array;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::card::{self, Shape};
+use super::card::Shape;
+use super::cards::{Cards, coverage, usual_picture_m};
 use super::leaf::{StandIn, Twig, USUAL_CARDS};
-use super::piece::{Piece, fill};
-use super::spot::{Hull, Pose, Spot, spots, stance, thinned};
+use super::piece::{Piece, Room, fill};
+use super::spot::{Hull, Pose, Spot, spots, thinned};
 use super::twigs::Twigs;
 use super::wind::Wind;
 use super::{MeshOptions, Surface, TwigsAs, form, shell, stalk, stamp};
@@ -61,10 +62,6 @@ const AFLOAT: f32 = 0.2;
 
 /// A card hangs in the air whose foot is more of its length away from where it leaves wood.
 const GAP: f32 = 0.3;
-
-/// Radius of a bare twig's stalk over that of its shoot, at most. Where leaves hide the rest of a stalk, it is as
-/// thick as the shoots that it stands for.
-const STOUTEST_BARE: f32 = 1.5;
 
 /// Cards that keep near wood hide one another: share of what is lost so, by the inverse of how evenly they
 /// count, that they are larger in area.
@@ -120,8 +117,14 @@ pub struct Order<'a> {
     pub seed: Seed,
 }
 
+impl Order<'_> {
+    fn triangles(&self) -> usize {
+        self.budget.unwrap_or(MOST_TRIANGLES).min(MOST_TRIANGLES)
+    }
+}
+
 /// Foliage, how much larger than in nature its twigs are (0 where there are none), and what it
-/// hides over what the species' leaves do, where each stands for itself (1 elsewhere).
+/// hides over what the species' leaves do, as far as that is known (1 elsewhere).
 #[derive(Debug, PartialEq)]
 pub struct Foliage {
     pub surface: Surface,
@@ -151,7 +154,7 @@ impl Default for Foliage {
 /// # Errors
 /// A model of the user's that alone exceeds the budget.
 pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
-    let Order { species, atlas, level, seed, .. } = *order;
+    let Order { species, level, seed, .. } = *order;
     let f = &species.foliage;
     if level == FoliageLevel::None {
         return Ok(Foliage::default());
@@ -171,33 +174,143 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
             return Ok(Foliage::default());
         }
     }
-    let budget = order.budget.unwrap_or(MOST_TRIANGLES).min(MOST_TRIANGLES);
     // Bare twigs hide nothing.
     if level == FoliageLevel::Shell && !f.is_bare() {
         let margin_m = 0.5 * f.twig_length_m.min(hull.half.max_element());
-        let most = budget.min(MOST_SHELL);
+        let most = order.triangles().min(MOST_SHELL);
         let mut surface = shell::shell(&spots, &hull, margin_m, most);
         if let Some(wind) = order.wind {
             wind.whole_tree(&mut surface);
         }
         return Ok(Foliage { surface, is_hull: true, ..Foliage::default() });
     }
+    let Plan { shape, twig, is_instanced, room, most, enlarge, usual_m, cover } =
+        plan(order, f, &hull, spots.len())?;
+    let model = species.own_model.as_deref();
+    let keeps_tips = twig.is_some() || hull.young > 0.0;
+    let hold = |s: &Spot, reach_m: f32| {
+        if order.is_meshed.get(s.node() as usize) != Some(&false) {
+            return 1.0;
+        }
+        let away_m = hangs_from(skeleton, order, s).distance(s.at);
+        (reach_m / away_m.max(reach_m)).powi(2).max(AFLOAT)
+    };
+    let (mut kept, evenness) =
+        thinned(spots, &hull, most, enlarge, f.twig_length_m, keeps_tips, hold);
+    let clumped = evenness.map(|even| (1.0 + CLUMPED * (even.recip() - 1.0)).sqrt());
+    let is_cards = twig.is_none() && model.is_none();
+    let larger: [f32; HEIGHTS] =
+        array::from_fn(|k| order.larger[k] * if is_cards { clumped[k] } else { 1.0 });
+    let larger_at = |s: &Spot| {
+        let height = at_heights(hull.share(s.at.z));
+        height.iter().zip(larger).map(|(share, larger)| share * larger).sum::<f32>()
+    };
+    // Fewer twigs rather than smaller ones than the species'.
+    kept.retain(|s| {
+        let size = enlarge * larger_at(s);
+        size >= 1.0 || seed.derive("kept", s.key).draws().unit() < size * size
+    });
+    if kept.is_empty() {
+        let cover = if twig.is_some() { 0.0 } else { 1.0 };
+        return Ok(Foliage { cover, ..Foliage::default() });
+    }
+    let mut afloat = Vec::new();
+    if is_cards && order.stalks == Stalks::Afloat {
+        // However a card is moved as far as it is longer than a twig.
+        let floats = |s: &Spot| {
+            let away_m = hangs_from(skeleton, order, s).distance(s.at);
+            let size_m = |enlarge: f32| hull.twig_m(s.at, f.twig_length_m, enlarge);
+            away_m > 0.0 && away_m > size_m(enlarge) * larger_at(s) * (1.0 + GAP) - size_m(1.0)
+        };
+        let stalks = kept.iter().filter(|s| floats(s)).count() * stalk::ROOM.triangles;
+        let over = (kept.len() * room.triangles + stalks).saturating_sub(order.triangles());
+        leave_out(&mut kept, over.div_ceil(room.triangles));
+        afloat = (0..kept.len()).filter(|&k| floats(&kept[k])).collect();
+    }
+    let wind = order.wind.map(|wind| (wind, kept.as_slice()));
+    let cards = seed.stage("card");
+    let stand = |k: usize| {
+        let mut draws = cards.seed(kept[k].key).draws();
+        let larger = larger_at(&kept[k]).max(enlarge.recip());
+        let mut pose = Pose::of(
+            &kept[k],
+            hangs_from(skeleton, order, &kept[k]),
+            f,
+            &hull,
+            [enlarge, larger],
+            &mut draws,
+        );
+        if twig.is_some() || model.is_some() {
+            pose.begin_on_shoot();
+        }
+        (pose, draws)
+    };
+    if is_instanced {
+        let poses: Vec<Pose> = (0..kept.len()).into_par_iter().map(|k| stand(k).0).collect();
+        let forms = (order.triangles() / room.triangles.max(1)).min(MOST_FORMS);
+        let twigs = match (model, &twig) {
+            (Some(model), _) => vec![stamp::gather(model, f.twig_length_m.max(1e-3), &poses)],
+            (None, Some(twig)) => form::gather(twig, &poses, forms, seed),
+            (None, None) => Vec::new(),
+        };
+        return Ok(Foliage { twigs, twig_scale: enlarge, cover, ..Foliage::default() });
+    }
+    let surface = match (model, &twig) {
+        (Some(model), _) => {
+            let emit = |k, out: &mut Piece| stamp::emit(model, &stand(k).0, stamp::BENT, out);
+            fill(kept.len(), room, emit, wind)
+        }
+        (None, Some(twig)) => {
+            let poses: Vec<Pose> = (0..kept.len()).into_par_iter().map(|k| stand(k).0).collect();
+            form::set(twig, &poses, seed, wind)
+        }
+        (None, None) => {
+            let cards = Cards { skeleton, order, kept: &kept, shape, usual_m };
+            let mut surface = cards.surface(room, &stand);
+            if !afloat.is_empty() {
+                surface.append(cards.hung(&afloat, &stand));
+            }
+            surface
+        }
+    };
+    let stand_in = twig.as_ref().map(Twig::stands_in);
+    Ok(Foliage { surface, twig_scale: enlarge, cover, stand_in, ..Foliage::default() })
+}
+
+/// What stands for the leaves, how many of it and how large.
+struct Plan<'a> {
+    shape: Shape,
+    /// Where every leaf stands for itself.
+    twig: Option<Twig<'a>>,
+    is_instanced: bool,
+    /// Of one of them.
+    room: Room,
+    most: usize,
+    enlarge: f32,
+    /// The size for which the pictures of most cards are.
+    usual_m: f32,
+    /// What they hide over what the species' leaves do.
+    cover: f32,
+}
+
+/// The plan for a crown of `all` places, whose leaves are `f`.
+///
+/// # Errors
+/// A model of the user's, or a twig that is stored once, that alone exceeds the budget.
+fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result<Plan<'a>> {
+    let Order { species, atlas, level, .. } = *order;
+    let share = order.share.clamp(0.0, 1.0);
+    let budget = order.triangles();
     let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);
-    let all = spots.len();
-    let enough =
-        |shape: Shape, coverage: f32| enough(&hull, f, shape.shown() * coverage, all, share);
+    // Leaf by leaf a small tree has all its twigs: no less than they hide.
+    let least_sq_m = least_sq_m(f, atlas, all);
+    let enough = |shape: Shape, coverage: f32| {
+        let shown = shape.shown() * coverage;
+        enough(hull, f, shown, all, share).max(least_sq_m / card_sq_m(f, shown))
+    };
     // Cards of twigs' own size that hide as much as all leaves do.
     let covered = covered_by_twigs(atlas, f);
-    // Leaf by leaf a young tree has all its twigs: no fewer cards than hide as much.
-    let young = hull.young;
-    let least_sq_m = match young > 0.0 && !f.is_bare() {
-        true => young * all.min(USUAL_CARDS) as f32 * Twig::counts_sq_m(f, atlas),
-        false => 0.0,
-    };
-    let of_cards = |shape: Shape| {
-        let least = least_sq_m / card_sq_m(f, shape.shown() * covered);
-        all.min(enough(shape, covered).max(least).ceil() as usize)
-    };
+    let of_cards = |shape: Shape| all.min(enough(shape, covered).ceil() as usize);
     // Where there are triangles for all of them, folded ones.
     let folded = Shape::of(f.shape, false);
     let has_stalks = order.stalks == Stalks::All;
@@ -215,14 +328,14 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     let model = species.own_model.as_deref();
     let is_leaf_by_leaf = level == FoliageLevel::Geometry && !species.has_own_leaves();
     // As many of a model as hide what the species' leaves do.
-    let of_models = model.map(|m| self::enough(&hull, f, m.shown(), all, share).max(1.0));
+    let of_models = model.map(|m| self::enough(hull, f, m.shown(), all, share).max(1.0));
     // Then the budget is for the forms alone.
     let is_instanced = order.twigs == TwigsAs::Instanced && (is_leaf_by_leaf || model.is_some());
     let stored = budget;
     let budget = if is_instanced { usize::MAX } else { budget };
     let mut twig = is_leaf_by_leaf.then(|| {
         let leaves_sq_m = share * f.cover.clamp(0.0, 1.0) * hull.area_sq_m();
-        Twig::new(f, atlas, spots.len(), leaves_sq_m, budget)
+        Twig::new(f, atlas, all, leaves_sq_m, budget)
     });
     let room = match (model, &twig) {
         (Some(model), _) => stamp::room(model),
@@ -268,144 +381,14 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     if let Some(twig) = &mut twig {
         twig.grow(enlarge);
     }
-    let keeps_tips = twig.is_some() || young > 0.0;
-    let hold = |s: &Spot, reach_m: f32| {
-        if order.is_meshed.get(s.node() as usize) != Some(&false) {
-            return 1.0;
-        }
-        let away_m = hangs_from(skeleton, order, s).distance(s.at);
-        (reach_m / away_m.max(reach_m)).powi(2).max(AFLOAT)
-    };
-    let (mut kept, evenness) =
-        thinned(spots, &hull, most, enlarge, f.twig_length_m, keeps_tips, hold);
-    let clumped = evenness.map(|even| (1.0 + CLUMPED * (even.recip() - 1.0)).sqrt());
-    let is_cards = twig.is_none() && model.is_none();
-    let larger: [f32; HEIGHTS] =
-        array::from_fn(|k| order.larger[k] * if is_cards { clumped[k] } else { 1.0 });
-    let larger_at = |s: &Spot| {
-        let height = at_heights(hull.share(s.at.z));
-        height.iter().zip(larger).map(|(share, larger)| share * larger).sum::<f32>()
-    };
-    // Fewer twigs rather than smaller ones than the species'.
-    kept.retain(|s| {
-        let size = enlarge * larger_at(s);
-        size >= 1.0 || seed.derive("kept", s.key).draws().unit() < size * size
-    });
-    if kept.is_empty() {
-        let cover = if twig.is_some() { 0.0 } else { 1.0 };
-        return Ok(Foliage { cover, ..Foliage::default() });
-    }
+    let hides = |needed: f32| (all.min(most) as f32 * enlarge.powi(2) / needed).min(1.0);
     let cover = match (&twig, of_models) {
         (Some(twig), _) => twig.cover,
-        (None, Some(needed)) => (kept.len() as f32 * enlarge.powi(2) / needed).min(1.0),
-        (None, None) => 1.0,
+        (None, Some(needed)) => hides(needed),
+        (None, None) if is_sparse || f.is_bare() => 1.0,
+        (None, None) => hides(enough(shape, coverage(atlas, atlas.nearest(usual_m)))),
     };
-    let mut afloat = Vec::new();
-    if is_cards && order.stalks == Stalks::Afloat {
-        // However a card is moved as far as it is longer than a twig.
-        let floats = |s: &Spot| {
-            let away_m = hangs_from(skeleton, order, s).distance(s.at);
-            let size_m = |enlarge: f32| hull.twig_m(s.at, f.twig_length_m, enlarge);
-            away_m > 0.0 && away_m > size_m(enlarge) * larger_at(s) * (1.0 + GAP) - size_m(1.0)
-        };
-        let stalks = kept.iter().filter(|s| floats(s)).count() * stalk::ROOM.triangles;
-        let over = (kept.len() * room.triangles + stalks).saturating_sub(budget);
-        leave_out(&mut kept, over.div_ceil(room.triangles));
-        afloat = (0..kept.len()).filter(|&k| floats(&kept[k])).collect();
-    }
-    let outlines = atlas.outlines(shape.rows());
-    let fold = stance(f.shape).fold;
-    let wind = order.wind.map(|wind| (wind, kept.as_slice()));
-    let cards = seed.stage("card");
-    let stand = |k: usize| {
-        let mut draws = cards.seed(kept[k].key).draws();
-        let larger = larger_at(&kept[k]).max(enlarge.recip());
-        let mut pose = Pose::of(
-            &kept[k],
-            hangs_from(skeleton, order, &kept[k]),
-            f,
-            &hull,
-            [enlarge, larger],
-            &mut draws,
-        );
-        if twig.is_some() || model.is_some() {
-            pose.begin_on_shoot();
-        }
-        (pose, draws)
-    };
-    if is_instanced {
-        let poses: Vec<Pose> = (0..kept.len()).into_par_iter().map(|k| stand(k).0).collect();
-        let forms = (stored / room.triangles.max(1)).min(MOST_FORMS);
-        let twigs = match (model, &twig) {
-            (Some(model), _) => vec![stamp::gather(model, f.twig_length_m.max(1e-3), &poses)],
-            (None, Some(twig)) => form::gather(twig, &poses, forms, seed),
-            (None, None) => Vec::new(),
-        };
-        return Ok(Foliage { twigs, twig_scale: enlarge, cover, ..Foliage::default() });
-    }
-    let surface = match (model, &twig) {
-        (Some(model), _) => {
-            let emit = |k, out: &mut Piece| stamp::emit(model, &stand(k).0, stamp::BENT, out);
-            fill(kept.len(), room, emit, wind)
-        }
-        (None, Some(twig)) => {
-            let poses: Vec<Pose> = (0..kept.len()).into_par_iter().map(|k| stand(k).0).collect();
-            form::set(twig, &poses, seed, wind)
-        }
-        (None, None) => {
-            // Found once: most cards take them.
-            let usual: Vec<usize> = atlas.nearest(usual_m).collect();
-            let card = |k| {
-                let (mut pose, draws) = stand(k);
-                pose.lift();
-                (pose, draws)
-            };
-            let mut feet = Vec::new();
-            if has_stalks {
-                let bases: Vec<Vec3> =
-                    (0..kept.len()).into_par_iter().map(|k| card(k).0.base).collect();
-                feet = stalk::feet(skeleton, order.is_meshed, &kept, &bases, STOUTEST_BARE);
-            }
-            let emit = |k, out: &mut Piece| {
-                let (pose, mut draws) = card(k);
-                // Pictures of one scale give way to those of the next little by little.
-                let [least, most] = if f.is_bare() { BLEND_BARE } else { BLEND };
-                let size_m = pose.size_m * draws.between(least, most).exp();
-                let like_usual = (LIKE_USUAL[0]..LIKE_USUAL[1]).contains(&(size_m / usual_m));
-                let takes_usual = like_usual && !f.is_bare();
-                let id = match takes_usual {
-                    true => usual[draws.index(usual.len())],
-                    false => {
-                        let cells = atlas.nearest(size_m);
-                        let pick = draws.index(cells.clone().count());
-                        cells.clone().nth(pick).unwrap_or(0)
-                    }
-                };
-                let fold = fold * draws.between(0.6, 1.3);
-                card::emit(&pose, shape, fold, &atlas.cells()[id], &outlines[id], out);
-                if let Some(foot) = feet.get(k) {
-                    stalk::emit(&pose, foot, atlas.wood(), out);
-                }
-            };
-            let mut surface = fill(kept.len(), room, emit, wind);
-            if !afloat.is_empty() {
-                let spots: Vec<Spot> = afloat.iter().map(|&k| kept[k]).collect();
-                let poses: Vec<Pose> = afloat.par_iter().map(|&k| card(k).0).collect();
-                let stalks = stalk::hung(
-                    skeleton,
-                    order.is_meshed,
-                    &spots,
-                    &poses,
-                    atlas.wood(),
-                    order.wind,
-                );
-                surface.append(stalks);
-            }
-            surface
-        }
-    };
-    let stand_in = twig.as_ref().map(Twig::stands_in);
-    Ok(Foliage { surface, twig_scale: enlarge, cover, stand_in, ..Foliage::default() })
+    Ok(Plan { shape, twig, is_instanced, room, most, enlarge, usual_m, cover })
 }
 
 /// Triangles that the cards of a leafy tree take though they may take `most`; `None` where that may be all of
@@ -430,7 +413,9 @@ pub fn taken_by_cards(
     let covered = covered_by_twigs(atlas, f);
     let share = options.leaf_share.clamp(0.0, 1.0);
     let taken = |shape: Shape| {
-        let cards = enough(&hull, f, shape.shown() * covered, usize::MAX, share);
+        let shown = shape.shown() * covered;
+        let cards = enough(&hull, f, shown, usize::MAX, share);
+        let cards = cards.max(least_sq_m(f, atlas, USUAL_CARDS) / card_sq_m(f, shown));
         shape.room().triangles * cards.ceil() as usize
     };
     let [fine, folded] = [true, false].map(|fine| Shape::of(f.shape, fine));
@@ -476,21 +461,6 @@ fn leaves_wood(skeleton: &Skeleton, is_meshed: &[bool], spot: &Spot) -> Vec3 {
     skeleton.position[at as usize]
 }
 
-/// Cards take the picture for one so much larger or smaller, natural logarithm; bare ones rather a fuller one.
-const BLEND: [f32; 2] = [-0.15, 0.15];
-const BLEND_BARE: [f32; 2] = [-0.15, 0.9];
-/// Most cards of a leafy tree have pictures of one scale, so that their leaves are of one size: those between
-/// so many times the size that it is for.
-const LIKE_USUAL: [f32; 2] = [0.5, 1.6];
-/// It is that for cards so much larger: leaves look too small rather than too large.
-const FULLER: f32 = 1.1;
-
-/// The size for which the pictures of most cards are, whose own size is `card_m`.
-fn usual_picture_m(atlas: &Atlas, card_m: f32) -> f32 {
-    let nearest = atlas.nearest(card_m * FULLER).next();
-    nearest.map_or(card_m, |id| atlas.cells()[id].size_m).max(1e-6)
-}
-
 /// How many cards as large as twigs cover as much of the crown's hull as the species' leaves do;
 /// `shown`: of a card's square. Of bare twigs, all.
 fn enough(hull: &Hull, f: &Leaves, shown: f32, all: usize, share: f32) -> f32 {
@@ -501,6 +471,11 @@ fn enough(hull: &Hull, f: &Leaves, shown: f32, all: usize, share: f32) -> f32 {
     cover * hull.area_sq_m() / card_sq_m(f, shown)
 }
 
+/// What the leaves of so many twigs count for that stand for themselves: the fewest that do.
+fn least_sq_m(f: &Leaves, atlas: &Atlas, all: usize) -> f32 {
+    if f.is_bare() { 0.0 } else { all.min(USUAL_CARDS) as f32 * Twig::counts_sq_m(f, atlas) }
+}
+
 /// What a card as large as a twig shows, `shown` of its square.
 fn card_sq_m(f: &Leaves, shown: f32) -> f32 {
     shown.max(0.03) * f.twig_length_m.max(1e-3).powi(2)
@@ -509,11 +484,4 @@ fn card_sq_m(f: &Leaves, shown: f32) -> f32 {
 /// Opaque share of the pictures for cards as large as twigs.
 fn covered_by_twigs(atlas: &Atlas, f: &Leaves) -> f32 {
     coverage(atlas, atlas.nearest(usual_picture_m(atlas, f.twig_length_m)))
-}
-
-/// Opaque share of cells, their mean.
-fn coverage(atlas: &Atlas, ids: impl Iterator<Item = usize>) -> f32 {
-    let (sum, count) =
-        ids.fold((0.0, 0.0f32), |(sum, n), id| (sum + atlas.cells()[id].coverage, n + 1.0));
-    sum / count.max(1.0)
 }

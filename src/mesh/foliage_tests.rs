@@ -382,6 +382,17 @@ fn a_user_s_model_stands_where_twigs_stand() {
     assert_eq!(error.message(), "the model twig.obj has 1 triangles, the crown 0");
 }
 
+/// Cards that may not be larger say what they hide of a crown; enough of them, all.
+#[test]
+fn too_few_cards_say_what_they_hide() {
+    let tree = grown_to("quercus_robur", Some(45.0));
+    let cover = [100, 400, 20_000].map(|budget| {
+        foliage(&tree.0, &order(&tree, FoliageLevel::Cards, Some(budget))).unwrap().cover
+    });
+    assert!(cover[0] < 0.5 && cover[0] < cover[1] && cover[1] < cover[2], "{cover:?}");
+    assert!(cover[2] > 0.9, "{cover:?}");
+}
+
 /// Stored once and set at their places, they are the crown that has every leaf.
 #[test]
 fn twigs_stored_once_make_the_crown_of_all_leaves() {

@@ -3,6 +3,7 @@
 
 mod blend;
 mod card;
+mod cards;
 mod chain;
 mod check;
 mod dry;
@@ -188,7 +189,7 @@ pub struct TreeMesh {
     pub sagitta_sides: u32,
     /// How much larger than in nature twigs are, to make up for those left out; 0 without any.
     pub twig_scale: f32,
-    /// What leaves hide over what the species' do, 0…1, where each is meshed for itself; 1 elsewhere.
+    /// What leaves hide over what the species' do, 0…1, as far as that is known; 1 elsewhere.
     pub leaf_cover: f32,
     /// How such leaves stand for all of them; `None` elsewhere.
     pub stand_in: Option<StandIn>,

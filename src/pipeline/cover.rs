@@ -380,9 +380,9 @@ mod tests {
     #[test]
     fn leaf_by_leaf_a_crown_covers_as_much_as_with_cards() {
         for name in ["larix_sibirica", "picea_obovata", "betula_pendula", "tilia_cordata"] {
-            let grown = Grown::new(name, Some(10.0), 20_000, 512);
+            let grown = Grown::new(name, Some(15.0), 20_000, 512);
             let cards = grown.mesh(20_000, FoliageLevel::Cards);
-            let whole = [300_000, 1_500_000].map(|n| grown.mesh(n, FoliageLevel::Geometry));
+            let whole = [500_000, 1_500_000].map(|n| grown.mesh(n, FoliageLevel::Geometry));
             assert!(whole.iter().all(|tree| tree.leaf_cover > 0.999));
             let wanted = Wanted::of(&grown.subject(), &cards, TEST_SIDES, TEST_SAMPLES).unwrap();
             let seen = wanted.seen(whole.to_vec()).unwrap();
@@ -404,6 +404,22 @@ mod tests {
             let covers = shares(&grown.subject(), &whole, cards.to_vec()).unwrap();
             println!("{name}: {covers:.3?}");
             assert!(covers.iter().all(|c| (0.8..1.15).contains(c)), "{name}: {covers:?}");
+        }
+    }
+
+    /// … so do those of trees that are not grown, within 15 %: leaf by leaf these have all their twigs.
+    #[test]
+    fn small_trees_of_cards_are_as_full() {
+        for name in ["larix_sibirica", "picea_obovata", "betula_pendula", "tilia_cordata"] {
+            for height_m in [4.0, 7.0] {
+                let mut grown = Grown::new(name, Some(height_m), 20_000, 512);
+                grown.species.foliage = grown.species.foliage_at(height_m);
+                let whole = grown.mesh(1_500_000, FoliageLevel::Geometry);
+                let cards = grown.mesh(20_000, FoliageLevel::Cards);
+                let cover = shares(&grown.subject(), &whole, vec![cards]).unwrap()[0];
+                println!("{name} {height_m}: {cover:.3}");
+                assert!((0.85..1.15).contains(&cover), "{name} {height_m}: {cover}");
+            }
         }
     }
 

@@ -76,9 +76,10 @@ fn rounded_up(number: f32) -> f32 {
 /// Share of what the species' leaves hide below which a crown is worth a warning.
 const THIN: f32 = 0.75;
 
-/// Warns where so few leaves, or models of the user's, stand for a crown that one sees through it.
+/// Warns where so few leaves, cards or models of the user's stand for a crown that one sees through it.
 pub fn thin<'a>(
     foliage: FoliageLevel,
+    has_models: bool,
     meshes: impl Iterator<Item = &'a TreeMesh>,
     warnings: &mut Vec<String>,
 ) {
@@ -96,11 +97,12 @@ pub fn thin<'a>(
     }
     let needed = mesh.triangles() as f32 / mesh.leaf_cover.max(1e-6);
     let (what, or) = match foliage {
-        FoliageLevel::Geometry => ("--foliage geometry: leaves", "take --foliage cards"),
-        _ => ("leaves by a model", "a model of fewer"),
+        FoliageLevel::Geometry => ("--foliage geometry: leaves", ", or take --foliage cards"),
+        _ if has_models => ("leaves by a model", ", or a model of fewer"),
+        _ => ("cards", ""),
     };
     warnings.push(format!(
-        "{what} of {} triangles hide {:.0} % of what the species' do; give about {} --triangles, or {or}",
+        "{what} of {} triangles hide {:.0} % of what the species' leaves do; give about {} --triangles{or}",
         mesh.foliage.triangles(),
         100.0 * mesh.leaf_cover,
         rounded_up(needed),

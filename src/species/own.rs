@@ -668,12 +668,14 @@ fn picture_beside(model: &Path, name: &str) -> Result<Picture> {
         Some(last) if !whole.is_file() && (last.is_file() || name.starts_with('-')) => last,
         _ => whole,
     };
-    read_picture(&file).map_err(|e| match (named_at(model, name), e.remedy_text()) {
-        (Some(place), Some(remedy)) => {
-            let remedy = format!("{place} names it: {remedy}");
-            e.remedy(remedy)
+    read_picture(&file, "give the path of a PNG or JPEG file").map_err(|e| {
+        match (named_at(model, name), e.remedy_text()) {
+            (Some(place), Some(remedy)) => {
+                let remedy = format!("{place} names it: {remedy}");
+                e.remedy(remedy)
+            }
+            _ => e,
         }
-        _ => e,
     })
 }
 
@@ -699,7 +701,7 @@ fn named_at(model: &Path, name: &str) -> Option<String> {
 /// # Errors
 /// A file that can't be read; no PNG or JPEG; no transparency, or nothing else.
 pub fn twig_picture(path: &Path) -> Result<Picture> {
-    let picture = read_picture(path)?;
+    let picture = read_picture(path, "give the path of a PNG file with alpha")?;
     let opaque = picture.data.iter().filter(|p| p[3] >= 128).count();
     let fail = |what: &str, remedy: &str| Err(Error::new(what).in_file(path).remedy(remedy));
     if opaque == 0 {
@@ -723,8 +725,9 @@ pub fn twig_picture(path: &Path) -> Result<Picture> {
     Ok(square)
 }
 
-fn read_picture(path: &Path) -> Result<Picture> {
-    let bytes = read(path, MAX_PICTURE_BYTES, "give the path of a PNG or JPEG file")?;
+/// `remedy`: for a file that can't be read.
+fn read_picture(path: &Path, remedy: &str) -> Result<Picture> {
+    let bytes = read(path, MAX_PICTURE_BYTES, remedy)?;
     let picture = Picture::from_bytes_within(&bytes, MAX_SIDE_PX).map_err(|e| e.in_file(path))?;
     if picture.data.is_empty() {
         return Err(Error::new("it has no pixels").in_file(path).remedy("give another picture"));

@@ -389,6 +389,8 @@ fn a_picture_is_made_square_on_its_foot() {
     assert_eq!((picture.width, picture.height), (6, 6));
     assert_eq!(picture.at(3, 5), [30, 90, 20, 255]);
     assert_eq!(picture.at(3, 1)[3], 0);
+    let error = twig_picture(Path::new("no.png")).unwrap_err();
+    assert_eq!(error.remedy_text(), Some("give the path of a PNG file with alpha"));
 }
 
 #[test]
