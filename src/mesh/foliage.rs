@@ -302,15 +302,20 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
     let share = order.share.clamp(0.0, 1.0);
     let budget = order.triangles();
     let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);
-    // Leaf by leaf a small tree has all its twigs: no less than they hide.
-    let least_sq_m = least_sq_m(f, atlas, all);
-    let enough = |shape: Shape, coverage: f32| {
-        let shown = shape.shown() * coverage;
-        enough(hull, f, shown, all, share).max(least_sq_m / card_sq_m(f, shown))
-    };
+    let enough =
+        |shape: Shape, coverage: f32| enough(hull, f, shape.shown() * coverage, all, share);
     // Cards of twigs' own size that hide as much as all leaves do.
     let covered = covered_by_twigs(atlas, f);
-    let of_cards = |shape: Shape| all.min(enough(shape, covered).ceil() as usize);
+    // Leaf by leaf a young tree has all its twigs: no fewer cards than hide as much.
+    let young = hull.young;
+    let least_sq_m = match young > 0.0 && !f.is_bare() {
+        true => young * all.min(USUAL_CARDS) as f32 * Twig::counts_sq_m(f, atlas),
+        false => 0.0,
+    };
+    let of_cards = |shape: Shape| {
+        let least = least_sq_m / card_sq_m(f, shape.shown() * covered);
+        all.min(enough(shape, covered).max(least).ceil() as usize)
+    };
     // Where there are triangles for all of them, folded ones.
     let folded = Shape::of(f.shape, false);
     let has_stalks = order.stalks == Stalks::All;
@@ -413,9 +418,7 @@ pub fn taken_by_cards(
     let covered = covered_by_twigs(atlas, f);
     let share = options.leaf_share.clamp(0.0, 1.0);
     let taken = |shape: Shape| {
-        let shown = shape.shown() * covered;
-        let cards = enough(&hull, f, shown, usize::MAX, share);
-        let cards = cards.max(least_sq_m(f, atlas, USUAL_CARDS) / card_sq_m(f, shown));
+        let cards = enough(&hull, f, shape.shown() * covered, usize::MAX, share);
         shape.room().triangles * cards.ceil() as usize
     };
     let [fine, folded] = [true, false].map(|fine| Shape::of(f.shape, fine));
@@ -469,11 +472,6 @@ fn enough(hull: &Hull, f: &Leaves, shown: f32, all: usize, share: f32) -> f32 {
     }
     let cover = share * f.kept.min(1.0) * f.cover.clamp(0.0, 1.0);
     cover * hull.area_sq_m() / card_sq_m(f, shown)
-}
-
-/// What the leaves of so many twigs count for that stand for themselves: the fewest that do.
-fn least_sq_m(f: &Leaves, atlas: &Atlas, all: usize) -> f32 {
-    if f.is_bare() { 0.0 } else { all.min(USUAL_CARDS) as f32 * Twig::counts_sq_m(f, atlas) }
 }
 
 /// What a card as large as a twig shows, `shown` of its square.
