@@ -74,6 +74,17 @@ fn a_crown_of_too_few_cards_is_told_thin() {
     assert!(few.contains(" % of what the species' leaves do; give about "), "{few}");
     let enough = said("25");
     assert!(!enough.contains("cards of "), "{enough}");
+    // A picture of the user's is on cards at every level.
+    let leaf = image::RgbaImage::from_fn(64, 64, |x, _| {
+        image::Rgba([60, 120, 40, if (16..48).contains(&x) { 255 } else { 0 }])
+    });
+    leaf.save(dir.path().join("leaf.png")).unwrap();
+    let rule = dir.path().join("own.toml");
+    fs::write(&rule, "extends = 'quercus_robur'\n[foliage]\npicture = 'leaf.png'\n").unwrap();
+    let args = ["tree", rule.to_str().unwrap(), "--height", "45", "--texture", "64"];
+    let more = ["--triangles", "5000", "--foliage", "geometry", "-o", out.to_str().unwrap()];
+    let own = text(&larix(&[&args[..], &more].concat()).stderr);
+    assert!(own.contains("warning: cards of "), "{own}");
 }
 
 #[test]

@@ -704,10 +704,9 @@ fn build_meshes(
         let is_bare = models.iter().any(|m| looks[m.species].foliage.is_bare());
         let what = if is_bare { "leaves, needles or buds" } else { "leaves or needles" };
         let outcome = told::leaves(finest.clone(), what, "", outcome);
-        let has_models = looks.iter().any(|look| look.own_model.is_some());
-        told::thin(job.foliage, has_models, finest.clone(), warnings);
         let of_model =
             || models.iter().filter(|m| textures[m.species].is_some()).zip(finest.clone());
+        told::thin(of_model().map(|(m, mesh)| (&looks[m.species], mesh)), warnings);
         for (k, species) in looks.iter().enumerate() {
             let its = of_model().filter(|(m, _)| m.species == k).map(|(_, mesh)| mesh);
             told::fruitless(species, job.foliage, its, warnings);

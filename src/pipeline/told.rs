@@ -78,13 +78,11 @@ const THIN: f32 = 0.75;
 
 /// Warns where so few leaves, cards or models of the user's stand for a crown that one sees through it.
 pub fn thin<'a>(
-    foliage: FoliageLevel,
-    has_models: bool,
-    meshes: impl Iterator<Item = &'a TreeMesh>,
+    meshes: impl Iterator<Item = (&'a Species, &'a TreeMesh)>,
     warnings: &mut Vec<String>,
 ) {
-    let thinnest = meshes.min_by(|a, b| a.leaf_cover.total_cmp(&b.leaf_cover));
-    let Some(mesh) = thinnest.filter(|m| m.leaf_cover < THIN) else {
+    let thinnest = meshes.min_by(|(_, a), (_, b)| a.leaf_cover.total_cmp(&b.leaf_cover));
+    let Some((species, mesh)) = thinnest.filter(|(_, mesh)| mesh.leaf_cover < THIN) else {
         return;
     };
     if mesh.leaf_cover == 0.0 {
@@ -96,10 +94,10 @@ pub fn thin<'a>(
         return;
     }
     let needed = mesh.triangles() as f32 / mesh.leaf_cover.max(1e-6);
-    let (what, or) = match foliage {
-        FoliageLevel::Geometry => ("--foliage geometry: leaves", ", or take --foliage cards"),
-        _ if has_models => ("leaves by a model", ", or a model of fewer"),
-        _ => ("cards", ""),
+    let (what, or) = match (mesh.stand_in, &species.own_model) {
+        (Some(_), _) => ("--foliage geometry: leaves", ", or take --foliage cards"),
+        (None, Some(_)) => ("leaves by a model", ", or a model of fewer"),
+        (None, None) => ("cards", ""),
     };
     warnings.push(format!(
         "{what} of {} triangles hide {:.0} % of what the species' leaves do; give about {} --triangles{or}",

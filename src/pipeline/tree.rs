@@ -260,8 +260,7 @@ fn stand(
             let instead = "; --twigs instance stores them in a few forms";
             let what = if species.foliage.is_bare() { "buds" } else { "leaves or needles" };
             let outcome = told::leaves(meshes.first().into_iter(), what, instead, outcome);
-            let has_model = species.own_model.is_some();
-            told::thin(job.foliage, has_model, meshes.first().into_iter(), warnings);
+            told::thin(meshes.first().map(|mesh| (species, mesh)).into_iter(), warnings);
             told::fruitless(species, job.foliage, meshes.first().into_iter(), warnings);
             Ok((meshes, outcome))
         })?;

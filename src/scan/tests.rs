@@ -773,12 +773,11 @@ fn damaged_scans_never_panic() {
             }
         };
         // Real scans take a hundred times as long to be read.
-        let is_large = bytes.len() > 100_000;
-        let cuts = if is_large { 12 } else { 40 };
+        let (cuts, flips) = if bytes.len() > 100_000 { (12, 40) } else { (40, 160) };
         for i in 0..cuts {
             try_bytes(&bytes[..bytes.len() * i / cuts]);
         }
-        for i in 0..if is_large { 40 } else { 160 } {
+        for i in 0..flips {
             let mut flipped = bytes.clone();
             // The headers and the tail, where sizes are, more often than the rest.
             let at = match i % 4 {

@@ -189,7 +189,7 @@ fn eye(place: &Place) -> Eye {
     Eye { at: over(middle), look: over(corner), fov_deg: 40.0 }
 }
 
-/// Times that every scene is made.
+/// Times that every scene is made, in full and quick.
 const ROUNDS: [usize; 2] = [2, 1];
 
 struct Run {
