@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use super::card::Shape;
 use super::cards::{Cards, coverage, usual_picture_m};
-use super::leaf::{StandIn, Twig, USUAL_CARDS};
+use super::leaf::{StandIn, Twig};
 use super::piece::{Piece, Room, fill};
 use super::spot::{Hull, Pose, Spot, spots, thinned};
 use super::twigs::Twigs;
@@ -306,12 +306,8 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
         |shape: Shape, coverage: f32| enough(hull, f, shape.shown() * coverage, all, share);
     // Cards of twigs' own size that hide as much as all leaves do.
     let covered = covered_by_twigs(atlas, f);
-    // Leaf by leaf a young tree has all its twigs: no fewer cards than hide as much.
-    let young = hull.young;
-    let least_sq_m = match young > 0.0 && !f.is_bare() {
-        true => young * all.min(USUAL_CARDS) as f32 * Twig::counts_sq_m(f, atlas),
-        false => 0.0,
-    };
+    let fewest = all.min(hull.fewest_twigs(share));
+    let least_sq_m = least_sq_m(f, atlas, fewest);
     let of_cards = |shape: Shape| {
         let least = least_sq_m / card_sq_m(f, shape.shown() * covered);
         all.min(enough(shape, covered).max(least).ceil() as usize)
@@ -340,7 +336,7 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
     let budget = if is_instanced { usize::MAX } else { budget };
     let mut twig = is_leaf_by_leaf.then(|| {
         let leaves_sq_m = share * f.cover.clamp(0.0, 1.0) * hull.area_sq_m();
-        Twig::new(f, atlas, all, leaves_sq_m, budget)
+        Twig::new(f, atlas, [fewest, all], leaves_sq_m, budget)
     });
     let room = match (model, &twig) {
         (Some(model), _) => stamp::room(model),
@@ -411,12 +407,12 @@ pub fn taken_by_cards(
         return None;
     }
     let hull = Hull::around(skeleton, &skeleton.bears_leaves(f.bearing_radius_m))?;
-    if hull.young > 0.0 {
-        return None;
-    }
     let f = &f.within(hull.longest_twig_m());
     let covered = covered_by_twigs(atlas, f);
     let share = options.leaf_share.clamp(0.0, 1.0);
+    if least_sq_m(f, atlas, hull.fewest_twigs(share)) > leaves_sq_m(&hull, f, share) {
+        return None;
+    }
     let taken = |shape: Shape| {
         let cards = enough(&hull, f, shape.shown() * covered, usize::MAX, share);
         shape.room().triangles * cards.ceil() as usize
@@ -470,8 +466,17 @@ fn enough(hull: &Hull, f: &Leaves, shown: f32, all: usize, share: f32) -> f32 {
     if f.is_bare() {
         return all as f32;
     }
-    let cover = share * f.kept.min(1.0) * f.cover.clamp(0.0, 1.0);
-    cover * hull.area_sq_m() / card_sq_m(f, shown)
+    leaves_sq_m(hull, f, share) / card_sq_m(f, shown)
+}
+
+/// Area of the cards, or of the leaves, that cover as much of the crown's hull as the species' leaves do.
+fn leaves_sq_m(hull: &Hull, f: &Leaves, share: f32) -> f32 {
+    share * f.kept.min(1.0) * f.cover.clamp(0.0, 1.0) * hull.area_sq_m()
+}
+
+/// What so many twigs hide leaf by leaf; bare ones hide nothing.
+fn least_sq_m(f: &Leaves, atlas: &Atlas, twigs: usize) -> f32 {
+    if f.is_bare() { 0.0 } else { twigs as f32 * Twig::counts_sq_m(f, atlas) }
 }
 
 /// What a card as large as a twig shows, `shown` of its square.

@@ -39,9 +39,6 @@ const MOST_ENLARGED: f32 = 2.4;
 const MOST_PLACES: f32 = 4_000.0;
 /// What leaves hide, mean over all directions, over their area.
 const SEEN: f32 = 0.6;
-/// Twigs of the species' size that there are at least, where there is room: the cards of a tree of
-/// 20,000 triangles.
-pub const USUAL_CARDS: usize = 3_200;
 /// Power of a twig's length, over the usual, by which its leaves are smaller.
 const YOUNG_LEAF: f32 = 0.75;
 /// Opening of a shoot's last leaf over that of the others.
@@ -146,12 +143,12 @@ pub struct StandIn {
 }
 
 impl<'a> Twig<'a> {
-    /// Twigs for a tree that has room for `spots` of them, whose leaves are so large together in summer,
-    /// where it may spend `budget` triangles. Bare ones all stand.
+    /// Twigs for a tree that has room for `spots` of them and `fewest` at least, whose leaves are so large
+    /// together in summer, where it may spend `budget` triangles. Bare ones all stand.
     pub fn new(
         foliage: &'a Foliage,
         atlas: &'a Atlas,
-        spots: usize,
+        [fewest, spots]: [usize; 2],
         leaves_sq_m: f32,
         budget: usize,
     ) -> Twig<'a> {
@@ -213,7 +210,7 @@ impl<'a> Twig<'a> {
         let needed = if foliage.is_bare() {
             spots as f32
         } else {
-            (SEEN * kept * leaves_sq_m / one_sq_m.max(1e-9)).max(spots.min(USUAL_CARDS) as f32)
+            (SEEN * kept * leaves_sq_m / one_sq_m.max(1e-9)).max(fewest as f32)
         };
         let enough = (needed.ceil() as usize).clamp(1, spots.max(1));
         let each = budget / enough;
@@ -258,7 +255,7 @@ impl<'a> Twig<'a> {
 
     /// What one twig of the species counts for of the leaves' area in summer.
     pub fn counts_sq_m(foliage: &'a Foliage, atlas: &'a Atlas) -> f32 {
-        Twig::new(foliage, atlas, 1, 0.0, usize::MAX).hides_sq_m() / SEEN
+        Twig::new(foliage, atlas, [1; 2], 0.0, usize::MAX).hides_sq_m() / SEEN
     }
 
     /// Widens leaves by up to a factor of their area until the twig hides so much; gives what it does.
@@ -739,7 +736,7 @@ mod tests {
         for name in ["corylus_avellana", "tilia_cordata", "sorbus_aucuparia"] {
             let species = load(name).unwrap();
             let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
-            let twig = Twig::new(&species.foliage, &atlas, 10, 1.0, usize::MAX);
+            let twig = Twig::new(&species.foliage, &atlas, [10; 2], 1.0, usize::MAX);
             let pose = Pose::measured(&species.foliage);
             let emit = |_, out: &mut Piece| twig.emit(&pose, &mut Seed::new(5).draws(), out);
             let s = fill(1, twig.room(), emit, None);
@@ -767,7 +764,7 @@ mod tests {
         for name in ["quercus_robur", "tilia_cordata", "populus_tremula", "salix_caprea"] {
             let species = load(name).unwrap();
             let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
-            let made = |budget| Twig::new(&species.foliage, &atlas, 10, 1e-6, budget);
+            let made = |budget| Twig::new(&species.foliage, &atlas, [10; 2], 1e-6, budget);
             let full = made(usize::MAX);
             let plain = made(10 * full.room().triangles - 1);
             assert_eq!(plain.build, Build::Light);
@@ -781,7 +778,7 @@ mod tests {
         for name in ["quercus_robur", "larix_sibirica", "picea_abies", "sorbus_aucuparia"] {
             let species = load(name).unwrap();
             let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
-            let made = |budget| Twig::new(&species.foliage, &atlas, 2_000, 150.0, budget);
+            let made = |budget| Twig::new(&species.foliage, &atlas, [2_000; 2], 150.0, budget);
             let whole = made(usize::MAX).stands_in().whole;
             let size = |budget| made(budget).stands_in().size;
             assert!(size(whole).iter().all(|s| *s < 1.05), "{name}: {:?}", size(whole));

@@ -79,6 +79,10 @@ const CLOTHED: f32 = 0.4;
 const APART: f32 = 0.6;
 const MOST_CLOTHING: u32 = 64;
 
+/// Twigs that trees of up to a height have at least; higher ones fewer by the square of that.
+const FEWEST_TWIGS: f32 = 3_200.0;
+const ALL_TWIGS_M: f32 = 2.0;
+
 impl Hull {
     /// Around the nodes at the ends of the shoots that bear leaves; `None` for none.
     pub fn around(skeleton: &Skeleton, bears: &[bool]) -> Option<Hull> {
@@ -120,6 +124,13 @@ impl Hull {
     /// The longest twig for which the crown has room.
     pub fn longest_twig_m(&self) -> f32 {
         MOST_OF_CROWN * self.half.max_element()
+    }
+
+    /// Twigs of the species' size that there are at least, where a crown has so many and bears a `share` of
+    /// its leaves: the smaller a tree, the more of its shoots are in the light.
+    pub fn fewest_twigs(&self, share: f32) -> usize {
+        let small = (ALL_TWIGS_M / self.apex.z.max(ALL_TWIGS_M)).powi(2);
+        (share * FEWEST_TWIGS * small) as usize
     }
 
     /// How much shorter a twig of a given length is, so that a spire narrows to its leader.

@@ -392,6 +392,26 @@ mod tests {
         }
     }
 
+    /// … and small trees, which have few twigs, within a fifth.
+    #[test]
+    fn small_trees_cover_as_much_leaf_by_leaf_as_with_cards() {
+        let mut off_by_more = Vec::new();
+        for name in ["larix_sibirica", "betula_pendula", "picea_abies", "salix_caprea"] {
+            for height_m in [2.0, 4.0, 7.0] {
+                let mut grown = Grown::new(name, Some(height_m), 20_000, 512);
+                grown.species.foliage = grown.species.foliage_at(height_m);
+                let whole = grown.mesh(1_000_000, FoliageLevel::Geometry);
+                let cards = grown.mesh(20_000, FoliageLevel::Cards);
+                let cover = shares(&grown.subject(), &whole, vec![cards]).unwrap()[0];
+                println!("{name} {height_m}: {cover:.3}");
+                if (cover - 1.0).abs() >= 0.2 {
+                    off_by_more.push((name, height_m, cover));
+                }
+            }
+        }
+        assert!(off_by_more.is_empty(), "{off_by_more:?}");
+    }
+
     /// Cards hide as much as the leaves of all twigs, also where there are triangles for more of them: no
     /// more than 15 % beyond, no less than a fifth short.
     #[test]
