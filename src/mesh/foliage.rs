@@ -50,7 +50,7 @@ const MOST_TRIANGLES: usize = 40_000_000;
 /// Cards of the sparse level, and triangles of a shell, at most.
 const MOST_SPARSE: usize = 600;
 const MOST_SHELL: usize = 400;
-/// How far models of the user's, folded cards and flat ones may grow to make up for those left out: a leaf so much
+/// How far models of the user's, cards with relief and flat ones may grow to make up for those left out: a leaf so much
 /// larger would be seen to be, but pictures of large cards show boughs.
 const MOST_ENLARGED_MODELS: f32 = 3.0;
 const MOST_ENLARGED_CARDS: f32 = 5.0;
@@ -103,7 +103,7 @@ pub struct Order<'a> {
     pub stalks: Stalks,
     /// Cards of more rows.
     pub detail: bool,
-    /// Cards of two triangles, so that there are more of them, where folded ones would not be all.
+    /// Cards of two triangles, so that there are more of them, where those with relief would not be all.
     pub is_flat: bool,
     pub twigs: TwigsAs,
     /// On the branches that are dead instead of those that live.
@@ -302,28 +302,27 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
     let share = order.share.clamp(0.0, 1.0);
     let budget = order.triangles();
     let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);
-    let enough =
-        |shape: Shape, coverage: f32| enough(hull, f, shape.shown() * coverage, all, share);
-    // Cards of twigs' own size that hide as much as all leaves do.
-    let covered = covered_by_twigs(atlas, f);
     let fewest = all.min(hull.fewest_twigs(share));
     let least_sq_m = least_sq_m(f, atlas, fewest);
-    let of_cards = |shape: Shape| {
-        let least = least_sq_m / card_sq_m(f, shape.shown() * covered);
-        all.min(enough(shape, covered).max(least).ceil() as usize)
+    let enough = |shape: Shape, coverage: f32| {
+        let shown = shape.shown() * coverage;
+        enough(hull, f, shown, all, share).max(least_sq_m / card_sq_m(f, shown))
     };
-    // Where there are triangles for all of them, folded ones.
-    let folded = Shape::of(f.shape, false);
+    // Cards of twigs' own size that hide as much as all leaves do.
+    let covered = covered_by_twigs(atlas, f);
+    let of_cards = |shape: Shape| all.min(enough(shape, covered).ceil() as usize);
+    // Where there are triangles for all of them, cards with relief.
+    let light = Shape::of(f, false);
     let has_stalks = order.stalks == Stalks::All;
-    let is_crowded = folded.room().triangles * of_cards(folded) > budget;
+    let is_crowded = light.room().triangles * of_cards(light) > budget;
     let is_flat = is_sparse || (order.is_flat || f.is_bare()) && is_crowded;
     // Finer cards where there are triangles for all of them; else rather more cards.
-    let fine = Shape::of(f.shape, true);
+    let fine = Shape::of(f, true);
     let is_fine = order.detail && !is_flat && fine.room().triangles * of_cards(fine) <= budget;
     let shape = match level {
         _ if is_flat => Shape::Flat,
         _ if is_fine => fine,
-        _ => folded,
+        _ => light,
     };
     // A picture of the user's has no leaves to tell apart.
     let model = species.own_model.as_deref();
@@ -417,9 +416,9 @@ pub fn taken_by_cards(
         let cards = enough(&hull, f, shape.shown() * covered, usize::MAX, share);
         shape.room().triangles * cards.ceil() as usize
     };
-    let [fine, folded] = [true, false].map(|fine| Shape::of(f.shape, fine));
+    let [fine, light] = [true, false].map(|fine| Shape::of(f, fine));
     let flat = (!options.has_near_cards()).then_some(Shape::Flat);
-    let shapes = options.detail.then_some(fine).into_iter().chain([folded]).chain(flat);
+    let shapes = options.detail.then_some(fine).into_iter().chain([light]).chain(flat);
     shapes.map(taken).find(|taken| *taken <= most)
 }
 

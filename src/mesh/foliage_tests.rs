@@ -287,9 +287,15 @@ fn a_young_tree_has_leaves_up_its_leader() {
 fn a_leader_stands() {
     for name in ["larix_sibirica", "picea_abies", "betula_pendula"] {
         let tree = grown(name);
-        let highest = |of: &[Vec3]| of.iter().copied().reduce(|a, b| if b.z > a.z { b } else { a });
+        let higher = |a: Vec3, b: Vec3| if b.z > a.z { b } else { a };
         let s = leaves(&tree, FoliageLevel::Cards, Some(20_000));
-        let way = highest(&s.position).unwrap() - highest(&tree.0.position).unwrap();
+        // A card ends in the middle of an edge.
+        let edges =
+            s.index.as_chunks::<3>().0.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+        let ends =
+            edges.map(|edge| edge.map(|i| s.position[i as usize])).map(|[a, b]| a.midpoint(b));
+        let stem = tree.0.position.iter().copied().reduce(higher).unwrap();
+        let way = ends.reduce(higher).unwrap() - stem;
         assert!(way.z > 1.5 * way.truncate().length(), "{name}: {way}");
     }
 }
@@ -626,11 +632,14 @@ fn no_card_of_a_large_tree_hangs_in_the_air() {
         [a.midpoint(b), tip]
     });
     let ways: Vec<[Vec3; 2]> = shoots.chain(of_stalks).collect();
-    for t in &cards {
-        let [a, b, c] = corners(t);
-        let size_m = a.distance(b).max(b.distance(c)).max(c.distance(a));
-        let away_m =
-            ways.iter().flat_map(|[p, q]| [a, b, c].map(|at| nearest(at, *p, *q).distance(at)));
+    // Of four faces each.
+    let (cards, rest) = cards.as_chunks::<4>();
+    assert!(rest.is_empty());
+    for card in cards {
+        let edges = card.iter().map(corners).flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]]);
+        let size_m = edges.clone().map(|[a, b]| a.distance(b)).fold(0.0, f32::max);
+        let near = |at: Vec3| ways.iter().map(move |[p, q]| nearest(at, *p, *q).distance(at));
+        let away_m = edges.flat_map(|[a, b]| near(a).chain(near(a.midpoint(b))));
         let away_m = away_m.fold(f32::INFINITY, f32::min);
         assert!(away_m < 0.7 * size_m, "{size_m} m long, {away_m} m away");
     }
@@ -721,14 +730,13 @@ fn leafy_twigs_hang_near_wood() {
             }
         }
         let wood = RTree::bulk_load(wood);
-        // A folded card has six corners.
-        let cards = tree.foliage.position.as_chunks::<6>().0.iter().step_by(4);
+        // Of five corners: the middle, then left and right of the foot and of the tip.
+        let cards = tree.foliage.position.as_chunks::<5>().0.iter().step_by(4);
         let gap = |p: &Vec3| {
             let nearest = wood.nearest_neighbor((*p).into()).expect("wood");
             p.distance(Vec3::from(*nearest))
         };
-        let mut gaps: Vec<f32> =
-            cards.map(|card| card.iter().map(gap).fold(f32::MAX, f32::min)).collect();
+        let mut gaps: Vec<f32> = cards.map(|card| gap(&card[1].midpoint(card[2]))).collect();
         gaps.sort_by(f32::total_cmp);
         let half_m = gaps[gaps.len() / 2];
         assert!(half_m < most_m, "{name}: half the twigs are {half_m} m and more from wood");
@@ -743,10 +751,10 @@ fn wood_has_what_cards_leave_over() {
         let detail = Detail { max_nodes: 30_000, attractor_spacing_m: None };
         let skeleton = grow(&species, target, detail, Seed::new(1)).unwrap();
         let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
-        let options = MeshOptions { triangle_budget: Some(60_000), ..MeshOptions::HERO };
+        let options = MeshOptions { triangle_budget: Some(80_000), ..MeshOptions::HERO };
         let tree = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
         let [wood, all] = [tree.wood_triangles(), tree.triangles()];
-        assert!(all <= 60_000 && wood > 32_000, "{name}: {wood} of {all}");
+        assert!(all <= 80_000 && wood > 42_000, "{name}: {wood} of {all}");
     }
 }
 

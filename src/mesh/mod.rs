@@ -384,7 +384,7 @@ pub enum Junctions {
 }
 
 impl MeshOptions {
-    /// Whether cards have two triangles each where folded ones would not be all.
+    /// Whether cards have two triangles each where those with relief would not be all.
     fn is_flat(&self) -> bool {
         let is_small = self.triangle_budget.is_some_and(|b| b < FLAT_BELOW);
         self.foliage == FoliageLevel::Sparse || self.foliage == FoliageLevel::Cards && is_small

@@ -59,7 +59,7 @@ mod tests {
             assert_eq!(look.id, own.id);
             let off = look.foliage.droop - own.droop_at(height_m);
             assert!(off.abs() <= 1.0 / 64.0, "{}, {height_m} m: {off}", own.id);
-            assert!(height_m < 13.0 || place == species, "{}, {height_m} m", own.id);
+            assert!(height_m < 17.0 || place == species, "{}, {height_m} m", own.id);
         }
     }
 }
