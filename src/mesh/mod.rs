@@ -444,14 +444,14 @@ impl MeshOptions {
     };
 }
 
-/// Share of a budget that the wood of a leafy tree may take, with leaves as geometry or folded cards,
+/// Share of a budget that the wood of a leafy tree may take, with leaves as geometry or cards in relief,
 /// with flat cards, and with bare twigs, which hide none of it.
 const WOOD_SHARE: f32 = 0.45;
 const WOOD_SHARE_FLAT: f32 = 0.24;
 const WOOD_SHARE_BARE: f32 = 0.55;
 /// Share of its leaves below which a crown shows its branches.
 const THIN: f32 = 0.5;
-/// A tree of fewer triangles has flat cards: twice as many keep its outline better than folded ones,
+/// A tree of fewer triangles has flat cards: twice as many keep its outline better than domed ones,
 /// and little of its wood shows from where it is seen.
 const FLAT_BELOW: usize = 12_000;
 
