@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use super::card::Shape;
 use super::cards::{Cards, coverage, usual_picture_m};
-use super::leaf::{StandIn, Twig};
+use super::leaf::{SEEN, StandIn, Twig};
 use super::piece::{Piece, Room, fill};
 use super::spot::{Hull, Pose, Spot, spots, thinned};
 use super::twigs::Twigs;
@@ -303,7 +303,7 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
     let budget = order.triangles();
     let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);
     let fewest = all.min(hull.fewest_twigs(share));
-    let least_sq_m = least_sq_m(f, atlas, fewest);
+    let least_sq_m = least_sq_m(hull, f, atlas, fewest, share);
     let enough = |shape: Shape, coverage: f32| {
         let shown = shape.shown() * coverage;
         enough(hull, f, shown, all, share).max(least_sq_m / card_sq_m(f, shown))
@@ -409,7 +409,7 @@ pub fn taken_by_cards(
     let f = &f.within(hull.longest_twig_m());
     let covered = covered_by_twigs(atlas, f);
     let share = options.leaf_share.clamp(0.0, 1.0);
-    if least_sq_m(f, atlas, hull.fewest_twigs(share)) > leaves_sq_m(&hull, f, share) {
+    if least_sq_m(&hull, f, atlas, hull.fewest_twigs(share), share) > 0.0 {
         return None;
     }
     let taken = |shape: Shape| {
@@ -473,9 +473,13 @@ fn leaves_sq_m(hull: &Hull, f: &Leaves, share: f32) -> f32 {
     share * f.kept.min(1.0) * f.cover.clamp(0.0, 1.0) * hull.area_sq_m()
 }
 
-/// What so many twigs hide leaf by leaf; bare ones hide nothing.
-fn least_sq_m(f: &Leaves, atlas: &Atlas, twigs: usize) -> f32 {
-    if f.is_bare() { 0.0 } else { twigs as f32 * Twig::counts_sq_m(f, atlas) }
+/// Leaves of so many twigs, where they are more than the species' own; bare ones hide nothing.
+fn least_sq_m(hull: &Hull, f: &Leaves, atlas: &Atlas, twigs: usize, share: f32) -> f32 {
+    let own_sq_m = leaves_sq_m(hull, f, share);
+    let of = |one_sq_m: f32| Some(twigs as f32 * one_sq_m).filter(|sq_m| *sq_m > own_sq_m);
+    // To measure a twig takes longer than a card's square, which it does not fill.
+    let is_needed = !f.is_bare() && of(f.twig_length_m.powi(2) / SEEN).is_some();
+    is_needed.then(|| of(Twig::counts_sq_m(f, atlas))).flatten().unwrap_or(0.0)
 }
 
 /// What a card as large as a twig shows, `shown` of its square.

@@ -38,7 +38,7 @@ const MOST_ENLARGED: f32 = 2.4;
 /// Places for needles or leaves on one shoot at most.
 const MOST_PLACES: f32 = 4_000.0;
 /// What leaves hide, mean over all directions, over their area.
-const SEEN: f32 = 0.6;
+pub const SEEN: f32 = 0.6;
 /// Power of a twig's length, over the usual, by which its leaves are smaller.
 const YOUNG_LEAF: f32 = 0.75;
 /// Opening of a shoot's last leaf over that of the others.
@@ -255,7 +255,10 @@ impl<'a> Twig<'a> {
 
     /// What one twig of the species counts for of the leaves' area in summer.
     pub fn counts_sq_m(foliage: &'a Foliage, atlas: &'a Atlas) -> f32 {
-        Twig::new(foliage, atlas, [1; 2], 0.0, usize::MAX).hides_sq_m() / SEEN
+        let f = foliage;
+        let measures = [f.twig_length_m, f.leaf_length_m, f.leaf_width_m, f.kept];
+        let twig = || Twig::new(f, atlas, [1; 2], 0.0, usize::MAX).hides_sq_m();
+        atlas.hidden_sq_m(measures, twig) / SEEN
     }
 
     /// Widens leaves by up to a factor of their area until the twig hides so much; gives what it does.

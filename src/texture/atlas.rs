@@ -1,6 +1,7 @@
 //! Where the twigs lie in a leaf picture: what a texture tells a mesh. No pixels, no triangles.
 
-use std::sync::OnceLock;
+use std::collections::BTreeMap;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use glam::Vec2;
 use serde::{Deserialize, Serialize};
@@ -154,10 +155,25 @@ fn area(rows: &[Row]) -> f32 {
     rows.windows(2).map(|w| 0.5 * (w[1].t - w[0].t) * (width(&w[0]) + width(&w[1]))).sum()
 }
 
-/// Outlines of some cells by the number of rows, found when first asked for: trees by the hundred share
-/// one picture. They follow from the cells, and tell no two atlases apart.
+/// What follows from cells, and tells no two atlases apart. It is found when first asked for: trees by
+/// the hundred share one picture.
 #[derive(Debug, Default)]
-struct Outlines([OnceLock<Vec<Vec<Row>>>; BANDS + 1]);
+struct Found<T>(T);
+
+impl<T: Default> Clone for Found<T> {
+    fn clone(&self) -> Self {
+        Found::default()
+    }
+}
+
+impl<T> PartialEq for Found<T> {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+/// Outlines of some cells by the number of rows.
+type Outlines = Found<[OnceLock<Vec<Vec<Row>>>; BANDS + 1]>;
 
 impl Outlines {
     fn of(&self, cells: &[Cell], count: usize) -> &[Vec<Row>] {
@@ -166,17 +182,8 @@ impl Outlines {
     }
 }
 
-impl Clone for Outlines {
-    fn clone(&self) -> Outlines {
-        Outlines::default()
-    }
-}
-
-impl PartialEq for Outlines {
-    fn eq(&self, _: &Outlines) -> bool {
-        true
-    }
-}
+/// What twigs of these leaves hide, by their measures.
+type Hidden = Found<Mutex<BTreeMap<[u32; 4], f32>>>;
 
 /// The twigs of one leaf picture, never empty.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -194,6 +201,8 @@ pub struct Atlas {
     outlines: Outlines,
     #[serde(skip)]
     leaf_outlines: Outlines,
+    #[serde(skip)]
+    hidden_sq_m: Hidden,
 }
 
 impl Atlas {
@@ -226,8 +235,8 @@ impl Atlas {
 
     fn with(cells: Vec<Cell>, leaves: Vec<Cell>, wood: Vec2, fill: Vec2) -> Self {
         let [outlines, leaf_outlines] = Default::default();
-        let (dry, is_plain) = (Vec::new(), false);
-        Atlas { cells, leaves, dry, wood, fill, is_plain, outlines, leaf_outlines }
+        let (dry, is_plain, hidden_sq_m) = (Vec::new(), false, Hidden::default());
+        Atlas { cells, leaves, dry, wood, fill, is_plain, outlines, leaf_outlines, hidden_sq_m }
     }
 
     /// With twigs of dry branches in the same picture.
@@ -252,7 +261,8 @@ impl Atlas {
 
     /// With a cell of its own for single leaves.
     fn with_leaf(self, leaf: Cell) -> Self {
-        Atlas { leaves: vec![leaf], leaf_outlines: Outlines::default(), ..self }
+        let (leaf_outlines, hidden_sq_m) = Default::default();
+        Atlas { leaves: vec![leaf], leaf_outlines, hidden_sq_m, ..self }
     }
 
     /// With the mean colour of the leaves at `fill`.
@@ -286,6 +296,18 @@ impl Atlas {
     /// [`Cell::outline`] of each of [`Atlas::cells`].
     pub fn outlines(&self, count: usize) -> &[Vec<Row>] {
         self.outlines.of(&self.cells, count)
+    }
+
+    /// What a twig of such measures hides, as `measure` finds the first time.
+    pub fn hidden_sq_m(&self, twig: [f32; 4], measure: impl FnOnce() -> f32) -> f32 {
+        let twig = twig.map(f32::to_bits);
+        let found = || self.hidden_sq_m.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = found().get(&twig).copied();
+        known.unwrap_or_else(|| {
+            let hidden_sq_m = measure();
+            found().insert(twig, hidden_sq_m);
+            hidden_sq_m
+        })
     }
 
     /// Ids of the cells whose scale is nearest to a card of `size_m`, by ratio; never empty.
