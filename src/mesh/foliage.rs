@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use super::card::Shape;
 use super::cards::{Cards, coverage, usual_picture_m};
-use super::leaf::{SEEN, StandIn, Twig};
+use super::leaf::{StandIn, Twig};
 use super::piece::{Piece, Room, fill};
 use super::spot::{Hull, Pose, Spot, spots, thinned};
 use super::twigs::Twigs;
@@ -476,10 +476,13 @@ fn leaves_sq_m(hull: &Hull, f: &Leaves, share: f32) -> f32 {
 /// Leaves of so many twigs, where they are more than the species' own; bare ones hide nothing.
 fn least_sq_m(hull: &Hull, f: &Leaves, atlas: &Atlas, twigs: usize, share: f32) -> f32 {
     let own_sq_m = leaves_sq_m(hull, f, share);
-    let of = |one_sq_m: f32| Some(twigs as f32 * one_sq_m).filter(|sq_m| *sq_m > own_sq_m);
-    // To measure a twig takes longer than a card's square, which it does not fill.
-    let is_needed = !f.is_bare() && of(f.twig_length_m.powi(2) / SEEN).is_some();
-    is_needed.then(|| of(Twig::counts_sq_m(f, atlas))).flatten().unwrap_or(0.0)
+    let of = |one_sq_m: f32| twigs as f32 * one_sq_m;
+    // It takes long to measure a twig.
+    if f.is_bare() || of(Twig::counts_at_most_sq_m(f)) <= own_sq_m {
+        return 0.0;
+    }
+    let sq_m = of(Twig::counts_sq_m(f, atlas));
+    if sq_m > own_sq_m { sq_m } else { 0.0 }
 }
 
 /// What a card as large as a twig shows, `shown` of its square.

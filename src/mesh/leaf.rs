@@ -38,7 +38,7 @@ const MOST_ENLARGED: f32 = 2.4;
 /// Places for needles or leaves on one shoot at most.
 const MOST_PLACES: f32 = 4_000.0;
 /// What leaves hide, mean over all directions, over their area.
-pub const SEEN: f32 = 0.6;
+const SEEN: f32 = 0.6;
 /// Power of a twig's length, over the usual, by which its leaves are smaller.
 const YOUNG_LEAF: f32 = 0.75;
 /// Opening of a shoot's last leaf over that of the others.
@@ -259,6 +259,11 @@ impl<'a> Twig<'a> {
         let measures = [f.twig_length_m, f.leaf_length_m, f.leaf_width_m, f.kept];
         let twig = || Twig::new(f, atlas, [1; 2], 0.0, usize::MAX).hides_sq_m();
         atlas.hidden_sq_m(measures, twig) / SEEN
+    }
+
+    /// No less than [`Twig::counts_sq_m`], without measuring one: it would fill a square with its leaves around it.
+    pub fn counts_at_most_sq_m(foliage: &Foliage) -> f32 {
+        (foliage.twig_length_m + 2.0 * foliage.leaf_length_m).powi(2) / SEEN
     }
 
     /// Widens leaves by up to a factor of their area until the twig hides so much; gives what it does.
@@ -733,6 +738,21 @@ impl Shoot {
 mod tests {
     use super::*;
     use crate::species::load;
+
+    /// Of any species, and where leaves are longer than their twig.
+    #[test]
+    fn no_twig_counts_for_more_than_its_square() {
+        for name in crate::species::builtin_names() {
+            let species = load(name).unwrap();
+            let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+            let own = &species.foliage;
+            let long = Foliage { leaf_length_m: 2.0 * own.twig_length_m, ..own.clone() };
+            for f in [own, &long] {
+                let [counts, most] = [Twig::counts_sq_m(f, &atlas), Twig::counts_at_most_sq_m(f)];
+                assert!(counts <= most, "{name}: {counts} of {most} m²");
+            }
+        }
+    }
 
     #[test]
     fn every_leafy_shoot_ends_in_a_leaf() {
