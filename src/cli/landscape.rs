@@ -8,7 +8,9 @@ use glam::Vec3;
 use serde_json::json;
 
 use super::args::{self, Ground};
-use super::commands::{Told, extension, method, place, stem, summary};
+use super::jobs::method;
+use super::paths::{extension, place, stem};
+use super::told::{Told, summary};
 use crate::diagnostic::{Error, Result};
 use crate::export::{self, Content, OutputFile, Staged};
 use crate::frame::Crs;

@@ -10,10 +10,13 @@ macro_rules! tell {
 
 mod args;
 mod commands;
+mod jobs;
 mod landscape;
+mod paths;
 mod progress;
 mod report;
 mod species;
+mod told;
 mod watch;
 
 use std::process::ExitCode;

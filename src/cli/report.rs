@@ -5,8 +5,10 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use super::commands::{Told, load_species, place};
+use super::jobs::load_species;
+use super::paths::place;
 use super::progress::Bar;
+use super::told::Told;
 use crate::diagnostic::{Error, Result};
 use crate::export::{self, OutputFile};
 use crate::pipeline::measure::{self, ReportJob};

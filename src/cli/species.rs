@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::args::{self, Cli, SpeciesCommand};
-use super::commands::{extension, place, print};
+use super::paths::{extension, place};
+use super::told::print;
 use super::watch;
 use crate::diagnostic::{Error, Result};
 use crate::export::{self, OutputFile};

@@ -10,8 +10,9 @@ use std::thread::sleep;
 use std::time::{Duration, Instant, SystemTime};
 
 use super::args::{Check, Cli};
-use super::commands::{extension, place, print};
+use super::paths::{extension, place};
 use super::species::{checked_json, checked_line, warn};
+use super::told::print;
 use crate::diagnostic::{self, Error, Result};
 use crate::export::{self, OutputFile};
 use crate::pipeline::rules::{self, Sound};
