@@ -1,5 +1,7 @@
 //! Names that every format takes: `[A-Za-z_][A-Za-z0-9_]*`.
 
+use any_ascii::any_ascii_char;
+
 /// Whether `name` may name a thing of a scene.
 pub fn is_identifier(name: &str) -> bool {
     !name.starts_with(|c: char| c.is_ascii_digit())
@@ -7,10 +9,23 @@ pub fn is_identifier(name: &str) -> bool {
         && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
 }
 
-/// The nearest legal name: other characters become `_`, and a leading digit gets one in front.
+/// The nearest legal name: letters of other scripts are written in Latin ones, other characters become `_`,
+/// and a leading digit gets one in front.
 pub fn identifier(text: &str) -> String {
-    let mut name: String =
-        text.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+    let mut name = String::with_capacity(text.len());
+    for c in text.chars() {
+        let latin = if c.is_ascii() { "" } else { any_ascii_char(c) };
+        match latin {
+            "" => name.push(if c.is_ascii_alphanumeric() { c } else { '_' }),
+            // Soft signs are no letters of their own.
+            _ => name.extend(
+                latin
+                    .chars()
+                    .filter(|c| *c != '\'')
+                    .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }),
+            ),
+        }
+    }
     if !name.starts_with(|c: char| !c.is_ascii_digit()) {
         name.insert(0, '_');
     }
@@ -27,6 +42,8 @@ mod tests {
         assert_eq!(identifier("Larix sibirica"), "Larix_sibirica");
         assert_eq!(identifier("3 pines"), "_3_pines");
         assert_eq!(identifier(""), "_");
+        assert_eq!(identifier("Ель сибирская"), "El_sibirskaya");
+        assert_eq!(identifier("Fougère — É, 樺"), "Fougere___E__Hua");
         assert!(!is_identifier("") && !is_identifier("3a") && !is_identifier("a b"));
         assert!(!is_identifier("ель"));
     }
