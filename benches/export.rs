@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use larix::export::{self, Format, Job, Pictures, Profile};
 use larix::mesh::{self, MeshOptions};
-use larix::pipeline::forest::mesh_options;
+use larix::pipeline::detail::mesh_options;
 use larix::pipeline::model::model_scene;
 use larix::scene::{Instance, TreeFacts, ValidScene};
 use larix::seed::Seed;

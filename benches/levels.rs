@@ -8,7 +8,7 @@ use std::time::Instant;
 use larix::lod::{Silhouettes, Views};
 use larix::mesh::{MeshOptions, TreeMesh};
 use larix::pipeline::cover::{self, Subject};
-use larix::pipeline::forest::{coarser, mesh_options};
+use larix::pipeline::detail::{coarser, mesh_options};
 use larix::pipeline::model::model_scene;
 use larix::render::capture::Sitter;
 use larix::seed::Seed;

@@ -271,7 +271,7 @@ fn terrain(a: &args::Terrain, run: &mut Recorder) -> Result<Told> {
     }
     if format.is_some() || a.terrain_error.is_some() {
         let error_m = a.terrain_error.unwrap_or(TERRAIN_ERROR_M);
-        let (scene, facets) = pipeline::forest::terrain_scene(frame, &terrain, error_m, run)?;
+        let (scene, facets) = pipeline::floor::terrain_scene(frame, &terrain, error_m, run)?;
         if let Some(format) = format {
             let stem = stem(&a.output);
             let formats = [format];

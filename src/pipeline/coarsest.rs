@@ -131,7 +131,7 @@ fn scheme(
 #[cfg(test)]
 mod tests {
     use super::super::cover;
-    use super::super::forest::{WoodJob, detail};
+    use super::super::detail::{WoodJob, detail};
     use super::super::levels::tests::tree_of;
     use super::super::levels::{SHARES, meshes};
     use super::*;

@@ -276,7 +276,7 @@ impl Wanted {
 
 #[cfg(test)]
 mod tests {
-    use super::super::forest::{WoodJob, detail};
+    use super::super::detail::{WoodJob, detail};
     use super::super::levels::{self, SHARES};
     use super::*;
     use crate::mesh::FoliageLevel;

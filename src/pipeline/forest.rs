@@ -1,20 +1,21 @@
 //! From trees to a scene: which trees share a model, one skeleton and mesh a model, textures,
 //! terrain with its photo, and everything in its place.
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
-use rstar::RTree;
-use rstar::primitives::GeomWithData;
 
+use super::budget::{Plan, off_budget, plans};
 use super::coarsest;
 use super::cover::Subject;
-use super::drape::drape;
+use super::detail::WoodJob;
 use super::fit;
+use super::floor::add_terrain;
 use super::hung::Hung;
 use super::levels::{self, LevelsJob};
 use super::light;
 use super::model::{Look, add_materials, prototype, tinted};
 use super::paint::{leaf_variants, paint, tell_no_variants};
+use super::skeletons::grow;
 use super::survey;
 use super::survey::{Survey, SurveyJob};
 use super::told;
@@ -22,26 +23,20 @@ use super::tolerance;
 use super::view::{self, Chosen, Clip, Eye};
 use crate::cache::Cache;
 use crate::diagnostic::Result;
-use crate::frame::Frame;
 use crate::lod::Kind;
 use crate::lod::collision::collision;
-use crate::mesh::{FoliageLevel, Junctions, MeshOptions, Surface, TreeMesh, crown_diameter_m};
+use crate::mesh::{FoliageLevel, MeshOptions, TreeMesh};
 use crate::raster::Picture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::report::{ErrorMeasure, Outcome, Recorder};
 use crate::scene::sharing::{Build, Model, share};
 use crate::scene::turn;
-use crate::scene::{
-    Alpha, Colorspace, Instance, LeftOut, Material, Part, Scene, Texture, TreeFacts, ValidScene,
-    identifier,
-};
-use crate::seed::Seed;
-use crate::skeleton::surroundings::{Neighbour, Surroundings};
-use crate::skeleton::{self, Detail, Skeleton, Target, decline};
+use crate::scene::{Instance, LeftOut, Scene, TreeFacts, ValidScene, identifier};
+use crate::skeleton::Skeleton;
 use crate::species::Species;
 use crate::species::state::State;
-use crate::terrain::{Facets, Terrain};
-use crate::texture::{self, TreeTextures};
+use crate::terrain::Facets;
+use crate::texture::TreeTextures;
 
 /// How many models the trees share.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -109,7 +104,7 @@ impl ForestJob {
     }
 
     /// What a camera chooses among is made, whether or not it is written beside.
-    fn forms(&self) -> LevelsJob {
+    pub(super) fn forms(&self) -> LevelsJob {
         match self.eye {
             None => self.levels,
             Some(_) => LevelsJob {
@@ -122,7 +117,7 @@ impl ForestJob {
 
     /// Triangles of the scene that models share out by their size; a camera does by distance when it
     /// chooses.
-    fn shared_by_size(&self) -> Option<usize> {
+    pub(super) fn shared_by_size(&self) -> Option<usize> {
         self.scene_triangles.filter(|_| self.eye.is_none())
     }
 
@@ -153,16 +148,8 @@ pub struct Forest {
     pub survey: Survey,
 }
 
-/// Side of the square that one repeat of the forest floor covers, metres.
-const FLOOR_TILE_M: f32 = 4.0;
 /// Most triangles of the terrain.
 const TERRAIN_TRIANGLES: usize = 120_000;
-/// Fewest triangles that a model with a crown of its own is given.
-const LEAST_TRIANGLES: usize = 200;
-/// Most that one in its coarsest form has.
-const MOST_COARSEST: usize = 80;
-/// Share of `--scene-triangles` below which it is told what holds trees back.
-const UNSPENT: f64 = 0.8;
 /// A shared model is widened or narrowed against its height by no more than this factor.
 const MOST_STRETCH: f32 = 1.5;
 
@@ -340,280 +327,6 @@ fn models(job: &ForestJob, survey: &Survey) -> Vec<Model> {
             share(&builds, n)
         }
     }
-}
-
-/// How a model is meshed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Plan {
-    /// At most.
-    triangles: usize,
-    /// Whether the roundness of its wood gives way to that.
-    is_rough: bool,
-    /// Two cones and a cylinder stand for it.
-    is_coarsest: bool,
-}
-
-impl Plan {
-    fn of(triangles: usize) -> Plan {
-        Plan { triangles, is_rough: false, is_coarsest: false }
-    }
-
-    const COARSEST: Plan = Plan { triangles: LEAST_TRIANGLES, is_rough: false, is_coarsest: true };
-}
-
-/// How each model is meshed by the triangles that are given.
-fn plans(job: &ForestJob, survey: &Survey, models: &[Model]) -> Vec<Plan> {
-    let Some(total) = job.shared_by_size() else {
-        return vec![Plan::of(job.triangles); models.len()];
-    };
-    let size = |m: &Model| {
-        let crown = &survey.trees[m.exemplar].crown;
-        (crown.height_m.max(crown.diameter_m), m.members.len())
-    };
-    let sizes: Vec<(f32, usize)> = models.iter().map(size).collect();
-    shared_out(&sizes, total, job.triangles.max(LEAST_TRIANGLES), job.forms().is_empty())
-}
-
-/// Triangles of a scene shared out among models by their size (and trees). Where each cannot have as
-/// many as a crown takes, as few of the smallest as it takes are in their coarsest form, if they
-/// may be.
-fn shared_out(
-    sizes: &[(f32, usize)],
-    total: usize,
-    most: usize,
-    may_be_coarsest: bool,
-) -> Vec<Plan> {
-    let mut small: Vec<usize> = (0..sizes.len()).collect();
-    small.sort_by(|&a, &b| sizes[a].0.total_cmp(&sizes[b].0));
-    let mut least: usize = sizes.iter().map(|s| s.1 * LEAST_TRIANGLES).sum();
-    let is_too_many = |&&k: &&usize| {
-        let is = may_be_coarsest && least > total;
-        least -= if is { sizes[k].1 * (LEAST_TRIANGLES - MOST_COARSEST) } else { 0 };
-        is
-    };
-    let coarsest = small.iter().take_while(is_too_many).count();
-    let (few, rest) = small.split_at(coarsest);
-    let held = few.iter().map(|&k| sizes[k].1 * MOST_COARSEST).sum();
-    let of: Vec<(f32, usize)> = rest.iter().map(|&k| sizes[k]).collect();
-    let given = view::shared_budget(&of, total.saturating_sub(held), [LEAST_TRIANGLES, most]);
-    let mut plans = vec![Plan::COARSEST; sizes.len()];
-    for (&k, triangles) in rest.iter().zip(given) {
-        plans[k] = Plan::of(triangles);
-    }
-    plans
-}
-
-/// What to say where all trees together take more triangles than they may, or leave many unspent as no model
-/// may have more.
-fn off_budget(
-    job: &ForestJob,
-    models: &[Model],
-    plans: &[Plan],
-    meshes: &[Vec<TreeMesh>],
-) -> Option<String> {
-    let total = job.shared_by_size()?;
-    let finest = meshes.iter().filter_map(|of_model| of_model.first());
-    let taken = models.iter().zip(finest).map(|(m, mesh)| m.members.len() * mesh.triangles());
-    let (taken, trees) =
-        (taken.sum::<usize>(), models.iter().map(|m| m.members.len()).sum::<usize>());
-    let told = format!("--scene-triangles {total}: {trees} trees take {taken}");
-    if taken > total {
-        let why = match job.forms().is_empty() {
-            true => "two cones and a cylinder are the coarsest form of any".into(),
-            false => format!("no finest form has fewer than about {LEAST_TRIANGLES}"),
-        };
-        return Some(format!("{told}, for {why}; give more, or fewer trees (--clip, --camera)"));
-    }
-    let most = job.triangles;
-    let is_held = !plans.is_empty() && plans.iter().all(|p| p.triangles >= most && !p.is_coarsest);
-    let is_unspent = is_held && (taken as f64) < UNSPENT * total as f64;
-    is_unspent.then(|| format!("{told}, as no model has more than {most}; give more --triangles"))
-}
-
-/// Skeletons of all models, and what each has lost of its width by its condition, metres.
-fn grow(
-    job: &ForestJob,
-    survey: &Survey,
-    models: &[Model],
-    plans: &[Plan],
-    run: &mut Recorder,
-) -> Result<(Vec<Skeleton>, Vec<f32>)> {
-    run.stage("skeleton", |_| {
-        let roots = RTree::bulk_load(
-            (0..survey.trees.len())
-                .map(|i| GeomWithData::new(survey.trees[i].crown.root.truncate().to_array(), i))
-                .collect(),
-        );
-        let widest_m = survey.trees.iter().map(|t| t.crown.diameter_m).fold(0.0, f32::max);
-        let grown: Vec<(Skeleton, f32)> = models
-            .par_iter()
-            .zip(plans)
-            .map(|(m, plan)| {
-                let seed = job.survey.seed.derive("tree", survey.trees[m.exemplar].crown.key);
-                let detail = job.wood.detail(plan.triangles, job.foliage);
-                let whole = grow_one(job, survey, &roots, widest_m, m, detail, seed)?;
-                let kind = job.survey.species[m.species].kind;
-                let left = decline::in_condition(&whole, kind, job.state.condition, seed);
-                let thin_m = job.survey.species[m.species].foliage.bearing_radius_m;
-                let shed_m = (crown_m(&whole, thin_m) - crown_m(&left, thin_m)).max(0.0);
-                Ok((left, shed_m))
-            })
-            .collect::<Result<_>>()?;
-        let (skeletons, shed_m): (Vec<_>, Vec<_>) = grown.into_iter().unzip();
-        let nodes = skeletons.iter().map(Skeleton::len).sum();
-        let attractors: usize =
-            models.iter().map(|m| survey.trees[m.exemplar].crown.attractors.len()).sum();
-        let mut outcome = Outcome::items(attractors, "attractors", nodes, "nodes");
-        let distances: Vec<(f64, usize)> = models
-            .par_iter()
-            .zip(&skeletons)
-            .map(|(m, s)| fill_distance(s, &survey.trees[m.exemplar].crown))
-            .collect();
-        let (sum, count) = distances.iter().fold((0.0, 0), |(s, n), d| (s + d.0, n + d.1));
-        if count > 0 {
-            let mean = sum / count as f64;
-            outcome = outcome.error(ErrorMeasure::new("crown point to wood, mean", mean, "m"));
-        }
-        Ok(((skeletons, shed_m), outcome))
-    })
-}
-
-/// Diameter of what bears leaves, or of all where nothing does.
-fn crown_m(skeleton: &Skeleton, bearing_radius_m: f32) -> f32 {
-    let bears = skeleton.bears_leaves(bearing_radius_m);
-    let bears_none = !bears.contains(&true);
-    let places = skeleton.position.iter().zip(bears).filter(|(_, bears)| *bears || bears_none);
-    crown_diameter_m(&places.map(|(p, _)| *p).collect::<Vec<_>>())
-}
-
-fn grow_one(
-    job: &ForestJob,
-    survey: &Survey,
-    roots: &Roots,
-    widest_m: f32,
-    model: &Model,
-    detail: Detail,
-    seed: Seed,
-) -> Result<Skeleton> {
-    let crown = &survey.trees[model.exemplar].crown;
-    let species = &job.survey.species[model.species];
-    let target = Target::FromCrown(crown);
-    // A model that several trees share stands in no one place.
-    if model.members.len() > 1 {
-        return skeleton::grow(species, target, detail, seed);
-    }
-    let ground = |p: Vec2| survey.terrain.height_at(p + crown.root.truncate()) - crown.root.z;
-    let around = Surroundings {
-        ground: Some(&ground),
-        neighbours: neighbours(survey, roots, widest_m, model.exemplar),
-        ..Surroundings::none()
-    };
-    skeleton::grow_among(species, target, detail, &around, seed)
-}
-
-/// Horizontal places of all roots, with the numbers of their trees.
-type Roots = RTree<GeomWithData<[f32; 2], usize>>;
-
-/// The trees whose crowns may touch that of tree `i`, in its own coordinates; `widest_m` is the
-/// greatest crown diameter of all.
-fn neighbours(survey: &Survey, roots: &Roots, widest_m: f32, i: usize) -> Vec<Neighbour> {
-    let own = &survey.trees[i].crown;
-    let reach_m = 0.5 * (own.diameter_m + widest_m);
-    let mut near: Vec<usize> = roots
-        .locate_within_distance(own.root.truncate().to_array(), reach_m * reach_m)
-        .map(|r| r.data)
-        .filter(|&k| k != i)
-        .collect();
-    near.sort_unstable();
-    near.into_iter()
-        .map(|k| &survey.trees[k].crown)
-        .filter(|c| c.root.truncate().distance(own.root.truncate()) > 0.1)
-        .map(|c| Neighbour {
-            root: c.root - own.root,
-            height_m: c.height_m,
-            crown_base_m: c.base_height_m,
-            crown_radius_m: 0.5 * c.diameter_m,
-        })
-        .collect()
-}
-
-/// Buttresses and finer rings are for trees that are seen from near.
-pub fn mesh_options(triangles: usize) -> MeshOptions {
-    let preset = if triangles < 10_000 { MeshOptions::FOREST } else { MeshOptions::HERO };
-    MeshOptions { triangle_budget: Some(triangles), ..preset }
-}
-
-/// How wood is meshed.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct WoodJob {
-    pub junctions: Junctions,
-    /// Triangles of a tree are the fewest whose silhouette is off by no more than this, RMS; as
-    /// many as there may be where `None`.
-    pub tolerance_m: Option<f32>,
-}
-
-impl WoodJob {
-    pub(super) fn options(&self, triangles: usize, foliage: FoliageLevel) -> MeshOptions {
-        let preset = mesh_options(triangles);
-        let tolerance_m = self.tolerance_m.unwrap_or(f32::INFINITY).min(preset.tolerance_m);
-        let sagitta_m = self.tolerance_m.unwrap_or(f32::INFINITY);
-        MeshOptions { foliage, tolerance_m, sagitta_m, junctions: self.junctions, ..preset }
-    }
-
-    /// That of a skeleton for at most so many triangles.
-    pub(super) fn detail(&self, triangles: usize, foliage: FoliageLevel) -> Detail {
-        match self.tolerance_m {
-            None => detail(triangles, foliage),
-            Some(_) => detail(tolerance::reference(triangles, foliage), foliage),
-        }
-    }
-}
-
-/// The same with fewer triangles.
-pub fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
-    let preset = mesh_options(triangles);
-    MeshOptions {
-        foliage: options.foliage.min(FoliageLevel::Cards),
-        triangle_budget: Some(triangles),
-        tolerance_m: options.tolerance_m.max(preset.tolerance_m),
-        sagitta_m: f32::INFINITY,
-        detail: options.detail && preset.detail,
-        ..*options
-    }
-}
-
-/// Nodes enough to use so many triangles well: about six a node, wood and leaves; more where every
-/// leaf is one. No fewer than it takes for twigs to be spread over the crown.
-pub(super) fn detail(triangles: usize, foliage: FoliageLevel) -> Detail {
-    const FEWEST_NODES: usize = 2_500;
-    let max_nodes = match foliage {
-        FoliageLevel::Geometry => (triangles / 60).clamp(2_000, 40_000),
-        _ => (triangles / 6).clamp(FEWEST_NODES, 100_000),
-    };
-    Detail { max_nodes: max_nodes as u32, attractor_spacing_m: None }
-}
-
-/// Triangles of cards for which as many nodes are grown as for these of `foliage`.
-pub(super) fn like_with_cards(triangles: usize, foliage: FoliageLevel) -> usize {
-    match foliage {
-        FoliageLevel::Geometry => (triangles / 10).min(240_000),
-        _ => triangles,
-    }
-}
-
-/// Sum of the distances from a crown's points to the nearest node, and their count.
-fn fill_distance(skeleton: &Skeleton, crown: &crate::crown::Crown) -> (f64, usize) {
-    let nodes: Vec<[f32; 3]> =
-        skeleton.position.iter().map(|p| (*p + crown.root).to_array()).collect();
-    let tree = RTree::bulk_load(nodes);
-    let sum = crown
-        .attractors
-        .iter()
-        .filter_map(|a| {
-            tree.nearest_neighbor(a.to_array()).map(|n| f64::from(a.distance(Vec3::from(*n))))
-        })
-        .sum();
-    (sum, crown.attractors.len())
 }
 
 /// Triangles of each model by the tolerance: that which was asked for, or what the camera can tell
@@ -855,71 +568,6 @@ fn assemble(
     Assembled { scene, materials, stretch }
 }
 
-fn add_terrain(scene: &mut Scene, terrain: &Terrain, facets: &Facets, survey: &Survey, seed: Seed) {
-    let mut surface = facets.surface();
-    let outlines: Vec<&[Vec2]> = survey.trees.iter().map(|t| &t.crown.outline[..]).collect();
-    let draped = survey.photo.as_ref().and_then(|p| drape(p, terrain, &outlines, seed));
-    let picture = draped.unwrap_or_else(|| tiled_floor(&mut surface, terrain, seed));
-    place_terrain(scene, surface, picture);
-}
-
-/// The bare forest floor in tiles over a surface.
-fn tiled_floor(surface: &mut Surface, terrain: &Terrain, seed: Seed) -> Picture {
-    let g = &terrain.heights.geometry;
-    let size = Vec2::new((g.east() - g.west) as f32, (g.north - g.south()) as f32);
-    for uv in &mut surface.uv {
-        *uv *= size / FLOOR_TILE_M;
-    }
-    texture::ground(512, seed)
-}
-
-fn place_terrain(scene: &mut Scene, surface: Surface, picture: Picture) {
-    scene.textures.push(Texture {
-        name: "terrain".into(),
-        image: picture.into(),
-        colorspace: Colorspace::Srgb,
-    });
-    scene.materials.push(Material {
-        name: "terrain".into(),
-        base_color: [1.0; 3],
-        base_color_texture: Some(scene.textures.len() as u32 - 1),
-        normal_texture: None,
-        orm_texture: None,
-        relief: None,
-        variants: Vec::new(),
-        roughness: 1.0,
-        specular: 1.0,
-        translucency: 0.0,
-        alpha: Alpha::Opaque,
-        double_sided: false,
-    });
-    let material = scene.materials.len() as u32 - 1;
-    scene.terrain = Some(Part { name: "terrain".into(), surface, material });
-}
-
-/// The terrain alone as a scene: triangles that keep every height within `error_m`, bare floor.
-///
-/// # Errors
-/// A scene that does not hold together.
-pub fn terrain_scene(
-    frame: Frame,
-    terrain: &Terrain,
-    error_m: f32,
-    run: &mut Recorder,
-) -> Result<(ValidScene, Facets)> {
-    run.stage("mesh", |_| {
-        let facets = terrain.facets(error_m, usize::MAX);
-        let mut scene = Scene::empty("terrain".into(), frame);
-        let mut surface = facets.surface();
-        let picture = tiled_floor(&mut surface, terrain, Seed::new(1));
-        place_terrain(&mut scene, surface, picture);
-        let cells = terrain.heights.data.len();
-        let outcome = Outcome::items(cells, "cells", facets.triangles(), "triangles");
-        let worst = ErrorMeasure::new("worst height", facets.worst_m.into(), "m");
-        Ok(((scene.validate()?, facets), outcome.error(worst)))
-    })
-}
-
 /// A bird's-eye picture of the whole scene.
 pub fn preview(scene: &ValidScene, [width, height]: [u32; 2]) -> Picture {
     let view = render::View::from(scene.as_scene());
@@ -929,37 +577,4 @@ pub fn preview(scene: &ValidScene, [width, height]: [u32; 2]) -> Picture {
     let options =
         RenderOptions { width, height, triangle_budget: TRIANGLES, ..RenderOptions::default() };
     render::picture(&view, &camera, &options)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_scene_s_triangles_suffice_for_the_smallest_in_their_coarsest_form() {
-        let sizes: Vec<(f32, usize)> = (0..40).map(|k| (3.0 + k as f32, 1 + k % 5)).collect();
-        let trees: usize = sizes.iter().map(|s| s.1).sum();
-        let taken = |plans: &[Plan]| -> usize {
-            let one = |p: &Plan| if p.is_coarsest { MOST_COARSEST } else { p.triangles };
-            plans.iter().zip(&sizes).map(|(p, s)| s.1 * one(p)).sum()
-        };
-        let coarsest = |plans: &[Plan]| plans.iter().filter(|p| p.is_coarsest).count();
-        let mut before = sizes.len();
-        for each in [80, 100, 150, 199, 200, 230, 2_000] {
-            let plans = shared_out(&sizes, each * trees, 5_000, true);
-            let is_spent = (each * trees - 5 * 120..=each * trees).contains(&taken(&plans));
-            assert!(is_spent, "{each}: {}", taken(&plans));
-            let few = coarsest(&plans);
-            assert!(plans[..few].iter().all(|p| p.is_coarsest), "the smallest");
-            assert!(few <= before && (few == 0) == (each >= 200), "{each}: {few} after {before}");
-            before = few;
-            // One less would be too many.
-            if few > 0 {
-                assert!(taken(&plans) + 120 * sizes[few - 1].1 > each * trees, "{each}");
-            }
-            assert_eq!(coarsest(&shared_out(&sizes, each * trees, 5_000, false)), 0);
-        }
-        assert_eq!(coarsest(&shared_out(&sizes, trees, 5_000, true)), sizes.len());
-        assert!(shared_out(&[], 1_000, 5_000, true).is_empty());
-    }
 }

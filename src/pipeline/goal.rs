@@ -16,7 +16,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::cover::Subject;
-use super::forest::{Forest, mesh_options, raise};
+use super::detail::mesh_options;
+use super::forest::{Forest, raise};
 use super::survey::{self, Survey};
 use super::{Effort, ForestJob, Sharing};
 use crate::diagnostic::{Error, Result};

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::coarsest;
 use super::cover::{self, Subject};
-use super::forest::coarser;
+use super::detail::coarser;
 use super::impostors::{self, Baked};
 use super::model::{Look, parts_of};
 use crate::cache::Cache;
@@ -339,7 +339,7 @@ fn overtaken(of: &[Row]) -> Vec<&Row> {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::super::forest::{WoodJob, detail};
+    use super::super::detail::{WoodJob, detail};
     use super::*;
     use crate::mesh::{FoliageLevel, Surface};
     use crate::raster::linear_from_srgb;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::forest::detail;
+use super::detail::detail;
 use crate::diagnostic::Result;
 use crate::mesh::FoliageLevel;
 use crate::seed::Seed;

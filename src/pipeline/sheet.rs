@@ -7,8 +7,8 @@
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
+use super::detail::{detail, mesh_options};
 use super::figure::{self, figure};
-use super::forest::{detail, mesh_options};
 use super::model::model_scene;
 use super::paint::paint;
 use crate::cache::Cache;

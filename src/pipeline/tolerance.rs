@@ -202,7 +202,7 @@ fn too_flat(worst_m: f32, sides: u32, asked_m: f32) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::forest::mesh_options;
+    use super::super::detail::mesh_options;
     use super::*;
     use crate::seed::Seed;
     use crate::skeleton::{self, Detail, Target};

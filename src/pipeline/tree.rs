@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec2, Vec3};
 
 use super::cover::Subject;
-use super::forest::{self, WoodJob};
+use super::detail::{self, WoodJob};
 use super::levels::{self, LevelsJob};
 use super::light;
 use super::model::{add_materials, prototype};
@@ -87,7 +87,7 @@ const INSTANCED: usize = 1_000_000;
 /// Triangles with which a tree with cards has the same branches as one whose twigs are stored once, in so
 /// many, and what they are.
 pub fn like_with_twigs_stored(triangles: usize, foliage: FoliageLevel) -> usize {
-    forest::like_with_cards(triangles.max(INSTANCED), foliage)
+    detail::like_with_cards(triangles.max(INSTANCED), foliage)
 }
 
 /// Rule file, and a scan if there is one, to a validated scene of one tree.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::super::WoodJob;
 use super::super::cover::Subject;
-use super::super::forest::mesh_options;
+use super::super::detail::mesh_options;
 use super::super::levels::{self, LevelsJob, bounds};
 use super::super::model::model_scene;
 use super::super::tree::{self, TreeJob};

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec2, Vec3};
 
 use super::super::super::cover::Subject;
-use super::super::super::forest::mesh_options;
+use super::super::super::detail::mesh_options;
 use super::super::super::levels::bounds;
 use super::super::super::model::model_scene;
 use super::unrefused;

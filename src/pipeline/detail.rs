@@ -1,0 +1,69 @@
+//! How finely trees are grown and meshed for their triangles.
+
+use super::tolerance;
+use crate::mesh::{FoliageLevel, Junctions, MeshOptions};
+use crate::skeleton::Detail;
+
+/// Buttresses and finer rings are for trees that are seen from near.
+pub fn mesh_options(triangles: usize) -> MeshOptions {
+    let preset = if triangles < 10_000 { MeshOptions::FOREST } else { MeshOptions::HERO };
+    MeshOptions { triangle_budget: Some(triangles), ..preset }
+}
+
+/// How wood is meshed.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct WoodJob {
+    pub junctions: Junctions,
+    /// Triangles of a tree are the fewest whose silhouette is off by no more than this, RMS; as
+    /// many as there may be where `None`.
+    pub tolerance_m: Option<f32>,
+}
+
+impl WoodJob {
+    pub(super) fn options(&self, triangles: usize, foliage: FoliageLevel) -> MeshOptions {
+        let preset = mesh_options(triangles);
+        let tolerance_m = self.tolerance_m.unwrap_or(f32::INFINITY).min(preset.tolerance_m);
+        let sagitta_m = self.tolerance_m.unwrap_or(f32::INFINITY);
+        MeshOptions { foliage, tolerance_m, sagitta_m, junctions: self.junctions, ..preset }
+    }
+
+    /// That of a skeleton for at most so many triangles.
+    pub(super) fn detail(&self, triangles: usize, foliage: FoliageLevel) -> Detail {
+        match self.tolerance_m {
+            None => detail(triangles, foliage),
+            Some(_) => detail(tolerance::reference(triangles, foliage), foliage),
+        }
+    }
+}
+
+/// The same with fewer triangles.
+pub fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
+    let preset = mesh_options(triangles);
+    MeshOptions {
+        foliage: options.foliage.min(FoliageLevel::Cards),
+        triangle_budget: Some(triangles),
+        tolerance_m: options.tolerance_m.max(preset.tolerance_m),
+        sagitta_m: f32::INFINITY,
+        detail: options.detail && preset.detail,
+        ..*options
+    }
+}
+
+/// Nodes enough to use so many triangles well: about six a node, wood and leaves; more where every
+/// leaf is one. No fewer than it takes for twigs to be spread over the crown.
+pub(super) fn detail(triangles: usize, foliage: FoliageLevel) -> Detail {
+    const FEWEST_NODES: usize = 2_500;
+    let max_nodes = match foliage {
+        FoliageLevel::Geometry => (triangles / 60).clamp(2_000, 40_000),
+        _ => (triangles / 6).clamp(FEWEST_NODES, 100_000),
+    };
+    Detail { max_nodes: max_nodes as u32, attractor_spacing_m: None }
+}
+
+/// Triangles of cards for which as many nodes are grown as for these of `foliage`.
+pub(super) fn like_with_cards(triangles: usize, foliage: FoliageLevel) -> usize {
+    match foliage {
+        FoliageLevel::Geometry => (triangles / 10).min(240_000),
+        _ => triangles,
+    }
+}
