@@ -9,7 +9,8 @@ static HELD: AtomicUsize = AtomicUsize::new(0);
 static MOST: AtomicUsize = AtomicUsize::new(0);
 
 /// Mimalloc, counting. Columns and meshes come and go on every thread: it keeps their pages for a while,
-/// where the system's allocator maps and clears them anew.
+/// where the system's allocator maps and clears them anew. Without huge pages: most blocks are small, and the
+/// system would clear two megabytes where one of them begins.
 ///
 /// A program makes it the `#[global_allocator]`; without it nothing is counted.
 pub struct Counted;

@@ -19,21 +19,55 @@ const DRAWN_BY: Seed = Seed::new(1);
 /// # Errors
 /// A picture that can't be encoded.
 pub(super) fn paint(species: &Species, size_px: u32, cache: &Cache) -> Result<TreeTextures> {
+    paint_unless_kept(species, size_px, cache, None)
+}
+
+/// As [`paint`], where pictures have been looked for before.
+///
+/// # Errors
+/// A picture that can't be encoded.
+pub(super) fn paint_unless_kept(
+    species: &Species,
+    size_px: u32,
+    cache: &Cache,
+    found: Option<Kept>,
+) -> Result<TreeTextures> {
     if size_px == 0 {
         return Ok(texture::plain(species));
     }
-    let decides = stored::decides(species, size_px, DRAWN_BY);
-    let key = Key::of(decides.iter().map(Vec::as_slice));
-    if let Some(kept) = cache.get(key)
-        && let Ok(textures) = TreeTextures::from_parts(kept)
-    {
-        return Ok(textures);
+    let key = key(species, size_px);
+    let found = found.filter(|found| found.key == key).or_else(|| Kept::of(key, cache));
+    if let Some(found) = found {
+        return Ok(found.textures);
     }
     let textures = texture::for_species(species, size_px, DRAWN_BY);
     if cache.is_on() {
         cache.put(key, &textures.to_parts()?);
     }
     Ok(textures)
+}
+
+/// Pictures that were kept from an earlier run.
+pub(super) struct Kept {
+    key: Key,
+    textures: TreeTextures,
+}
+
+impl Kept {
+    /// Those of a species, if there are.
+    pub(super) fn find(species: &Species, size_px: u32, cache: &Cache) -> Option<Kept> {
+        if size_px == 0 { None } else { Kept::of(key(species, size_px), cache) }
+    }
+
+    fn of(key: Key, cache: &Cache) -> Option<Kept> {
+        let textures = TreeTextures::from_parts(cache.get(key)?).ok()?;
+        Some(Kept { key, textures })
+    }
+}
+
+fn key(species: &Species, size_px: u32) -> Key {
+    let decides = stored::decides(species, size_px, DRAWN_BY);
+    Key::of(decides.iter().map(Vec::as_slice))
 }
 
 /// The leaves in the colours they have in other seasons and conditions, as far as these differ; `seed` tells

@@ -1,6 +1,7 @@
 //! One tree: from its rule file, with no scan, or fitted to a scan of it.
 
 use std::path::{Path, PathBuf};
+use std::thread;
 
 use glam::{DVec3, Vec2, Vec3};
 
@@ -9,7 +10,7 @@ use super::detail::{self, WoodJob};
 use super::levels::{self, LevelsJob};
 use super::light;
 use super::model::{add_materials, prototype};
-use super::paint::{leaf_variants, paint, tell_no_variants};
+use super::paint::{Kept, leaf_variants, paint_unless_kept, tell_no_variants};
 use super::told;
 use super::tolerance;
 use crate::cache::Cache;
@@ -101,15 +102,16 @@ pub fn tree(job: &TreeJob, run: &mut Recorder) -> Result<Grown> {
             let stem_m = report.stem_diameter_m;
             let skeleton =
                 decline::in_condition(&skeleton, job.species.kind, job.state.condition, job.seed);
-            let grown = stand(job, &skeleton, stem_m, frame, run)?;
+            let grown = stand(job, &skeleton, stem_m, frame, None, run)?;
             Ok(Grown { fit: Some(report), ..grown })
         }
         None => {
-            let skeleton = grown(job, run)?;
+            let (skeleton, kept) = grown_beside(job, run);
+            let skeleton = skeleton?;
             let stem_m = job.species.size.stem_diameter_at(skeleton.height_m());
             let skeleton =
                 decline::in_condition(&skeleton, job.species.kind, job.state.condition, job.seed);
-            stand(job, &skeleton, stem_m, Frame::local(DVec3::ZERO), run)
+            stand(job, &skeleton, stem_m, Frame::local(DVec3::ZERO), kept, run)
         }
     }
 }
@@ -142,6 +144,26 @@ fn fitted(
         let origin = frame.world_from_local(fitted.root);
         Ok(((fitted.skeleton, Frame { origin, ..frame }, fitted.report), outcome))
     })
+}
+
+/// The skeleton; meanwhile the pictures of a tree of the height asked for are read, where there are any from
+/// an earlier run.
+fn grown_beside(job: &TreeJob, run: &mut Recorder) -> (Result<Skeleton>, Option<Kept>) {
+    let read = || {
+        let height_m = job.height_m.unwrap_or(job.species.size.height_m);
+        let look = job.state.look(&in_leaf(job, height_m), job.seed);
+        Kept::find(&look, job.texture_px, &job.cache)
+    };
+    thread::scope(|scope| {
+        let reading = thread::Builder::new().spawn_scoped(scope, read);
+        let skeleton = grown(job, run);
+        (skeleton, reading.ok().and_then(|reading| reading.join().ok()).flatten())
+    })
+}
+
+/// The species with the foliage of its trees of this height.
+fn in_leaf(job: &TreeJob, height_m: f32) -> Species {
+    Species { foliage: job.species.foliage_at(height_m), ..job.species.clone() }
 }
 
 fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
@@ -204,15 +226,15 @@ fn stand(
     skeleton: &Skeleton,
     stem_diameter_m: f32,
     frame: Frame,
+    kept: Option<Kept>,
     run: &mut Recorder,
 ) -> Result<Grown> {
-    let foliage = job.species.foliage_at(skeleton.height_m());
-    let own = Species { foliage, ..job.species.clone() };
+    let own = in_leaf(job, skeleton.height_m());
     let species = &job.state.look(&own, job.seed);
     let leaf_share = job.state.leaf_share(&job.species);
     let textures = run.stage("texture", |warnings| {
         warnings.extend(species.remarks.iter().cloned());
-        let mut textures = paint(species, job.texture_px, &job.cache)?;
+        let mut textures = paint_unless_kept(species, job.texture_px, &job.cache, kept)?;
         if job.has_variants {
             if job.foliage != FoliageLevel::None {
                 textures.leaf_variants =
