@@ -183,6 +183,9 @@ pub struct TreeMesh {
     pub axes: usize,
     /// Those of them that have no mesh: they never clear their parent's bark.
     pub unmeshed_axes: usize,
+    /// Those of them that are closed for themselves, though wood is welded: where they leave their parent there
+    /// is no room for their foot.
+    pub unwelded_axes: usize,
     /// Greatest distance of the wood's facets from their circles, r (1 − cos(π / N)), metres.
     pub sagitta_m: f32,
     /// Sides of the ring that has it.
@@ -520,8 +523,12 @@ pub fn build(
     };
     let leaves = foliage::foliage(skeleton, &order)?;
     let [wood, upper_wood, transition_wood, twig_wood] = made.surface;
-    let wood::Count { axes, without: unmeshed_axes, sagitta: (sagitta_m, sagitta_sides) } =
-        made.count;
+    let wood::Count {
+        axes,
+        without: unmeshed_axes,
+        unwelded: unwelded_axes,
+        sagitta: (sagitta_m, sagitta_sides),
+    } = made.count;
     Ok(TreeMesh {
         wood,
         upper_wood,
@@ -534,6 +541,7 @@ pub fn build(
         fruit,
         axes,
         unmeshed_axes,
+        unwelded_axes,
         sagitta_m,
         sagitta_sides,
         twig_scale: leaves.twig_scale,

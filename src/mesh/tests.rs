@@ -308,6 +308,37 @@ fn the_wood_of_every_species_is_one_solid() {
     }
 }
 
+/// Where every leaf is seen feet stay near their place, so that some find no room.
+#[test]
+fn branches_that_are_not_welded_are_counted() {
+    let mut unwelded = 0;
+    for name in ["picea_abies", "betula_pendula", "quercus_robur"] {
+        let s = species::load(name).unwrap();
+        let target = Target::FromSpecies { height_m: None };
+        let skeleton = grow(&s, target, Detail::FOREST, Seed::new(1)).unwrap();
+        for (foliage, junctions) in [
+            (FoliageLevel::Geometry, Junctions::Welded),
+            (FoliageLevel::Geometry, Junctions::Intersecting),
+            (FoliageLevel::Cards, Junctions::Welded),
+        ] {
+            let triangle_budget = Some(200_000);
+            let options = MeshOptions { triangle_budget, foliage, junctions, ..MeshOptions::HERO };
+            let tree = build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
+            let parts = check::parts(&tree.woods());
+            match junctions {
+                Junctions::Welded => {
+                    assert_eq!(parts, 1 + tree.unwelded_axes, "{name} {foliage:?}")
+                }
+                Junctions::Intersecting => assert_eq!(tree.unwelded_axes, 0),
+            }
+            let is_near = foliage == FoliageLevel::Geometry;
+            assert!(is_near || tree.unwelded_axes == 0, "{name}");
+            unwelded += tree.unwelded_axes;
+        }
+    }
+    assert!(unwelded > 0);
+}
+
 #[test]
 fn every_stem_of_a_shrub_stands_in_the_ground_at_every_level() {
     for name in ["corylus_avellana", "salix_caprea", "sorbus_aucuparia"] {

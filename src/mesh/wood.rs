@@ -48,12 +48,13 @@ pub struct Wood {
     pub is_meshed: Vec<bool>,
 }
 
-/// Axes thick enough for the budget, those of them that have no tube, and how far facets are from
-/// their circles.
+/// Axes thick enough for the budget, those of them that have no tube or, though wood is welded, come out of no
+/// hole in their parent's bark, and how far facets are from their circles.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Count {
     pub axes: usize,
     pub without: usize,
+    pub unwelded: usize,
     /// Metres, and the sides of the ring that has it.
     pub sagitta: (f32, u32),
 }
@@ -285,7 +286,7 @@ impl Planner<'_> {
         let mut is_crowded = vec![false; count_of as usize];
         start.clear();
         start.reserve(count_of as usize);
-        let (mut tubes, mut sagitta) = (0, (0.0, 0));
+        let (mut tubes, mut unwelded, mut sagitta) = (0, 0, (0.0, 0));
         for c in root..count_of {
             let comes_from = out_of[c as usize];
             let foot = match start.get(comes_from as usize) {
@@ -356,6 +357,7 @@ impl Planner<'_> {
                 _ => None,
             };
             tubes += 1;
+            unwelded += usize::from(self.is_welded && matches!(foot, Foot::Inside { .. }));
             let of_tube = sides.sagitta(made);
             if of_tube.0 > sagitta.0 {
                 sagitta = of_tube;
@@ -376,7 +378,7 @@ impl Planner<'_> {
             });
         }
         let axes = pieces.count();
-        Count { axes, without: axes - tubes, sagitta }
+        Count { axes, without: axes - tubes, unwelded, sagitta }
     }
 
     /// A stem of a stool.

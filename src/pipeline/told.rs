@@ -1,4 +1,4 @@
-//! What reports and warnings say of meshes: branches without one, leaves that stand for others, crowns that
+//! What reports and warnings say of meshes: branches without one or unwelded, leaves that stand for others, crowns that
 //! are thin, cones that are not borne.
 
 use crate::mesh::{FoliageLevel, TreeMesh};
@@ -8,14 +8,26 @@ use crate::species::Species;
 /// Share of the axes thick enough for a mesh above which it is worth a warning that they have none.
 const MANY: f32 = 0.05;
 
-/// Adds to a report how many branches of these (finest) meshes have none; to the warnings where
-/// that is many.
+/// Adds to a report how many branches of these (finest) meshes have none, or are not welded to their parent; to
+/// the warnings where many have none.
 pub fn unmeshed<'a>(
     meshes: impl Iterator<Item = &'a TreeMesh>,
     outcome: Outcome,
     warnings: &mut Vec<String>,
 ) -> Outcome {
-    let (axes, unmeshed) = meshes.fold((0, 0), |(a, u), m| (a + m.axes, u + m.unmeshed_axes));
+    let (mut axes, mut unmeshed, mut unwelded) = (0, 0, 0);
+    for mesh in meshes {
+        axes += mesh.axes;
+        unmeshed += mesh.unmeshed_axes;
+        unwelded += mesh.unwelded_axes;
+    }
+    let outcome = match unwelded {
+        0 => outcome,
+        _ => outcome.note(format!(
+            "{unwelded} of {axes} branches pass into their parent, closed for themselves: their feet found no room \
+             near enough"
+        )),
+    };
     if unmeshed == 0 {
         return outcome;
     }
