@@ -817,6 +817,15 @@ fn a_box_and_a_camera_leave_out_what_they_do_not_show() {
     let before = seen["camera"]["triangles_before"].as_u64().unwrap();
     // A pixel there is 17 cm wide: hardly a tree needs its finest form.
     assert!(seen["camera"]["triangles"].as_u64().unwrap() < before, "{:#}", seen["camera"]);
+    let costs: Vec<f64> =
+        seen["left_out"].as_array().unwrap().iter().map(|l| number(&l["cost_seconds"])).collect();
+    let spent = |stage: &str| {
+        let stages = seen["stages"].as_array().unwrap();
+        stages.iter().find(|s| s["stage"] == stage).map_or(0.0, |s| number(&s["seconds"]))
+    };
+    // To choose forms they had to be made.
+    assert_eq!(costs.iter().sum::<f64>(), spent("levels") + spent("camera"));
+    assert!(costs.iter().any(|s| *s > 0.0) && spent("levels") > 0.0);
     let both = format!("{},{}", place(far), place(middle));
     let forms = small_demo(dir.path(), &["--camera", &both, "--lods", "2"]);
     assert!(forms["warnings"].to_string().contains("no other levels or impostors are written"));

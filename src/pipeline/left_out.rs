@@ -19,6 +19,8 @@ pub struct Saved {
     pub of: &'static str,
     pub bytes: u64,
     pub seconds: f64,
+    /// That it took at least to find out what is not needed.
+    pub cost_seconds: f64,
 }
 
 /// What decides what is left out.
@@ -61,7 +63,8 @@ pub fn table(told: &Told<'_>) -> Vec<Saved> {
     let mut line = |what: &str, count: u64, of, bytes: u64, more_s: f64| {
         if count > 0 {
             let seconds = bytes as f64 * per_byte + more_s;
-            lines.push(Saved { what: what.to_owned(), count, of, bytes, seconds });
+            let what = what.to_owned();
+            lines.push(Saved { what, count, of, bytes, seconds, cost_seconds: 0.0 });
         }
     };
     let flat = |p: &crate::scene::Part| {
@@ -128,6 +131,10 @@ pub fn table(told: &Told<'_>) -> Vec<Saved> {
         line("trees the camera does not see", unseen, "trees", unseen * PLACE, 0.0);
         let bytes = chosen.spared_bytes;
         line("triangles in place the camera can't tell", spared, "triangles", bytes, 0.0);
+        // Forms were made to choose among.
+        if let Some(line) = lines.last_mut().filter(|_| spared > 0) {
+            line.cost_seconds = ["levels", "camera"].map(seconds).iter().sum();
+        }
     }
     lines
 }
@@ -148,7 +155,11 @@ pub fn lines(table: &[Saved]) -> Vec<String> {
             0 => String::new(),
             b => format!(": {:.1} MB{}", b as f64 / 1e6, spared(s.seconds)),
         };
-        format!("left out: {}, {} {}{saved}", s.what, s.count, s.of)
+        let cost = match s.cost_seconds {
+            s if s > 0.0 => format!("; to find them took {s:.2} s"),
+            _ => String::new(),
+        };
+        format!("left out: {}, {} {}{saved}{cost}", s.what, s.count, s.of)
     };
     table.iter().map(line).collect()
 }
