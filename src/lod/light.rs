@@ -144,7 +144,7 @@ impl Look {
 mod tests {
     use super::*;
     use crate::mesh::Surface;
-    use crate::scene::{Alpha, Material, Part};
+    use crate::scene::{Material, Part};
 
     /// A level sheet of 4 m by 4 m this high.
     fn level(z: f32) -> Vec<Part> {
@@ -160,20 +160,7 @@ mod tests {
     }
 
     fn grey() -> [Material; 1] {
-        [Material {
-            name: "grey".into(),
-            base_color: [0.5; 3],
-            base_color_texture: None,
-            normal_texture: None,
-            orm_texture: None,
-            relief: None,
-            roughness: 1.0,
-            specular: 1.0,
-            translucency: 0.0,
-            alpha: Alpha::Opaque,
-            double_sided: true,
-            variants: Vec::new(),
-        }]
+        [Material { double_sided: true, ..Material::plain("grey", [0.5; 3]) }]
     }
 
     #[test]

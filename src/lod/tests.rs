@@ -34,20 +34,7 @@ fn part(surface: Surface) -> Vec<Part> {
 }
 
 fn red() -> Vec<Material> {
-    vec![Material {
-        name: "red".into(),
-        base_color: [0.5, 0.1, 0.1],
-        base_color_texture: None,
-        normal_texture: None,
-        orm_texture: None,
-        relief: None,
-        roughness: 1.0,
-        specular: 1.0,
-        translucency: 0.0,
-        alpha: Alpha::Opaque,
-        double_sided: false,
-        variants: Vec::new(),
-    }]
+    vec![Material::plain("red", [0.5, 0.1, 0.1])]
 }
 
 const OCTAHEDRAL: Kind = Kind::Octahedral { views: impostor::USUAL_VIEWS };

@@ -9,7 +9,7 @@ use crate::frame::Frame;
 use crate::mesh::Surface;
 use crate::raster::Picture;
 use crate::report::{ErrorMeasure, Outcome, Recorder};
-use crate::scene::{Alpha, Colorspace, Material, Part, Scene, Texture, ValidScene};
+use crate::scene::{Colorspace, Material, Part, Scene, Texture, ValidScene};
 use crate::seed::Seed;
 use crate::terrain::{Facets, Terrain};
 use crate::texture;
@@ -47,20 +47,8 @@ fn place_terrain(scene: &mut Scene, surface: Surface, picture: Picture) {
         image: picture.into(),
         colorspace: Colorspace::Srgb,
     });
-    scene.materials.push(Material {
-        name: "terrain".into(),
-        base_color: [1.0; 3],
-        base_color_texture: Some(scene.textures.len() as u32 - 1),
-        normal_texture: None,
-        orm_texture: None,
-        relief: None,
-        variants: Vec::new(),
-        roughness: 1.0,
-        specular: 1.0,
-        translucency: 0.0,
-        alpha: Alpha::Opaque,
-        double_sided: false,
-    });
+    let base_color_texture = Some(scene.textures.len() as u32 - 1);
+    scene.materials.push(Material { base_color_texture, ..Material::plain("terrain", [1.0; 3]) });
     let material = scene.materials.len() as u32 - 1;
     scene.terrain = Some(Part { name: "terrain".into(), surface, material });
 }

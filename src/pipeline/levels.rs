@@ -170,19 +170,15 @@ pub fn add(
         let translucency = shown.clone().map(|m| m.translucency).fold(0.0, f32::max);
         let specular = shown.map(|m| m.specular).fold(1.0, f32::min);
         scene.materials.push(Material {
-            name: format!("{stem}_impostor"),
-            base_color: [1.0; 3],
             base_color_texture: Some(first_texture as u32),
             normal_texture: Some(first_texture as u32 + 1),
-            orm_texture: None,
-            relief: None,
-            roughness: 1.0,
             specular,
             translucency,
             alpha: Alpha::Mask { cutoff: impostor::CUTOFF },
             // A cross has sheets for either side.
             double_sided: octahedral.is_some(),
             variants,
+            ..Material::plain(format!("{stem}_impostor"), [1.0; 3])
         });
         scene.prototypes[p].levels.push(Level {
             name: IMPOSTOR.into(),

@@ -60,18 +60,15 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
     });
     let variants = variants.collect();
     let leaf = Material {
-        name,
-        base_color,
         base_color_texture: leaf,
         normal_texture,
-        orm_texture: None,
-        relief: None,
         variants,
         roughness: 0.65,
         specular: LEAF_SPECULAR,
         translucency: if species.foliage.is_bare() { 0.0 } else { LEAF_TRANSLUCENCY },
         alpha,
         double_sided: true,
+        ..Material::plain(name, base_color)
     };
     let crown = Material {
         name: format!("{stem}_crown"),
@@ -107,18 +104,12 @@ fn add_fruit(scene: &mut Scene, name: &str, model: &own::Model, is_plain: bool) 
     let normal_texture =
         normals.map(|p| add_texture(scene, &format!("{name}_normal"), p.into(), Colorspace::Raw));
     scene.materials.push(Material {
-        name: name.to_owned(),
-        base_color,
         base_color_texture,
         normal_texture,
-        orm_texture: None,
-        relief: None,
-        variants: Vec::new(),
         roughness: 0.75,
-        specular: 1.0,
-        translucency: 0.0,
         alpha: if is_masked { Alpha::Mask { cutoff: 0.5 } } else { Alpha::Opaque },
         double_sided: is_masked,
+        ..Material::plain(name, base_color)
     });
     scene.materials.len() as u32 - 1
 }
@@ -159,18 +150,12 @@ fn add_bark(scene: &mut Scene, name: &str, bark: BarkTextures) -> u32 {
     };
     let (normal_texture, orm_texture) = (relief(bark.normal, "normal"), relief(bark.orm, "orm"));
     scene.materials.push(Material {
-        name: name.to_owned(),
-        base_color,
         base_color_texture: colour,
         normal_texture,
         orm_texture,
         relief: bark.height.map(|image| Relief { image, depth_m: bark.depth_m }),
-        variants: Vec::new(),
         roughness: if orm_texture.is_some() { 1.0 } else { 0.9 },
-        specular: 1.0,
-        translucency: 0.0,
-        alpha: Alpha::Opaque,
-        double_sided: false,
+        ..Material::plain(name, base_color)
     });
     scene.materials.len() as u32 - 1
 }

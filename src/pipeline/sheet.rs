@@ -18,7 +18,7 @@ use crate::raster::Picture;
 use crate::render::label::{Align, Pen, rule};
 use crate::render::{self, Backdrop, Camera, Placement, RenderOptions, View};
 use crate::report::{Outcome, Recorder};
-use crate::scene::{Alpha, Material, Part, Scene};
+use crate::scene::{Material, Part, Scene};
 use crate::seed::Seed;
 use crate::skeleton::{self, Target};
 use crate::species::Species;
@@ -236,20 +236,7 @@ fn below_m(room: &Room) -> f32 {
 }
 
 fn draw(job: &SheetJob, scene: &mut Scene, trees: &[Shown]) -> Result<Picture> {
-    scene.materials.push(Material {
-        name: "figure".into(),
-        base_color: FIGURE_COLOUR,
-        base_color_texture: None,
-        normal_texture: None,
-        orm_texture: None,
-        relief: None,
-        variants: Vec::new(),
-        roughness: 1.0,
-        specular: 1.0,
-        translucency: 0.0,
-        alpha: Alpha::Opaque,
-        double_sided: false,
-    });
+    scene.materials.push(Material::plain("figure", FIGURE_COLOUR));
     let material = scene.materials.len() as u32 - 1;
     let person = [Part { name: "figure".into(), surface: figure(), material }];
     let mut models: Vec<&[Part]> = scene.prototypes.iter().map(|p| &p.parts[..]).collect();

@@ -5,18 +5,10 @@ use crate::seed::Seed;
 
 fn material(name: &str, base_color: [f32; 3], texture: Option<u32>, alpha: Alpha) -> Material {
     Material {
-        name: name.into(),
-        base_color,
         base_color_texture: texture,
-        normal_texture: None,
-        orm_texture: None,
-        relief: None,
-        variants: Vec::new(),
-        roughness: 1.0,
-        specular: 1.0,
-        translucency: 0.0,
         alpha,
         double_sided: alpha != Alpha::Opaque,
+        ..Material::plain(name, base_color)
     }
 }
 

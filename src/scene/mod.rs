@@ -225,6 +225,24 @@ pub struct Instance {
 }
 
 impl Material {
+    /// One colour, opaque and rough.
+    pub fn plain(name: impl Into<String>, base_color: [f32; 3]) -> Material {
+        Material {
+            name: name.into(),
+            base_color,
+            base_color_texture: None,
+            normal_texture: None,
+            orm_texture: None,
+            relief: None,
+            roughness: 1.0,
+            specular: 1.0,
+            translucency: 0.0,
+            alpha: Alpha::Opaque,
+            double_sided: false,
+            variants: Vec::new(),
+        }
+    }
+
     /// The textures that it shows, each with what it is for.
     pub fn textures(&self) -> impl Iterator<Item = (&'static str, u32, Colorspace)> {
         let own = [

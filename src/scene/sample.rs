@@ -148,18 +148,9 @@ fn texture(
 
 fn plain(name: &str, texture: u32) -> Material {
     Material {
-        name: name.into(),
-        base_color: [1.0; 3],
         base_color_texture: Some(texture),
-        normal_texture: None,
-        orm_texture: None,
-        relief: None,
-        variants: Vec::new(),
         roughness: 0.9,
-        specular: 1.0,
-        translucency: 0.0,
-        alpha: Alpha::Opaque,
-        double_sided: false,
+        ..Material::plain(name, [1.0; 3])
     }
 }
 
