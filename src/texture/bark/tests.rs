@@ -273,16 +273,16 @@ fn a_transition_is_one_bark_at_its_foot_and_another_at_its_top() {
             [super::draw(&bark, n, seed), super::draw_upper(&bark, n, seed).unwrap()];
         let between = draw_transition(&bark, &old, &upper, seed);
         let rows = (PURE * n as f32) as u32 - 1;
-        let same = |rgb: [f32; 3]| rgb;
+        let same: fn([f32; 3]) -> [f32; 3] = |rgb| rgb;
         // Normals are of one length again.
-        let unit = |rgb: [f32; 3]| {
+        let unit: fn([f32; 3]) -> [f32; 3] = |rgb| {
             let normal = (Vec3::from(rgb) - 127.5).normalize_or(Vec3::Z);
             (127.5 + 127.5 * normal).to_array()
         };
-        let maps: [(_, _, _, &dyn Fn([f32; 3]) -> [f32; 3]); 3] = [
-            (&between.colour, &old.pictures.colour, &upper.pictures.colour, &same),
-            (&between.normal, &old.pictures.normal, &upper.pictures.normal, &unit),
-            (&between.orm, &old.pictures.orm, &upper.pictures.orm, &same),
+        let maps = [
+            (&between.colour, &old.pictures.colour, &upper.pictures.colour, same),
+            (&between.normal, &old.pictures.normal, &upper.pictures.normal, unit),
+            (&between.orm, &old.pictures.orm, &upper.pictures.orm, same),
         ];
         for (own, low, high, as_there) in maps {
             for (y, x) in (0..rows).flat_map(|y| (0..n).map(move |x| (y, x))) {
