@@ -23,9 +23,7 @@ const DEFAULT_MIX: [&str; 5] =
 
 /// Most triangles of a tree model in a forest, and of a tree alone; with every leaf of it.
 const FOREST_TRIANGLES: [usize; 2] = [5_000, 200_000];
-
 pub(super) const TREE_TRIANGLES: [usize; 2] = [20_000, 1_000_000];
-
 /// Where the tolerance says how many they are.
 const TOLERANCE_TRIANGLES: [usize; 2] = [100_000, 1_000_000];
 

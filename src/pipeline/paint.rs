@@ -19,14 +19,14 @@ const DRAWN_BY: Seed = Seed::new(1);
 /// # Errors
 /// A picture that can't be encoded.
 pub(super) fn paint(species: &Species, size_px: u32, cache: &Cache) -> Result<TreeTextures> {
-    paint_unless_kept(species, size_px, cache, None)
+    paint_unless_found(species, size_px, cache, None)
 }
 
-/// As [`paint`], where pictures have been looked for before.
+/// As [`paint`], where such pictures may have been found before.
 ///
 /// # Errors
 /// A picture that can't be encoded.
-pub(super) fn paint_unless_kept(
+pub(super) fn paint_unless_found(
     species: &Species,
     size_px: u32,
     cache: &Cache,

@@ -1,5 +1,5 @@
-//! What reports and warnings say of meshes: branches without one or unwelded, leaves that stand for others, crowns that
-//! are thin, cones that are not borne.
+//! What reports and warnings say of meshes: branches without one or unwelded, leaves that stand for others,
+//! crowns that are thin, cones that are not borne.
 
 use crate::mesh::{FoliageLevel, TreeMesh};
 use crate::report::Outcome;

@@ -10,7 +10,7 @@ use super::detail::{self, WoodJob};
 use super::levels::{self, LevelsJob};
 use super::light;
 use super::model::{add_materials, prototype};
-use super::paint::{Kept, leaf_variants, paint_unless_kept, tell_no_variants};
+use super::paint::{Kept, leaf_variants, paint_unless_found, tell_no_variants};
 use super::told;
 use super::tolerance;
 use crate::cache::Cache;
@@ -234,7 +234,7 @@ fn stand(
     let leaf_share = job.state.leaf_share(&job.species);
     let textures = run.stage("texture", |warnings| {
         warnings.extend(species.remarks.iter().cloned());
-        let mut textures = paint_unless_kept(species, job.texture_px, &job.cache, kept)?;
+        let mut textures = paint_unless_found(species, job.texture_px, &job.cache, kept)?;
         if job.has_variants {
             if job.foliage != FoliageLevel::None {
                 textures.leaf_variants =

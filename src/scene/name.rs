@@ -12,18 +12,13 @@ pub fn is_identifier(name: &str) -> bool {
 /// The nearest legal name: letters of other scripts are written in Latin ones, other characters become `_`,
 /// and a leading digit gets one in front.
 pub fn identifier(text: &str) -> String {
+    let legal = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
     let mut name = String::with_capacity(text.len());
     for c in text.chars() {
-        let latin = if c.is_ascii() { "" } else { any_ascii_char(c) };
-        match latin {
-            "" => name.push(if c.is_ascii_alphanumeric() { c } else { '_' }),
-            // Soft signs are no letters of their own.
-            _ => name.extend(
-                latin
-                    .chars()
-                    .filter(|c| *c != '\'')
-                    .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }),
-            ),
+        match any_ascii_char(c) {
+            "" => name.push('_'),
+            // Apostrophes and soft signs are no letters.
+            latin => name.extend(latin.chars().filter(|c| *c != '\'').map(legal)),
         }
     }
     if !name.starts_with(|c: char| !c.is_ascii_digit()) {
