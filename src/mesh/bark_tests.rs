@@ -270,16 +270,19 @@ fn a_transition_is_to_scale_and_stays_from_level_to_level() {
             ratios.sort_by(f32::total_cmp);
             let middle = ratios[ratios.len() / 2];
             assert!(middle < 1.8, "{name} {seed}: {middle} times as long as wide");
-            // On limbs there are others.
+            // On limbs, and about their feet, there are others.
             let stem = skeleton.axes().of(0).nodes.to_vec();
-            let from_stem = |p: &&Vec3| {
+            let on_stem = |p: Vec3| {
                 let near = |w: &[u32]| {
                     let [a, b] = [w[0], w[1]].map(|i| skeleton.position[i as usize]);
-                    nearest(**p, a, b).distance(**p) < 1.6 * skeleton.radius_m[w[0] as usize]
+                    nearest(p, a, b).distance(p) < 1.3 * skeleton.radius_m[w[0] as usize]
                 };
                 stem.windows(2).any(near)
             };
-            let stem = tree.transition_wood.position.iter().filter(from_stem).map(|p| p.z);
+            let Surface { position, index, .. } = &tree.transition_wood;
+            let triangles = index.as_chunks::<3>().0.iter();
+            let triangles = triangles.map(|t| t.map(|i| position[i as usize]));
+            let stem = triangles.filter(|t| t.iter().all(|&p| on_stem(p))).flatten().map(|p| p.z);
             let ends = stem.fold([f32::INFINITY, 0.0], |[low, high], z| [low.min(z), high.max(z)]);
             middles_m.push(0.5 * (ends[0] + ends[1]));
         }

@@ -10,10 +10,12 @@
 //! - where there is no room, the later one goes up the tube into a band of its own;
 //! - where a tube is too short for that, those below give way down the tube;
 //! - where it is too short for that, too, all its feet are spread evenly and made smaller;
-//! - one that would have to go too far, or has no room that f32 can tell apart, is left out: its branch passes
-//!   into the tube, closed for itself;
+//! - where a tube has no room that f32 can tell apart, the thinnest are left out: their branches pass into the
+//!   tube, closed for themselves;
 //! - none lies across a bend of more than a right angle, where the tube has room elsewhere;
 //! - a branch that never leaves the bark by more than its collar has no mesh.
+//!
+//! Where one had to go far up the tube, those it gave way to go down by half as much.
 //!
 //! A ring that would cut through a foot moves to its edge, and a foot's band keeps its sides.
 
@@ -28,9 +30,14 @@ const COLLAR: f32 = 1.45;
 const NO_COLLAR: f32 = 1.1;
 /// Width of the ring that ends it, over the branch's.
 pub const COLLAR_END: f32 = 1.1;
-/// Room about a foot within its block: along, share of its length; around, in facets.
+/// Room about a foot within its block: along, times its half length, and no more than that share of the
+/// band; around, in facets.
 const ROOM_ALONG: f32 = 1.2;
+const MOST_ALONG: f32 = 0.06;
 const ROOM_AROUND: f32 = 0.08;
+
+/// From so many half widths on a foot lies far from its place, and others give way to it.
+const FAR: f32 = 3.0;
 
 /// Least half height of a foot over that of its band, which may be most of a plain stem.
 const LEAST_HALF: f32 = 0.002;
@@ -59,6 +66,13 @@ pub struct Branch {
     start: Start,
 }
 
+impl Branch {
+    /// How far along it leaves its parent's bark.
+    pub fn leaves_at_m(&self) -> f32 {
+        self.start.arc_m
+    }
+}
+
 /// A foot in its block of facets.
 #[derive(Debug, Clone, Copy)]
 pub struct Hole {
@@ -79,9 +93,16 @@ pub struct Hole {
     pub start: Start,
     arc_m: f32,
     half_m: f32,
+    /// How far up the tube it had to go, and how far off it lies in all.
+    pushed_m: f32,
+    moved_m: f32,
 }
 
 impl Hole {
+    fn is_far(&self) -> bool {
+        self.moved_m > FAR * self.start.wide_m
+    }
+
     /// Whether the foot or the room about it lies at an arc length.
     pub fn is_about(&self, arc_m: f32) -> bool {
         (self.arc_m - arc_m).abs() <= self.half_m * ROOM_ALONG
@@ -100,8 +121,23 @@ impl Hole {
         start: Start,
     ) -> Hole {
         let ([x, half_x], [t, half_t]) = (x, t);
-        let (child, band, arc_m, half_m) = (0, 0, 0.0, 0.0);
-        Hole { child, band, facet, facets, x, half_x, t, half_t, foot, start, arc_m, half_m }
+        let (child, band, arc_m, half_m, pushed_m, moved_m) = (0, 0, 0.0, 0.0, 0.0, 0.0);
+        Hole {
+            child,
+            band,
+            facet,
+            facets,
+            x,
+            half_x,
+            t,
+            half_t,
+            foot,
+            start,
+            arc_m,
+            half_m,
+            pushed_m,
+            moved_m,
+        }
     }
 }
 
@@ -364,37 +400,50 @@ pub fn at(path: &[Ring], arc_m: f32, least: Least) -> Ring {
 }
 
 /// Appends the rings of a tube with feet, and its holes. Takes the path of [`super::path::rings`]
-/// and sorts the branches; the thinnest are dropped where f32 leaves no room, and those whose feet would
-/// lie farther from where they leave the bark than `far` times their half width.
+/// and sorts the branches, the thinnest of which are dropped where f32 leaves no room. `before`: a buffer.
 pub fn open(
     path: &[Ring],
     branches: &mut Vec<Branch>,
     least: Least,
-    far: f32,
+    before: &mut Vec<Branch>,
     rings: &mut Vec<Ring>,
     holes: &mut Vec<Hole>,
 ) {
-    /// Each leaves out more, and so leaves more room to the rest.
-    const PASSES: usize = 6;
     let start = (rings.len(), holes.len());
-    let mut all = if far.is_finite() { branches.clone() } else { Vec::new() };
-    lay(path, branches, least, rings, holes);
-    for _ in 0..PASSES {
-        let before = all.len();
-        let mut placed: Vec<(u32, Vec3)> =
-            holes[start.1..].iter().map(|hole| (hole.child, hole.start.at)).collect();
-        placed.sort_unstable_by_key(|of| of.0);
-        all.retain(|b| {
-            let found = placed.binary_search_by_key(&b.child, |of| of.0);
-            found.is_ok_and(|k| placed[k].1.distance(b.start.at) <= far * b.start.wide_m)
-        });
-        if all.len() == before {
-            return;
-        }
+    let mut again = |branches: &mut Vec<Branch>, holes: &mut Vec<Hole>| {
         rings.truncate(start.0);
         holes.truncate(start.1);
-        branches.clone_from(&all);
         lay(path, branches, least, rings, holes);
+        // How far off all are.
+        holes[start.1..].iter().map(|hole| hole.moved_m * hole.moved_m).sum::<f32>()
+    };
+    before.clone_from(branches);
+    let off = again(branches, holes);
+    if holes[start.1..].iter().any(Hole::is_far) {
+        share_ways(branches, &holes[start.1..]);
+        if again(branches, holes) > off {
+            branches.clone_from(before);
+            again(branches, holes);
+        }
+    }
+}
+
+/// Shifts each row of feet, of which all but the first had to go up, down by half of the longest way.
+fn share_ways(branches: &mut [Branch], holes: &[Hole]) {
+    const STILL_M: f32 = 1e-5;
+    let is_pushed = |hole: &Hole| hole.pushed_m > STILL_M;
+    let mut k = 0;
+    while k < holes.len() {
+        // Those of one band that stay, and all that they push.
+        let row = holes[k..].iter().take_while(|h| !is_pushed(h) && h.band == holes[k].band);
+        let stay = row.count();
+        let pushed = holes[k + stay..].iter().take_while(|h| is_pushed(h)).count();
+        let row = &holes[k..k + stay + pushed];
+        let most_m = row.iter().map(|hole| hole.pushed_m).fold(0.0, f32::max);
+        for (branch, hole) in branches[k..].iter_mut().zip(row) {
+            branch.arc_m = hole.arc_m - 0.5 * most_m;
+        }
+        k += row.len().max(1);
     }
 }
 
@@ -470,10 +519,12 @@ fn sort(branches: &mut [Branch]) {
     branches.sort_by(|a, b| low(a).total_cmp(&low(b)).then(a.rank.cmp(&b.rank)));
 }
 
-/// The feet of the band that is being built: the facets taken, and how far up they reach.
+/// The feet of the band that is being built: the facets taken, how far up they reach, and whether they
+/// lie over a ring of the path.
 struct Band {
     taken: u64,
     high_m: f32,
+    lies_over: bool,
 }
 
 /// Whether a path turns by more than a right angle at one of its inner rings.
@@ -536,9 +587,17 @@ fn sweep(
                     }
                     _ => {}
                 }
-                band = Some(Band { taken: 0, high_m: lo });
+                band = Some(Band { taken: 0, high_m: lo, lies_over: false });
                 continue;
             };
+            if open.lies_over && lo >= open.high_m {
+                rings.push(Ring { sides: below.sides, ..at(path, open.high_m, least) });
+                while next < last && path[next].arc_m < open.high_m + step {
+                    next += 1;
+                }
+                band = None;
+                continue;
+            }
             if let Some(r) = ring.filter(|r| r.arc_m >= open.high_m && r.arc_m <= lo)
                 && open.taken != 0
             {
@@ -553,6 +612,7 @@ fn sweep(
                 let band = (rings.len() - 1 - start) as u32;
                 holes.push(Hole { band, ..hole });
                 while next < last && path[next].arc_m < open.high_m {
+                    open.lies_over = true;
                     next += 1;
                 }
                 break;
@@ -567,7 +627,7 @@ fn sweep(
     }
     if let Some(open) = band {
         let below = rings[rings.len() - 1];
-        if next < last {
+        if next < last && !open.lies_over {
             rings.push(Ring { sides: below.sides, ..path[next] });
             next += 1;
         } else {
@@ -639,6 +699,8 @@ fn block(b: &Branch, arc_m: f32, sides: u32, taken: u64, is_empty: bool) -> Opti
         start: b.start,
         arc_m,
         half_m: b.half_m,
+        pushed_m: arc_m - b.arc_m,
+        moved_m: 0.0,
     })
 }
 
@@ -661,7 +723,7 @@ fn settle(rings: &[Ring], holes: &mut [Hole]) {
         let (a, b) = (&rings[hole.band as usize], &rings[hole.band as usize + 1]);
         let height = (b.arc_m - a.arc_m).max(1e-9);
         hole.half_t = (hole.half_m / height).clamp(LEAST_HALF, 0.4);
-        let edge = hole.half_t + 0.06;
+        let edge = (hole.half_t * ROOM_ALONG).min(hole.half_t + MOST_ALONG);
         hole.t = ((hole.arc_m - a.arc_m) / height).min(1.0 - edge).max(edge);
         let ring = between(a, b, hole.t);
         let tangent = Vec3A::from(ring.tangent);
@@ -670,7 +732,9 @@ fn settle(rings: &[Ring], holes: &mut [Hole]) {
         let start = &mut hole.start;
         let stance = Stance::of(start.direction.into(), tangent, radial);
         hole.foot = stance.foot().map(Vec2::normalize);
-        start.at = ring.centre + Vec3::from(radial * ring.radius_m);
+        let at = ring.centre + Vec3::from(radial * ring.radius_m);
+        hole.moved_m = at.distance(start.at);
+        start.at = at;
         start.away = radial.into();
         start.across = stance.across(tangent, radial).into();
         start.rise_m = stance.rise_m(start.radius_m, start.wide_m);
@@ -679,6 +743,7 @@ fn settle(rings: &[Ring], holes: &mut [Hole]) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::path::{Foot, Scratch, Stem, rings};
     use super::*;
 
     #[test]
@@ -730,6 +795,79 @@ mod tests {
         let outside = Vec3A::new(0.5, 0.0, 1.0);
         assert!(outlet(&path, 0, outside, Vec3A::X).is_none());
         assert_eq!(search(&path, 0, outside, Vec3A::X, 1e-3).0, 0.0);
+    }
+
+    fn line(points: &[[f32; 3]]) -> Vec<Ring> {
+        let knots: Vec<Knot> = points
+            .iter()
+            .map(|&[x, z, radius_m]| Knot { at: Vec3::new(x, 0.0, z), radius_m })
+            .collect();
+        let foot = Foot::Inside { parent_radius_m: points[0][2], parent_direction: Vec3::Z };
+        let (mut scratch, mut path) = (Scratch::default(), Vec::new());
+        rings(&knots, foot, LEAST, &sides(), false, &mut scratch, &mut path);
+        path
+    }
+
+    fn sides() -> Sides {
+        Sides::new(1e-3, Stem::TRUE)
+    }
+
+    const LEAST: Least = Least { radius_m: 5e-4, step_m: 2e-3 };
+
+    /// Straight twigs from an axis along z: at which heights, and at which angles around.
+    fn twigs(path: &[Ring], places: &[[f32; 2]], radius_m: f32) -> Vec<Branch> {
+        let twig = |(k, &[z, turn]): (usize, &[f32; 2])| {
+            let from = at(path, z, LEAST).centre;
+            let (s, c) = turn.sin_cos();
+            let knots = [0.0, 1.0].map(|m| Knot { at: from + Vec3::new(c, s, 0.0) * m, radius_m });
+            leave(path, z, &knots, [k as u32; 2], LEAST, &sides()).unwrap()
+        };
+        places.iter().enumerate().map(twig).collect()
+    }
+
+    fn opened(path: &[Ring], mut branches: Vec<Branch>) -> (Vec<Ring>, Vec<Hole>) {
+        let (mut made, mut holes) = (Vec::new(), Vec::new());
+        open(path, &mut branches, LEAST, &mut Vec::new(), &mut made, &mut holes);
+        assert_eq!(holes.len(), branches.len());
+        (made, holes)
+    }
+
+    /// However long the band is.
+    #[test]
+    fn a_foot_alone_lies_where_its_branch_leaves() {
+        let path = line(&[[0.0, 0.0, 0.05], [0.0, 10.0, 0.04]]);
+        for z in [0.3, 0.7, 5.0, 9.5] {
+            let (_, holes) = opened(&path, twigs(&path, &[[z, 1.0]], 0.004));
+            assert!(holes[0].moved_m < 0.005, "{z}: {}", holes[0].moved_m);
+        }
+    }
+
+    #[test]
+    fn feet_in_one_place_share_the_way() {
+        let path = line(&[[0.0, 0.0, 0.01], [0.0, 4.0, 0.008]]);
+        let places = [[2.0, 1.0]; 4];
+        let (_, holes) = opened(&path, twigs(&path, &places, 0.007));
+        let off_m: Vec<f32> = holes.iter().map(|hole| hole.arc_m - 2.0).collect();
+        let [low, high] = [off_m[0], off_m[3]];
+        assert!(high > 0.01 && (high + low).abs() < 0.1 * high, "{off_m:?}");
+    }
+
+    /// A bend beside whose ring feet lie stays.
+    #[test]
+    fn a_tube_with_feet_keeps_its_bends() {
+        for z in [1.97, 1.99, 2.0, 2.01, 2.03] {
+            let path = line(&[[0.0, 0.0, 0.03], [0.0, 2.0, 0.03], [1.0, 4.0, 0.02]]);
+            let bend = Vec3::Z * 2.0;
+            let branches = twigs(&path, &[[z, 1.0], [z + 0.01, 3.0], [z - 0.5, 2.0]], 0.008);
+            let (made, _) = opened(&path, branches);
+            let off = |w: &[Ring]| {
+                let (a, b) = (w[0].centre, w[1].centre);
+                let share = (bend - a).dot(b - a) / (b - a).length_squared();
+                bend.distance(a.lerp(b, share.clamp(0.0, 1.0)))
+            };
+            let off_m = made.windows(2).map(off).fold(f32::INFINITY, f32::min);
+            assert!(off_m < 0.02, "{z}: {off_m} m");
+        }
     }
 
     #[test]

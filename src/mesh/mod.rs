@@ -183,8 +183,7 @@ pub struct TreeMesh {
     pub axes: usize,
     /// Those of them that have no mesh: they never clear their parent's bark.
     pub unmeshed_axes: usize,
-    /// Those of them that are closed for themselves, though wood is welded: where they leave their parent there
-    /// is no room for their foot.
+    /// Those of them that are closed for themselves, though wood is welded: f32 cannot tell as many feet apart.
     pub unwelded_axes: usize,
     /// Greatest distance of the wood's facets from their circles, r (1 − cos(π / N)), metres.
     pub sagitta_m: f32,

@@ -14,7 +14,7 @@ pub const SPAN: f32 = 1.0 - PURE;
 const STRETCH: f32 = 1.6;
 const UNLIKE: f32 = 0.5;
 /// A ring no farther from where the tiles end than this share of them is their end.
-const NEAR: f32 = 0.12;
+const NEAR: f32 = 0.05;
 /// The same of a single ring where bark changes, share of the tube's length.
 const NEAR_ALONG: f32 = 0.02;
 /// Where tiles find no room they are moved by so much of their length, so often at most up and down.

@@ -31,9 +31,6 @@ const MOST_STEM: f32 = 0.7;
 const NEAR: usize = 6_000;
 /// Triangles of a tree below which bark changes at a ring: it is seen from afar.
 const FAR_BELOW: usize = 1_000;
-/// How far from its place the foot of a branch may lie, in its half widths, where every leaf is seen, and
-/// that it hangs from wood.
-const FAR: f32 = 3.0;
 /// What woods come to over their guesses, bare and leafy: where the search starts.
 const USUAL: [f32; 2] = [0.93, 1.1];
 
@@ -93,7 +90,6 @@ pub fn wood(
         least: Least::within(reach_m(&skeleton.position)),
         is_welded: options.junctions == Junctions::Welded,
         stem: if options.is_flat() { Stem::TRUE } else { Stem::NEAR },
-        far: if options.foliage == FoliageLevel::Geometry { FAR } else { f32::INFINITY },
         is_bare,
         options: *options,
     };
@@ -135,8 +131,6 @@ struct Planner<'a> {
     least: Least,
     is_welded: bool,
     stem: Stem,
-    /// How far from its place a foot may lie, in its half widths.
-    far: f32,
     /// Without leaves to hide branches, and to reach the top.
     is_bare: bool,
     options: MeshOptions,
@@ -146,20 +140,30 @@ struct Planner<'a> {
 #[derive(Default)]
 struct Work {
     pieces: Pieces,
-    /// Of every chain: the hole it comes out of.
-    out_of: Vec<u32>,
+    /// Of every chain: what it comes out of.
+    from: Vec<Origin>,
     /// Of every hole so far.
     start: Vec<Start>,
     scratch: Scratch,
     path: Vec<Ring>,
     todo: Vec<(u32, f32)>,
     branches: Vec<Branch>,
+    before: Vec<Branch>,
     rings: Vec<Ring>,
     holes: Vec<Hole>,
 }
 
-/// Comes out of no hole.
-const NONE: u32 = u32::MAX;
+/// What a chain comes out of.
+#[derive(Clone, Copy, PartialEq)]
+enum Origin {
+    /// Not known yet: that on which it begins.
+    Parent,
+    /// What its parent comes out of, in whose bark the parent still is where it begins.
+    Bark,
+    Hole(u32),
+    /// Bark that had no room for its foot: closed for itself.
+    Crowd,
+}
 
 impl Planner<'_> {
     /// A wood that uses most of a budget, or the coarsest of all. What woods would have is guessed
@@ -272,7 +276,7 @@ impl Planner<'_> {
         let (tolerance_m, cut_m) = self.limits(coarse);
         let is_near = self.options.triangle_budget.is_some_and(|most| most >= NEAR);
         let detail = is_near || self.options.detail && coarse < 30.0;
-        let Work { pieces, out_of, start, scratch, path, todo, branches, rings: made, holes } =
+        let Work { pieces, from, start, scratch, path, todo, branches, before, rings: made, holes } =
             work;
         let sides = Sides::new(tolerance_m, self.stem);
         pieces.simplify(self.chains, &sides, (cut_m, self.is_bare), self.least);
@@ -281,19 +285,19 @@ impl Planner<'_> {
         let Some(root) = (0..count_of).find(|&c| !pieces.of(c).is_empty()) else {
             return Count::default();
         };
-        out_of.clear();
-        out_of.resize(count_of as usize, NONE);
-        let mut is_crowded = vec![false; count_of as usize];
+        from.clear();
+        from.resize(count_of as usize, Origin::Parent);
         start.clear();
         start.reserve(count_of as usize);
         let (mut tubes, mut unwelded, mut sagitta) = (0, 0, (0.0, 0));
         for c in root..count_of {
-            let comes_from = out_of[c as usize];
-            let foot = match start.get(comes_from as usize) {
-                Some(&start) => Foot::Collar(start),
-                None if c == root || self.stands(c) => self.foot(c),
-                None if !self.is_welded || is_crowded[c as usize] => self.inside(c),
-                None => continue,
+            let comes_from = from[c as usize];
+            let foot = match comes_from {
+                Origin::Hole(hole) => Foot::Collar(start[hole as usize]),
+                _ if c == root || self.stands(c) => self.foot(c),
+                Origin::Crowd => self.inside(c),
+                _ if !self.is_welded => self.inside(c),
+                _ => continue,
             };
             path.clear();
             let knots = pieces.of(c);
@@ -306,7 +310,9 @@ impl Planner<'_> {
             if self.is_welded {
                 let at = |&(k, place): &(u32, u32)| (k, pieces.arc_m(place));
                 let branches = self.chains.branches(c).iter();
-                todo.extend(branches.filter(|b| !self.stands(b.0)).map(at));
+                let own =
+                    branches.filter(|b| !self.stands(b.0) && from[b.0 as usize] == Origin::Parent);
+                todo.extend(own.map(at));
                 if c == root {
                     // What springs from chains before the root springs from its foot.
                     let lost = (0..root).flat_map(|c| self.chains.branches(c));
@@ -323,21 +329,30 @@ impl Planner<'_> {
                 let ranked = [child, self.chains.chain[child as usize].first];
                 let found = junction::leave(path, arc, knots, ranked, self.least, &sides);
                 match found {
-                    Some(branch) => branches.push(branch),
+                    Some(branch) => {
+                        // What springs from it within the bark springs from the bark, too.
+                        for &(k, place) in self.chains.branches(child) {
+                            if pieces.arc_m(place) < branch.leaves_at_m() {
+                                from[k as usize] = Origin::Bark;
+                                todo.push((k, arc_m));
+                            }
+                        }
+                        branches.push(branch);
+                    }
                     // What springs from a branch within the bark springs from the bark.
                     None => {
                         todo.extend(self.chains.branches(child).iter().map(|b| (b.0, arc_m)));
                     }
                 }
             }
-            // What finds no room for its foot passes into its parent, closed for itself.
-            branches.iter().for_each(|branch| is_crowded[branch.child as usize] = true);
+            // Until they have their holes.
+            branches.iter().for_each(|branch| from[branch.child as usize] = Origin::Crowd);
             holes.clear();
             if branches.is_empty() {
                 std::mem::swap(made, path);
             } else {
                 made.clear();
-                junction::open(path, branches, self.least, self.far, made, holes);
+                junction::open(path, branches, self.least, before, made, holes);
             }
             let is_stem = c == root && !self.is_one_of_many(c);
             let young = if is_stem { self.young.of_stem() } else { self.young };
@@ -346,13 +361,12 @@ impl Planner<'_> {
                 |radius_m: f32| young.transition_m(radius_m, BARK_REPEAT_M).filter(|_| !is_far);
             transition::part(made, holes, &young, self.least, tile_m);
             for hole in &*holes {
-                is_crowded[hole.child as usize] = false;
-                out_of[hole.child as usize] = start.len() as u32;
+                from[hole.child as usize] = Origin::Hole(start.len() as u32);
                 start.push(hole.start);
             }
-            let out_of = match foot {
-                Foot::Collar(start) => {
-                    Some(Outlet { hole: comes_from, has_collar: start.has_collar })
+            let out_of = match (foot, comes_from) {
+                (Foot::Collar(Start { has_collar, .. }), Origin::Hole(hole)) => {
+                    Some(Outlet { hole, has_collar })
                 }
                 _ => None,
             };

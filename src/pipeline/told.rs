@@ -24,8 +24,8 @@ pub fn unmeshed<'a>(
     let outcome = match unwelded {
         0 => outcome,
         _ => outcome.note(format!(
-            "{unwelded} of {axes} branches pass into their parent, closed for themselves: their feet found no room \
-             near enough"
+            "{unwelded} of {axes} branches pass into their parent, closed for themselves: there is no room for as many \
+             feet that 32-bit places could tell apart"
         )),
     };
     if unmeshed == 0 {
