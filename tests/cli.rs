@@ -824,7 +824,7 @@ fn a_box_and_a_camera_leave_out_what_they_do_not_show() {
         stages.iter().find(|s| s["stage"] == stage).map_or(0.0, |s| number(&s["seconds"]))
     };
     // To choose forms they had to be made.
-    assert_eq!(costs.iter().sum::<f64>(), spent("levels") + spent("camera"));
+    assert_eq!(costs.iter().sum::<f64>(), spent("camera") + spent("levels") + spent("choice"));
     assert!(costs.iter().any(|s| *s > 0.0) && spent("levels") > 0.0);
     let both = format!("{},{}", place(far), place(middle));
     let forms = small_demo(dir.path(), &["--camera", &both, "--lods", "2"]);

@@ -135,6 +135,12 @@ struct Sheet {
     size: Vec2,
 }
 
+/// What a texel of a cross spans: with its gutters, the longer side of a sheet is that of the picture or less.
+pub fn cross_texel_m((lo, hi): (Vec3, Vec3), size_px: usize) -> f32 {
+    let span = (hi - lo.with_z(lo.z.max(0.0))).max(Vec3::splat(1e-3));
+    span.max_element() / size_px.saturating_sub(GUTTER).max(8) as f32
+}
+
 fn cross(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impostor> {
     let lo = lo.with_z(lo.z.max(0.0));
     let span = (hi - lo).max(Vec3::splat(1e-3));
@@ -147,9 +153,7 @@ fn cross(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impos
         size: Vec2::new(width, span.z),
     };
     let sheets = [upright(Vec3::Y, Vec3::X, span.x), upright(-Vec3::X, Vec3::Y, span.y)];
-    let longest = sheets.iter().map(|s| s.size.max_element()).fold(0.0, f32::max);
-    // With its gutters, the longer side of a sheet is that of the picture or less.
-    let texel_m = longest / size_px.saturating_sub(GUTTER).max(8) as f32;
+    let texel_m = cross_texel_m((lo, hi), size_px);
     let views: Vec<Frame> = sheets
         .par_iter()
         .map(|s| {

@@ -27,7 +27,7 @@ use crate::texture::TreeTextures;
 /// Factors tried at each height, how often, and how far that may lead.
 const STEP: [f32; 2] = [0.85, 1.18];
 const ROUNDS: usize = 6;
-/// Change of all sizes, logarithm, at which they are right, times the rounds so far: few twigs never settle.
+/// Change of all sizes, logarithm, at which they are right, times the rounds before: few twigs never settle.
 const STILL: f32 = 0.03;
 const LARGER: [f32; 2] = [0.3, 3.0];
 /// Below the crown's tip twigs are larger than at most heights by no more than this: where a form has
@@ -128,7 +128,7 @@ pub fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMes
         wanted.seen(made.collect::<Result<_>>()?)
     };
     let mut moving: Vec<usize> = (0..open.len()).collect();
-    for round in 1..=ROUNDS {
+    for round in 0..ROUNDS {
         let at_hand: Vec<_> = moving.iter().map(|k| open[*k]).collect();
         let seen = tried(&at_hand, &STEP)?;
         let mut each = seen.as_chunks::<{ STEP.len() }>().0.iter();

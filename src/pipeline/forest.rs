@@ -217,25 +217,39 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
             prototype.colliders = collision(skeleton, kind);
         }
     }
+    let mut seen = None;
+    if let Some(eye) = &job.eye {
+        seen = Some(run.stage("camera", |warnings| {
+            let mut seen = view::look(&mut scene, eye);
+            seen.outside += unmade;
+            let shown = scene.instances.len();
+            if shown == 0 && !survey.trees.is_empty() {
+                warnings.push(view::blind(&survey));
+            }
+            let outcome = Outcome::items(survey.trees.len(), "trees", shown, "seen")
+                .note(format!("{} outside the picture, {} hidden", seen.outside, seen.hidden));
+            Ok((seen, outcome))
+        })?);
+    }
+    let tolerance_m = job.wood.tolerance_m.unwrap_or(0.0);
     let mut rows = Vec::new();
     let forms = job.forms();
     if !forms.is_empty() {
         run.stage("levels", |warnings| {
-            levels::add(&mut scene, coarse, &materials, &forms, job.sheet_px(), &job.cache)?;
+            let told_m =
+                seen.as_ref().map(|seen| seen.told_m(&scene, tolerance_m, job.scene_triangles));
+            let told_m = |p: usize| told_m.as_ref().map_or(Some(f32::INFINITY), |told| told[p]);
+            let (sheet_px, cache) = (job.sheet_px(), &job.cache);
+            levels::add(&mut scene, coarse, &materials, &forms, sheet_px, cache, told_m)?;
             rows = levels::rows(&scene);
             Ok(((), levels::outcome(&rows, scene.prototypes.len(), warnings)))
         })?;
     }
     let mut chosen = None;
-    if let Some(eye) = &job.eye {
-        chosen = Some(run.stage("camera", |warnings| {
-            let tolerance_m = job.wood.tolerance_m.unwrap_or(0.0);
-            let mut chosen = view::choose(&mut scene, eye, tolerance_m, job.scene_triangles);
-            chosen.outside += unmade;
+    if let Some(seen) = &seen {
+        chosen = Some(run.stage("choice", |warnings| {
+            let chosen = view::choose(&mut scene, seen, tolerance_m, job.scene_triangles);
             let shown = scene.instances.len();
-            if shown == 0 && !survey.trees.is_empty() {
-                warnings.push(view::blind(&survey));
-            }
             let (total, taken) = (job.scene_triangles.unwrap_or(usize::MAX), chosen.triangles);
             if taken > total {
                 warnings.push(format!(
@@ -243,8 +257,7 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
                      coarsest forms; give more, or show fewer (--clip, --camera)"
                 ));
             }
-            let mut outcome = Outcome::items(survey.trees.len(), "trees", shown, "shown")
-                .note(format!("{} outside the picture, {} hidden", chosen.outside, chosen.hidden));
+            let mut outcome = Outcome::items(shown, "trees", scene.prototypes.len(), "forms");
             if chosen.off_px > 1.0 {
                 let note = format!("{taken} triangles, off by up to {:.1} pixels", chosen.off_px);
                 outcome = outcome.note(note);

@@ -26,8 +26,12 @@ pub(super) struct Baked {
 /// wide in smaller ones, and is cut away.
 const LEAST_VIEW_PX: u32 = 64;
 
+/// Texels so much smaller than thought are as large, for rounding.
+const SAME: f32 = 0.99;
+
 /// The impostor of each model, in all looks that its materials know; the same, to the byte, with or without
-/// a cache.
+/// a cache. `None` where those who look at a model can tell more than `told_m` of it, and texels are larger, or
+/// nobody looks.
 ///
 /// # Errors
 /// A model that is not finite; a picture that can't be encoded.
@@ -36,23 +40,33 @@ pub(super) fn bake(
     kind: lod::Kind,
     texture_px: u32,
     cache: &Cache,
-) -> Result<Vec<Baked>> {
+    told_m: impl Fn(usize) -> Option<f32>,
+) -> Result<Vec<Option<Baked>>> {
     // A sheet is shown where the tree is some 200 lines high or less; near by twice as many hold up.
     let size_px = match kind {
         lod::Kind::Cross => texture_px.max(LEAST_VIEW_PX),
         lod::Kind::Octahedral { views } => (2 * texture_px).max(LEAST_VIEW_PX * views),
     };
     let Scene { prototypes, materials, textures, .. } = scene;
-    let key = |p: &Prototype| -> Result<Option<Key>> {
-        if !cache.is_on() {
+    let is_shown = |(m, p): (usize, &Prototype)| {
+        let texel_m = match kind {
+            lod::Kind::Cross => impostor::cross_texel_m(bounds(&p.parts), size_px as usize),
+            lod::Kind::Octahedral { .. } => 0.0,
+        };
+        told_m(m).is_some_and(|told_m| SAME * texel_m <= told_m)
+    };
+    let shown: Vec<bool> = prototypes.iter().enumerate().map(is_shown).collect();
+    let key = |(p, shown): (&Prototype, &bool)| -> Result<Option<Key>> {
+        if !cache.is_on() || !shown {
             return Ok(None);
         }
         key_of(p, scene, kind, size_px).map(Some)
     };
-    let keys: Vec<Option<Key>> = prototypes.par_iter().map(key).collect::<Result<_>>()?;
+    let keys: Vec<Option<Key>> =
+        prototypes.par_iter().zip(&shown).map(key).collect::<Result<_>>()?;
     let kept = |key: &Option<Key>| Stored::from_parts(cache.get((*key)?)?);
     let mut all: Vec<Option<Stored>> = keys.par_iter().map(kept).collect();
-    let missing: Vec<usize> = (0..all.len()).filter(|&m| all[m].is_none()).collect();
+    let missing: Vec<usize> = (0..all.len()).filter(|&m| shown[m] && all[m].is_none()).collect();
     if !missing.is_empty() {
         let models: Vec<&[Part]> = prototypes.iter().map(|p| &p.parts[..]).collect();
         let sitter = Sitter::new(&models, materials, textures);
@@ -76,7 +90,7 @@ pub(super) fn bake(
         let looks = most_looks(prototype, materials).map_or(&[][..], |m| &m.variants);
         Some(named(stored?, prototype, looks))
     };
-    Ok(all.into_iter().zip(prototypes).filter_map(named).collect())
+    Ok(all.into_iter().zip(prototypes).map(named).collect())
 }
 
 /// What decides an impostor, its tints too, which are found here.
@@ -150,8 +164,8 @@ mod tests {
         let cache = Cache::in_folder(folder.path());
         for kind in [lod::Kind::Cross, lod::Kind::Octahedral { views: 4 }] {
             let told = |cache: &Cache| {
-                let all = bake(&scene, kind, 64, cache).unwrap();
-                all.into_iter().map(told).collect::<Vec<_>>()
+                let all = bake(&scene, kind, 64, cache, |_| Some(f32::INFINITY)).unwrap();
+                all.into_iter().flatten().map(told).collect::<Vec<_>>()
             };
             let baked = told(&Cache::off());
             let last = scene.prototypes.len() - 1;

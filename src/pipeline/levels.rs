@@ -15,7 +15,7 @@ use crate::lod::{self, Silhouettes, Views, impostor};
 use crate::mesh::{MeshOptions, TreeMesh, WindProfile, p18};
 use crate::render::capture::Sitter;
 use crate::report::{ErrorMeasure, Outcome};
-use crate::scene::{Alpha, Apart, ColliderShape, Level, Material, Part, Scene, Variant};
+use crate::scene::{Alpha, Apart, ColliderShape, Level, Material, Part, Prototype, Scene, Variant};
 use crate::work::{self, Work};
 
 /// Which forms are made of a model beside the finest.
@@ -126,7 +126,9 @@ pub struct Row {
 }
 
 /// Adds to every prototype of `scene` its coarser meshes (`coarse`, of each prototype from fine to
-/// coarse) and its impostor.
+/// coarse) and its impostor. `told_m`: the largest error of a prototype that none who look at one of its trees
+/// can tell, metres; of one that has none, nobody looks, and it gets no other form, as no impostor where its
+/// texels are told.
 ///
 /// # Errors
 /// A model that is not finite.
@@ -137,8 +139,10 @@ pub fn add(
     job: &LevelsJob,
     texture_px: u32,
     cache: &Cache,
+    told_m: impl Fn(usize) -> Option<f32>,
 ) -> Result<()> {
-    for ((prototype, meshes), look) in scene.prototypes.iter_mut().zip(coarse).zip(looks) {
+    let of_each = scene.prototypes.iter_mut().zip(coarse).zip(looks).enumerate();
+    for (_, ((prototype, meshes), look)) in of_each.filter(|(p, _)| told_m(*p).is_some()) {
         for (k, mesh) in meshes.into_iter().enumerate() {
             prototype.levels.push(Level {
                 name: format!("LOD{}", k + 1),
@@ -148,9 +152,10 @@ pub fn add(
             });
         }
     }
-    let baked =
-        job.impostor.map(|kind| impostors::bake(scene, kind, texture_px, cache)).transpose()?;
+    let bake = |kind| impostors::bake(scene, kind, texture_px, cache, told_m);
+    let baked = job.impostor.map(bake).transpose()?;
     for (p, baked) in baked.into_iter().flatten().enumerate() {
+        let Some(baked) = baked else { continue };
         let (first_texture, first_material) = (scene.textures.len(), scene.materials.len());
         let Baked { mut part, colour, normal, octahedral, others } = baked;
         if let Some(profile) = job.wind {
@@ -203,7 +208,8 @@ fn measure(scene: &mut Scene) -> Result<()> {
     let mut models: Vec<&[Part]> = Vec::new();
     let mut first = Vec::new();
     let mut sheets = turned.iter();
-    for p in &scene.prototypes {
+    let has_levels = |p: &&Prototype| !p.levels.is_empty();
+    for p in scene.prototypes.iter().filter(has_levels) {
         first.push(models.len() as u32);
         models.push(&p.parts);
         for level in &p.levels {
@@ -215,8 +221,8 @@ fn measure(scene: &mut Scene) -> Result<()> {
     }
     let sitter = Sitter::covers(&models, &scene.materials, &scene.textures);
     // As it is, and as its shader shows it.
-    let apart: Vec<Vec<(Apart, Option<Apart>)>> = scene
-        .prototypes
+    let with_levels: Vec<&Prototype> = scene.prototypes.iter().filter(has_levels).collect();
+    let apart: Vec<Vec<(Apart, Option<Apart>)>> = with_levels
         .par_iter()
         .zip(&first)
         .map(|(p, &first)| {
@@ -248,7 +254,8 @@ fn measure(scene: &mut Scene) -> Result<()> {
             each.collect()
         })
         .collect::<Result<_>>()?;
-    for (p, apart) in scene.prototypes.iter_mut().zip(apart) {
+    let with_levels = scene.prototypes.iter_mut().filter(|p| !p.levels.is_empty());
+    for (p, apart) in with_levels.zip(apart) {
         for (level, (plain, shown)) in p.levels.iter_mut().zip(apart) {
             level.silhouette = shown.unwrap_or(plain);
             if let Some(octahedral) = &mut level.octahedral {
@@ -463,7 +470,7 @@ pub(super) mod tests {
         };
         scene.materials[leaf].variants = vec![variant("same", green), variant("autumn", red)];
         let job = LevelsJob { impostor: Some(lod::Kind::Cross), ..LevelsJob::default() };
-        add(&mut scene, Vec::new(), &[], &job, 64, &Cache::off()).unwrap();
+        add(&mut scene, Vec::new(), &[], &job, 64, &Cache::off(), |_| Some(f32::INFINITY)).unwrap();
         let level = scene.prototypes[0].levels.last().unwrap();
         let material = &scene.materials[level.parts[0].material as usize];
         let picture = |texture: Option<u32>| {

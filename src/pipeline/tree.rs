@@ -307,13 +307,15 @@ fn stand(
     let mut rows = Vec::new();
     if !job.levels.is_empty() {
         run.stage("levels", |warnings| {
+            let (coarse, told_m) = (vec![coarse], |_| Some(f32::INFINITY));
             levels::add(
                 &mut scene,
-                vec![coarse],
+                coarse,
                 &[look],
                 &job.levels,
                 job.texture_px,
                 &job.cache,
+                told_m,
             )?;
             rows = levels::rows(&scene);
             Ok(((), levels::outcome(&rows, 1, warnings)))

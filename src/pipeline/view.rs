@@ -12,7 +12,7 @@ use crate::frame::Frame;
 use crate::render::capture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::scene::sharing::Model;
-use crate::scene::{Level, Prototype, Scene, plain_rms_m};
+use crate::scene::{Instance, Level, Part, Prototype, Scene, plain_rms_m};
 use crate::work::{self, Work};
 
 /// Where a picture will be taken from; the scan's own coordinates.
@@ -56,12 +56,19 @@ pub struct Chosen {
     pub spared_bytes: u64,
 }
 
-/// Drops the trees that the camera does not see and shows the others in the form of fewest
-/// triangles whose silhouette is off by no more than a pixel of 1,080 lines, or `tolerance_m`,
-/// RMS, and whose texels are no larger where it is an impostor. By as few pixels more, the same for
-/// all, as make them take no more than `most` triangles, if their forms allow that. Forms become
-/// prototypes of their own. Known limit: shadows and reflections of what is dropped are missing.
-pub fn choose(scene: &mut Scene, eye: &Eye, tolerance_m: f32, most: Option<usize>) -> Chosen {
+/// What a camera sees of a scene.
+pub struct Seen {
+    pub outside: usize,
+    pub hidden: usize,
+    /// Of all trees, in their finest form.
+    triangles: usize,
+    /// Of each tree that is left: what a pixel spans at its near side.
+    pixel_m: Vec<f32>,
+}
+
+/// Drops the trees that the camera does not see. Known limit: shadows and reflections of what is dropped are
+/// missing.
+pub fn look(scene: &mut Scene, eye: &Eye) -> Seen {
     work::count(Work::TreesLookedFor, scene.instances.len());
     let camera = camera(&scene.frame, eye);
     let options = RenderOptions {
@@ -71,36 +78,70 @@ pub fn choose(scene: &mut Scene, eye: &Eye, tolerance_m: f32, most: Option<usize
         ..RenderOptions::default()
     };
     let seen = render::seen(&render::View::from(&*scene), &camera, &options);
+    let of_each: Vec<usize> = scene.prototypes.iter().map(|p| triangles(&p.parts)).collect();
+    let mut of_all = Seen { outside: 0, hidden: 0, triangles: 0, pixel_m: Vec::new() };
+    let mut seen = seen.into_iter();
+    scene.instances.retain(|tree| {
+        of_all.triangles += of_each[tree.prototype as usize];
+        match seen.next().flatten() {
+            None => of_all.outside += 1,
+            Some(false) => of_all.hidden += 1,
+            Some(true) => {
+                let size_m = [tree.facts.height_m, tree.facts.crown_diameter_m];
+                of_all.pixel_m.push(pixel_m(&camera, tree.position, size_m));
+                return true;
+            }
+        }
+        false
+    });
+    of_all
+}
+
+impl Seen {
+    /// Of each prototype: the largest error that the camera, whatever is asked of it, lets pass in one of its
+    /// trees; `None` where it sees none.
+    pub fn told_m(&self, scene: &Scene, tolerance_m: f32, most: Option<usize>) -> Vec<Option<f32>> {
+        let mut out = vec![None; scene.prototypes.len()];
+        for (tree, pixel_m) in scene.instances.iter().zip(&self.pixel_m) {
+            let told_m = match most {
+                None => pixel_m.max(tolerance_m) / tree.scale.max_element(),
+                Some(_) => f32::INFINITY,
+            };
+            let of = &mut out[tree.prototype as usize];
+            *of = Some(of.map_or(told_m, |m: f32| m.max(told_m)));
+        }
+        out
+    }
+}
+
+/// Shows the trees that are left in the form of fewest
+/// triangles whose silhouette is off by no more than a pixel of 1,080 lines, or `tolerance_m`,
+/// RMS, and whose texels are no larger where it is an impostor. By as few pixels more, the same for
+/// all, as make them take no more than `most` triangles, if their forms allow that. Forms become
+/// prototypes of their own.
+pub fn choose(scene: &mut Scene, seen: &Seen, tolerance_m: f32, most: Option<usize>) -> Chosen {
     let forms: Vec<Vec<Form>> = scene.prototypes.iter().map(|p| forms(p, scene)).collect();
-    let mut chosen = Chosen::default();
+    let mut chosen = Chosen {
+        outside: seen.outside,
+        hidden: seen.hidden,
+        triangles_before: seen.triangles,
+        ..Chosen::default()
+    };
     let bytes = |scene: &Scene| -> u64 {
         scene.prototypes.iter().flat_map(|p| &p.parts).map(|part| part.surface.bytes()).sum()
     };
     let bytes_before = bytes(scene);
     // New prototypes, by the old one and its form.
     let mut number: BTreeMap<(u32, usize), u32> = BTreeMap::new();
-    let mut seen = seen.into_iter();
-    // Of each tree that is shown, and each of its forms: how far off, in pixels.
-    let mut off_px: Vec<Vec<(usize, f32)>> = Vec::new();
-    scene.instances.retain(|tree| {
-        let of = &forms[tree.prototype as usize];
-        chosen.triangles_before += of[0].triangles;
-        match seen.next().flatten() {
-            None => chosen.outside += 1,
-            Some(false) => chosen.hidden += 1,
-            Some(true) => {
-                let size_m = [tree.facts.height_m, tree.facts.crown_diameter_m];
-                let pixel_m = pixel_m(&camera, tree.position, size_m);
-                let off = |form: &Form| {
-                    let off_m = form.error_m * tree.scale.max_element();
-                    if off_m <= tolerance_m { 0.0 } else { off_m / pixel_m }
-                };
-                off_px.push(of.iter().map(|form| (form.triangles, off(form))).collect());
-                return true;
-            }
-        }
-        false
-    });
+    // Of each tree, and each of its forms: how far off, in pixels.
+    let off = |(tree, pixel_m): (&Instance, &f32)| -> Vec<(usize, f32)> {
+        let off = |form: &Form| {
+            let off_m = form.error_m * tree.scale.max_element();
+            if off_m <= tolerance_m { 0.0 } else { off_m / pixel_m }
+        };
+        forms[tree.prototype as usize].iter().map(|form| (form.triangles, off(form))).collect()
+    };
+    let off_px: Vec<_> = scene.instances.iter().zip(&seen.pixel_m).map(off).collect();
     chosen.off_px = least_off(&off_px, most.unwrap_or(usize::MAX));
     for (tree, off_px) in scene.instances.iter_mut().zip(&off_px) {
         let k = cheapest(off_px, chosen.off_px);
@@ -231,12 +272,15 @@ fn texel_m(level: &Level, scene: &Scene) -> f32 {
     (high.z - low.z) / shown.max(1.0)
 }
 
+fn triangles(parts: &[Part]) -> usize {
+    parts.iter().map(|p| p.surface.triangles()).sum()
+}
+
 fn forms(prototype: &Prototype, scene: &Scene) -> Vec<Form> {
-    let count = |parts: &[crate::scene::Part]| parts.iter().map(|p| p.surface.triangles()).sum();
-    let finest = Form { name: "LOD0".into(), triangles: count(&prototype.parts), error_m: 0.0 };
+    let finest = Form { name: "LOD0".into(), triangles: triangles(&prototype.parts), error_m: 0.0 };
     let coarser = prototype.levels.iter().map(|l| Form {
         name: l.name.clone(),
-        triangles: count(&l.parts),
+        triangles: triangles(&l.parts),
         error_m: plain_rms_m(l.silhouette, l.octahedral).max(texel_m(l, scene)),
     });
     [finest].into_iter().chain(coarser).collect()
@@ -323,7 +367,7 @@ mod tests {
     use super::*;
     use crate::mesh::Surface;
     use crate::raster::Picture;
-    use crate::scene::{Apart, Colorspace, Part, Texture, sample};
+    use crate::scene::{Apart, Colorspace, Texture, sample};
 
     #[test]
     fn a_budget_is_spent_whole_and_more_on_what_is_larger() {
@@ -364,12 +408,17 @@ mod tests {
             culled += scene.instances.len() - near.instances.len();
             let names = |scene: &Scene| -> Vec<String> {
                 let mut seen = scene.clone();
-                choose(&mut seen, &eye, 0.0, None);
+                super::look(&mut seen, &eye);
                 seen.instances.iter().map(|t| t.name.clone()).collect()
             };
             assert_eq!(names(&near), names(&scene), "{k}");
         }
         assert!(culled > 200, "{culled}");
+    }
+
+    fn shown(scene: &mut Scene, eye: &Eye, most: Option<usize>) -> Chosen {
+        let seen = look(scene, eye);
+        choose(scene, &seen, 0.0, most)
     }
 
     #[test]
@@ -380,7 +429,7 @@ mod tests {
         let middle = scene.frame.origin;
         let eye = |at: DVec3, look: DVec3| Eye { at, look, fov_deg: 40.0 };
         let far = eye(middle + DVec3::new(0.0, -300.0, 200.0), middle);
-        let all = choose(&mut seen, &far, 0.0, None);
+        let all = shown(&mut seen, &far, None);
         assert_eq!(all.outside, 0);
         assert_eq!(all.hidden + all.shown.values().sum::<usize>(), scene.instances.len());
         assert!(all.hidden < 4, "{all:?}");
@@ -388,7 +437,7 @@ mod tests {
         seen.validate().unwrap();
         let mut none = scene.clone();
         let away = eye(far.at, far.at * 2.0 - middle);
-        assert_eq!(choose(&mut none, &away, 0.0, None).outside, scene.instances.len());
+        assert_eq!(shown(&mut none, &away, None).outside, scene.instances.len());
         assert!(none.instances.is_empty() && none.prototypes.is_empty());
     }
 
@@ -414,7 +463,7 @@ mod tests {
         let eye = Eye { at: middle + DVec3::new(0.0, -60.0, 40.0), look: middle, fov_deg: 60.0 };
         let chosen = |most| {
             let mut scene = scene.clone();
-            let chosen = choose(&mut scene, &eye, 0.0, most);
+            let chosen = shown(&mut scene, &eye, most);
             (chosen, scene)
         };
         let (free, _) = chosen(None);
@@ -445,6 +494,38 @@ mod tests {
             trees.sort_by(|a, b| a.0.total_cmp(&b.0));
             assert!(trees.is_sorted_by_key(|t| t.1), "{trees:?}");
         }
+    }
+
+    /// What nobody could have chosen is not made, and nothing else is chosen for that.
+    #[test]
+    fn only_what_may_be_chosen_is_made() {
+        let scene = sample::forest(&["Betula pendula", "Picea abies"], 60, 60.0);
+        let middle = scene.frame.origin;
+        let at = middle + DVec3::new(0.0, -260.0, 60.0);
+        let eye = Eye { at, look: middle, fov_deg: 30.0 };
+        let job = levels::LevelsJob {
+            impostor: Some(crate::lod::Kind::Cross),
+            ..levels::LevelsJob::default()
+        };
+        let made = |texture_px: u32, makes_all: bool| {
+            let mut scene = scene.clone();
+            let seen = look(&mut scene, &eye);
+            let told_m = seen.told_m(&scene, 0.0, None);
+            let told_m = |p: usize| if makes_all { Some(f32::INFINITY) } else { told_m[p] };
+            let cache = crate::cache::Cache::off();
+            levels::add(&mut scene, Vec::new(), &[], &job, texture_px, &cache, told_m).unwrap();
+            let baked = scene.prototypes.iter().filter(|p| !p.levels.is_empty()).count();
+            let chosen = choose(&mut scene, &seen, 0.0, None);
+            (baked, chosen, scene.prototypes.iter().map(|p| p.name.clone()).collect::<Vec<_>>())
+        };
+        let models = scene.prototypes.len();
+        for texture_px in [64, 128, 512] {
+            let (all, needed) = (made(texture_px, true), made(texture_px, false));
+            assert_eq!(all.0, models);
+            assert_eq!((&all.1.shown, &all.2), (&needed.1.shown, &needed.2), "{texture_px}");
+        }
+        assert_eq!(made(64, false).0, 0, "texels are seen");
+        assert!(made(512, false).1.shown.contains_key(levels::IMPOSTOR));
     }
 
     /// A sheet of 10 m that shows the upper half of a picture of 100 lines has texels of 0.2 m.
