@@ -464,7 +464,7 @@ fn lay(
     let low = if is_collar { path[1].arc_m } else { 0.0 };
     let high = apex_m - (0.1 * (apex_m - low)).min(least.step_m);
     let room = high - low;
-    let most = (2.0 * room / least.step_m).floor().max(1.0) as usize;
+    let most = (4.0 * room / least.step_m).floor().max(1.0) as usize;
     if branches.len() > most {
         branches.sort_by(|a, b| {
             b.start.radius_m.total_cmp(&a.start.radius_m).then(a.rank.cmp(&b.rank))

@@ -328,9 +328,9 @@ impl Planner<'_> {
                 let arc = arc_m + shift_m;
                 let ranked = [child, self.chains.chain[child as usize].first];
                 let found = junction::leave(path, arc, knots, ranked, self.least, &sides);
+                // What springs from a branch within the bark springs from the bark.
                 match found {
                     Some(branch) => {
-                        // What springs from it within the bark springs from the bark, too.
                         for &(k, place) in self.chains.branches(child) {
                             if pieces.arc_m(place) < branch.leaves_at_m() {
                                 from[k as usize] = Origin::Bark;
@@ -339,14 +339,17 @@ impl Planner<'_> {
                         }
                         branches.push(branch);
                     }
-                    // What springs from a branch within the bark springs from the bark.
                     None => {
                         todo.extend(self.chains.branches(child).iter().map(|b| (b.0, arc_m)));
                     }
                 }
             }
-            // Until they have their holes.
-            branches.iter().for_each(|branch| from[branch.child as usize] = Origin::Crowd);
+            // Until they have their holes; what springs from a branch within the bark, where that has no room for
+            // it, goes back to its branch.
+            for branch in &*branches {
+                let of = &mut from[branch.child as usize];
+                *of = if *of == Origin::Bark { Origin::Parent } else { Origin::Crowd };
+            }
             holes.clear();
             if branches.is_empty() {
                 std::mem::swap(made, path);
