@@ -62,7 +62,7 @@ const THINGS: [Thing; 7] = [
     },
     Thing {
         what: "choice by a camera among the trees (--camera)",
-        of: &[Work::TreesLookedFor, Work::CoarserForms, Work::Impostors],
+        of: &[Work::TreesLookedFor, Work::CoarserForms, Work::Silhouettes],
         is_usual: false,
         change: |job, place| job.eye = Some(eye(place)),
     },
