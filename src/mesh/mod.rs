@@ -13,6 +13,7 @@ mod form;
 mod fruit;
 mod junction;
 mod leaf;
+mod leave;
 pub mod lightmap;
 pub mod p18;
 mod patch;

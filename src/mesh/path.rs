@@ -9,7 +9,7 @@
 
 use glam::{Quat, Vec3};
 
-use super::junction::COLLAR_END;
+use super::leave::COLLAR_END;
 
 /// Least radius of a ring, and least distance between rings, metres; both grow with the distance
 /// from the origin so that f32 still tells the corners apart.

@@ -1,7 +1,8 @@
 //! Which axes of a skeleton become tubes, and how finely, within a budget of triangles.
 
 use super::chain::{Chains, Pieces};
-use super::junction::{self, Branch, Hole};
+use super::junction::{self, Hole};
+use super::leave::{self, Branch};
 use super::path::{FLARE, Foot, Knot, Least, Ring, Scratch, Sides, Start, Stem, rings};
 use super::transition;
 use super::tube::{self, Outlet, Shape, lay_bark};
@@ -263,7 +264,7 @@ impl Planner<'_> {
             let around = sides.of(base.radius_m);
             // Its hole and a ring of its parent, less its tip, which is a point; or its base.
             let (collar_rings, more) = if self.is_welded { (2, 8) } else { (3, around) };
-            let has_collar = junction::has_collar(base.radius_m, sides);
+            let has_collar = leave::has_collar(base.radius_m, sides);
             rings + more + if has_collar { collar_rings * 2 * around } else { 0 }
         };
         (0..self.chains.chain.len() as u32).map(rest).sum::<u32>().max(1) as f32
@@ -327,12 +328,12 @@ impl Planner<'_> {
                 }
                 let arc = arc_m + shift_m;
                 let ranked = [child, self.chains.chain[child as usize].first];
-                let found = junction::leave(path, arc, knots, ranked, self.least, &sides);
+                let found = leave::leave(path, arc, knots, ranked, self.least, &sides);
                 // What springs from a branch within the bark springs from the bark.
                 match found {
                     Some(branch) => {
                         for &(k, place) in self.chains.branches(child) {
-                            if pieces.arc_m(place) < branch.leaves_at_m() {
+                            if pieces.arc_m(place) < branch.start.arc_m {
                                 from[k as usize] = Origin::Bark;
                                 todo.push((k, arc_m));
                             }

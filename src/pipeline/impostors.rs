@@ -26,12 +26,12 @@ pub(super) struct Baked {
 /// wide in smaller ones, and is cut away.
 const LEAST_VIEW_PX: u32 = 64;
 
-/// Texels so much smaller than thought are as large, for rounding.
+/// Texels count as so much smaller, for rounding.
 const SAME: f32 = 0.99;
 
 /// The impostor of each model, in all looks that its materials know; the same, to the byte, with or without
-/// a cache. `None` where those who look at a model can tell more than `told_m` of it, and texels are larger, or
-/// nobody looks.
+/// a cache. `None` for a model that nobody looks at (`told_m` is), or whose texels would be larger than what can
+/// be told of it, metres.
 ///
 /// # Errors
 /// A model that is not finite; a picture that can't be encoded.

@@ -126,9 +126,9 @@ pub struct Row {
 }
 
 /// Adds to every prototype of `scene` its coarser meshes (`coarse`, of each prototype from fine to
-/// coarse) and its impostor. `told_m`: the largest error of a prototype that none who look at one of its trees
-/// can tell, metres; of one that has none, nobody looks, and it gets no other form, as no impostor where its
-/// texels are told.
+/// coarse) and its impostor. `told_m`: the error, metres, from which on those who look at any tree of a
+/// prototype can tell it; `None` where nobody looks: that prototype gets no other form. No impostor is made
+/// whose texels are larger.
 ///
 /// # Errors
 /// A model that is not finite.
