@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::Surface;
 use super::leaf::Twig;
-use super::piece::{Piece, fill};
+use super::piece::{LEAST_COSINE, Piece, fill};
 use super::spot::{GOLDEN_RAD, Pose, SAG, Spot};
 use super::twigs::{Place, Twigs};
 use super::wind::Wind;
@@ -34,6 +34,8 @@ struct Form {
     normal: Vec<Vec3A>,
     uv: Vec<Vec2>,
     index: Vec<u32>,
+    /// Corners of the triangles from which bent normals may look away.
+    strays: Vec<u32>,
 }
 
 /// Which form a twig takes.
@@ -101,6 +103,7 @@ impl Kind {
         let back = Mat3A::from_quat(stand.inverse());
         let per_m = size_m.recip();
         Form {
+            strays: strays(&made, twig.bent()),
             position: made.position.iter().map(|p| back * Vec3A::from(*p) * per_m).collect(),
             normal: made.normal.iter().map(|n| back * Vec3A::from(*n)).collect(),
             uv: made.uv,
@@ -119,6 +122,31 @@ impl Form {
             ..Surface::default()
         }
     }
+}
+
+/// Corners of the triangles from whose front a normal may look away once a share of it is of the crown's
+/// outside, whichever way that is.
+///
+/// A normal n at an angle θ to the front f becomes (1 − b) n + l − 2 n min(0, n · l), where |l| ≤ b (see
+/// [`bend`]). Its product with f is least, (1 − b) cos θ − b sin θ, where l is at right angles to n and away
+/// from f: of an l that looks into the crown the third term makes up for more than the second takes. It is no
+/// longer than 1 + 2 b.
+fn strays(made: &Surface, bent: f32) -> Vec<u32> {
+    /// More than rounding does.
+    const ROUNDING: f32 = 0.01;
+    let least = LEAST_COSINE * (1.0 + 2.0 * bent) + ROUNDING;
+    let may_stray = |t: &&[u32; 3]| {
+        let corners = t.map(|i| i as usize);
+        let [a, b, c] = corners.map(|i| Vec3A::from(made.position[i]));
+        let front = (b - a).cross(c - a).normalize_or_zero();
+        let is_sure = |i: usize| {
+            let cosine = front.dot(made.normal[i].into());
+            (1.0 - bent) * cosine - bent * (1.0 - cosine * cosine).max(0.0).sqrt() > least
+        };
+        !corners.into_iter().all(is_sure)
+    };
+    let triangles = made.index.as_chunks::<3>().0;
+    triangles.iter().filter(may_stray).copied().flatten().collect()
 }
 
 /// Heading, upper side, and what is at right angles to both.
@@ -222,21 +250,27 @@ pub fn set(twig: &Twig, poses: &[Pose], seed: Seed, wind: Option<(&Wind, &[Spot]
     fill(poses.len(), twig.room(), emit, wind)
 }
 
+/// A unit normal, a share of which is of the crown's outside: `lean`, no longer than that share.
+#[inline]
+fn bend(normal: Vec3A, lean: Vec3A, share: f32) -> Vec3A {
+    // Of a side that looks into the crown, the light is that of its back.
+    let n = normal * (1.0 - share) + lean - normal * (2.0 * normal.dot(lean).min(0.0));
+    n * n.length_squared().max(1e-12).sqrt().recip()
+}
+
 fn place(form: &Form, pose: &Pose, bent: f32, out: &mut Piece) {
     let turn = frame(pose);
-    let (scaled, own) = (turn * pose.size_m, 1.0 - bent);
+    let scaled = turn * pose.size_m;
     let base = Vec3A::from(pose.base);
     // All of a twig lies one way from the crown's middle.
     let middle = pose.base + pose.heading * (0.5 * pose.size_m);
     let lean = pose.out_at(middle.into()) * bent;
     let vertex = |(p, n): (&Vec3A, &Vec3A)| {
-        // Of a side that looks into the crown, the light is that of its back.
-        let along = turn * *n;
-        let n = along * own + lean - along * (2.0 * along.dot(lean).min(0.0));
-        let n = n * n.length_squared().max(1e-12).sqrt().recip();
+        let n = bend(turn * *n, lean, bent);
         (Vec3::from(base + scaled * *p), Vec3::from(n))
     };
     out.copy(form.position.iter().zip(&form.normal).map(vertex), &form.uv, &form.index);
+    out.straighten(&form.strays);
 }
 
 #[cfg(test)]
@@ -276,6 +310,45 @@ mod tests {
         let mean: Vec<f32> = [0, 8, 48, 400].into_iter().map(off).collect();
         assert!(mean.is_sorted_by(|a, b| b < a), "{mean:?}");
         assert!(mean[2] < 2.0 && mean[3] < 1e-3, "{mean:?}");
+    }
+
+    /// Normals of all but a form's strays face with their triangles, however they are bent.
+    #[test]
+    fn what_is_no_stray_never_strays() {
+        let mut draws = Seed::new(3).draws();
+        for name in ["larix_sibirica", "picea_abies", "pinus_sylvestris", "quercus_robur"] {
+            let species = crate::species::load(name).unwrap();
+            let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+            for budget in [usize::MAX, 200_000] {
+                let twig = Twig::new(&species.foliage, &atlas, [2_000; 2], 150.0, budget);
+                let kind = Kind { down: 7, sag: 1, size: -6 };
+                let form = kind.build(&twig, downs()[7], Seed::new(1));
+                let all = form.index.as_chunks::<3>().0;
+                let strays = form.strays.as_chunks::<3>().0;
+                let sure: Vec<_> = all.iter().filter(|t| !strays.contains(t)).collect();
+                let bent = twig.bent();
+                let mut least = 1.0f32;
+                for _ in 0..200 {
+                    let mut lean = Vec3A::from(draws.direction()) * bent;
+                    if draws.unit() < 0.5 {
+                        // What is worst lies along a triangle.
+                        let t = sure[draws.index(sure.len())].map(|i| i as usize);
+                        lean = (form.position[t[1]] - form.position[t[0]]).normalize() * bent;
+                    }
+                    for t in &sure {
+                        let corners = t.map(|i| i as usize);
+                        let [a, b, c] = corners.map(|i| form.position[i]);
+                        let front = (b - a).cross(c - a).normalize();
+                        for i in corners {
+                            least = least.min(front.dot(bend(form.normal[i], lean, bent)));
+                        }
+                    }
+                }
+                assert!(least > LEAST_COSINE, "{name}: {least}");
+                assert!(least < 0.5, "{name}: no lean came near the least, {least}");
+                assert!(2 * strays.len() < all.len(), "{name}: {} of {}", strays.len(), all.len());
+            }
+        }
     }
 
     #[test]

@@ -29,8 +29,9 @@ use crate::texture::atlas::{Atlas, Cell, Row};
 const LEAST_SHARE: [f32; 2] = [0.2, 0.5];
 /// How far the area of needles, or leaves, may grow to make up for those left out.
 const MOST_WIDENED: [f32; 2] = [16.0, 4.0];
-/// Share of what is to be hidden that is near enough.
+/// Shares of what is to be hidden between which leaves hide enough.
 const NEAR: f32 = 0.999;
+const ENOUGH: f32 = 1.01;
 /// The power of that by which a needle's length grows: it stays slender.
 const LENGTHENED: f32 = 0.3;
 /// How far twigs may grow to make up for twigs left out.
@@ -143,15 +144,9 @@ pub struct StandIn {
 }
 
 impl<'a> Twig<'a> {
-    /// Twigs for a tree that has room for `spots` of them and `fewest` at least, whose leaves are so large
-    /// together in summer, where it may spend `budget` triangles. Bare ones all stand.
-    pub fn new(
-        foliage: &'a Foliage,
-        atlas: &'a Atlas,
-        [fewest, spots]: [usize; 2],
-        leaves_sq_m: f32,
-        budget: usize,
-    ) -> Twig<'a> {
+    /// A twig of the species' own leaves, all that the season leaves on it; and of the places along its shoots in
+    /// summer.
+    fn full(foliage: &'a Foliage, atlas: &'a Atlas) -> (Twig<'a>, [f32; 2]) {
         let (sides, side_length, from, opening) = match foliage.shape {
             LeafShape::Needle => (8, 0.45, 0.02, [0.6, 1.1]),
             LeafShape::Tuft => (5, 0.3, 0.06, [0.5, 1.35]),
@@ -182,7 +177,10 @@ impl<'a> Twig<'a> {
         let summer =
             [length, length * side_length * 0.75].map(|l| (l * density).clamp(1.0, MOST_PLACES));
         let kept = foliage.kept.clamp(0.0, 1.0);
-        let mut twig = Twig {
+        // Where few leaves are left, one on every side shoot would be many.
+        let least = least(foliage);
+        let [main, side] = summer.map(|n| (n * kept).round() as usize);
+        let twig = Twig {
             foliage,
             atlas,
             outlines: atlas.leaf_outlines(organ.blade(Build::Full).rows()),
@@ -194,19 +192,30 @@ impl<'a> Twig<'a> {
             side_length,
             from,
             opening,
-            places: summer.map(|n| n.round() as usize),
+            places: [main.max(least[0]), side.max(least[1])],
             widened: Vec2::ONE,
             usual_m: foliage.twig_length_m.max(1e-4),
-            count: spots,
+            count: 1,
             scale: 1.0,
             cover: 1.0,
             whole: 0,
         };
-        // Where few leaves are left, one on every side shoot would be many.
-        let least = [kept > 0.0, !foliage.is_bare()].map(usize::from);
-        let [main, side] = summer.map(|n| (n * kept).round() as usize);
-        twig.places = [main.max(least[0]), side.max(least[1])];
-        let one_sq_m = twig.hides_sq_m();
+        (twig, summer)
+    }
+
+    /// Twigs for a tree that has room for `spots` of them and `fewest` at least, whose leaves are so large
+    /// together in summer, where it may spend `budget` triangles. Bare ones all stand.
+    pub fn new(
+        foliage: &'a Foliage,
+        atlas: &'a Atlas,
+        [fewest, spots]: [usize; 2],
+        leaves_sq_m: f32,
+        budget: usize,
+    ) -> Twig<'a> {
+        let (mut twig, summer) = Twig::full(foliage, atlas);
+        let (sides, organ, kept) = (twig.sides, twig.organ, foliage.kept.clamp(0.0, 1.0));
+        let (is_needle, least) = (organ == Organ::Needle, least(foliage));
+        let one_sq_m = twig.own_sq_m();
         let needed = if foliage.is_bare() {
             spots as f32
         } else {
@@ -247,7 +256,8 @@ impl<'a> Twig<'a> {
         twig.scale = missing.sqrt().clamp(1.0, MOST_ENLARGED);
         let goal_sq_m = one_sq_m * (missing / (twig.scale * twig.scale)).max(1.0);
         if kept > 0.0 && twig.count > 0 {
-            let hidden_sq_m = twig.widen(goal_sq_m, MOST_WIDENED[usize::from(!is_needle)]);
+            let hidden_sq_m =
+                twig.widen(one_sq_m, goal_sq_m, MOST_WIDENED[usize::from(!is_needle)]);
             twig.cover = (hidden_sq_m / goal_sq_m.max(1e-12)).min(1.0);
         }
         twig
@@ -255,10 +265,7 @@ impl<'a> Twig<'a> {
 
     /// What one twig of the species counts for of the leaves' area in summer.
     pub fn counts_sq_m(foliage: &'a Foliage, atlas: &'a Atlas) -> f32 {
-        let f = foliage;
-        let measures = [f.twig_length_m, f.leaf_length_m, f.leaf_width_m, f.kept];
-        let twig = || Twig::new(f, atlas, [1; 2], 0.0, usize::MAX).hides_sq_m();
-        atlas.hidden_sq_m(measures, twig) / SEEN
+        Twig::full(foliage, atlas).0.own_sq_m() / SEEN
     }
 
     /// No less than [`Twig::counts_sq_m`], without measuring one: it would fill a square with its leaves around it.
@@ -266,8 +273,14 @@ impl<'a> Twig<'a> {
         (foliage.twig_length_m + 2.0 * foliage.leaf_length_m).powi(2) / SEEN
     }
 
-    /// Widens leaves by up to a factor of their area until the twig hides so much; gives what it does.
-    fn widen(&mut self, goal_sq_m: f32, most: f32) -> f32 {
+    /// Widens leaves by up to a factor of their area until the twig hides so much; gives what it does. `own_sq_m`:
+    /// what one of all leaves does. By the secant through the last two logarithms: what is hidden grows by a power
+    /// of the width that falls slowly, as leaves come to hide each other.
+    fn widen(&mut self, own_sq_m: f32, goal_sq_m: f32, most: f32) -> f32 {
+        const TRIES: u32 = 6;
+        const POWERS: [f32; 2] = [0.2, 1.0];
+        const NOTHING_SQ_M: f32 = 1e-12;
+        let is_full = self.build == Build::Full;
         let is_needle = self.organ == Organ::Needle;
         let mut at = |wide: f32| {
             self.widened = if is_needle {
@@ -277,21 +290,25 @@ impl<'a> Twig<'a> {
             };
             self.hides_sq_m()
         };
-        let least = at(1.0);
-        if least >= NEAR * goal_sq_m {
-            return least;
+        let own_sq_m = if is_full { own_sq_m } else { at(1.0) };
+        let mut hidden_sq_m = own_sq_m.max(NOTHING_SQ_M);
+        let (mut x, mut power, most) = (0.0, 0.9, most.ln());
+        for _ in 0..TRIES {
+            let is_enough = hidden_sq_m >= NEAR * goal_sq_m;
+            if is_enough && (x == 0.0 || hidden_sq_m <= ENOUGH * goal_sq_m) {
+                break;
+            }
+            let aim_sq_m = 0.5 * (NEAR + ENOUGH) * goal_sq_m;
+            let next = (x + (aim_sq_m / hidden_sq_m).ln() / power).clamp(0.0, most);
+            if next == x {
+                break;
+            }
+            let before = (x, hidden_sq_m);
+            (x, hidden_sq_m) = (next, at(next.exp()).max(NOTHING_SQ_M));
+            power = (hidden_sq_m / before.1).ln() / (x - before.0);
+            power = power.clamp(POWERS[0], POWERS[1]);
         }
-        let (mut low, mut high) = (0.0, most.ln());
-        let hidden = at(most);
-        if hidden <= goal_sq_m {
-            return hidden;
-        }
-        for _ in 0..5 {
-            let middle = 0.5 * (low + high);
-            let half = if at(f32::exp(middle)) < goal_sq_m { &mut low } else { &mut high };
-            *half = middle;
-        }
-        at(f32::exp(high))
+        hidden_sq_m
     }
 
     pub fn stands_in(&self) -> StandIn {
@@ -302,6 +319,13 @@ impl<'a> Twig<'a> {
     pub fn grow(&mut self, scale: f32) {
         self.widened *= scale;
         self.usual_m *= scale;
+    }
+
+    /// What a twig of the species' own leaves hides; this one is such.
+    fn own_sq_m(&self) -> f32 {
+        let f = self.foliage;
+        let measures = [f.twig_length_m, f.leaf_length_m, f.leaf_width_m, f.kept];
+        self.atlas.hidden_sq_m(measures, || self.hides_sq_m())
     }
 
     /// What one twig of the usual size hides, mean over the sides it is seen from.
@@ -606,6 +630,11 @@ impl<'a> Twig<'a> {
     }
 }
 
+/// Leaves on the main shoot, and on each side shoot, however few hang.
+fn least(foliage: &Foliage) -> [usize; 2] {
+    [foliage.kept > 0.0, !foliage.is_bare()].map(usize::from)
+}
+
 /// Share of a cell within an outline.
 fn area(outline: &[Row]) -> f32 {
     let wide = |r: &Row| r.right - r.left;
@@ -806,6 +835,28 @@ mod tests {
             let size = |budget| made(budget).stands_in().size;
             assert!(size(whole).iter().all(|s| *s < 1.05), "{name}: {:?}", size(whole));
             assert!(size(whole / 3).iter().any(|s| *s > 1.1), "{name}: {:?}", size(whole / 3));
+        }
+    }
+
+    /// Wider leaves hide what those left out did, and hardly more.
+    #[test]
+    fn leaves_are_no_wider_than_it_takes() {
+        for name in ["quercus_robur", "larix_sibirica", "picea_abies", "sorbus_aucuparia"] {
+            let species = load(name).unwrap();
+            let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+            let of = |budget| Twig::new(&species.foliage, &atlas, [2_000; 2], 150.0, budget);
+            let whole = of(usize::MAX).stands_in().whole;
+            let mut wider = 0;
+            for share in 2..12 {
+                let twig = of(whole / share);
+                let all_sq_m = twig.hides_sq_m() * twig.count as f32 * twig.scale * twig.scale;
+                let off = all_sq_m / (SEEN * 150.0);
+                if twig.cover > 0.9999 && twig.widened.y > 1.02 {
+                    assert!((0.998..1.012).contains(&off), "{name}, 1/{share}: {off}");
+                    wider += 1;
+                }
+            }
+            assert!(wider > 3, "{name}: {wider}");
         }
     }
 

@@ -26,7 +26,7 @@ impl std::ops::Add for Room {
 /// Vertices that 32-bit indices reach, with room to spare.
 const MOST_VERTICES: usize = 1 << 30;
 /// Least cosine between a corner's normal and the front of its triangle.
-const LEAST_COSINE: f32 = 0.03;
+pub const LEAST_COSINE: f32 = 0.03;
 
 /// Copies that a thread makes before it looks for more.
 const AT_ONCE: usize = 16;
@@ -44,6 +44,8 @@ pub struct Piece<'a> {
     first: u32,
     vertices: usize,
     corners: usize,
+    /// Whether its normals have been seen to.
+    is_straight: bool,
 }
 
 impl Piece<'_> {
@@ -100,6 +102,15 @@ impl Piece<'_> {
             *slot = self.first + corner;
         }
         (self.vertices, self.corners) = (uv.len(), index.len());
+    }
+
+    /// [`straighten`] for the whole piece, where normals can look away from triangles of these corners alone,
+    /// counted within the piece.
+    pub fn straighten(&mut self, corners: &[u32]) {
+        if straighten(self.position, self.normal, corners, 0) {
+            straighten(self.position, self.normal, self.index, self.first);
+        }
+        self.is_straight = true;
     }
 
     /// Adds a triangle of the piece's vertices, counter-clockwise seen from its front.
@@ -169,12 +180,14 @@ pub fn fill(
     );
     let one = |k: usize, (position, normal, uv, index): Columns, colour: &mut [[u8; 4]]| {
         let first = (k * room.vertices) as u32;
-        let mut piece = Piece { position, normal, uv, index, first, vertices: 0, corners: 0 };
+        let (vertices, corners, is_straight) = (0, 0, false);
+        let mut piece =
+            Piece { position, normal, uv, index, first, vertices, corners, is_straight };
         emit(k, &mut piece);
         debug_assert_eq!((piece.vertices, piece.corners), (room.vertices, 3 * room.triangles));
         // What was left open points at the piece itself.
         piece.index[piece.corners..].fill(first);
-        if straighten(piece.position, piece.normal, piece.index, first) {
+        if !piece.is_straight && straighten(piece.position, piece.normal, piece.index, first) {
             straighten(piece.position, piece.normal, piece.index, first);
         }
         if let Some((wind, spots)) = wind {
