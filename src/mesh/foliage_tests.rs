@@ -226,6 +226,20 @@ fn a_shell_is_closed_and_holds_the_crown() {
     }
 }
 
+/// However near the ground leaves hang.
+#[test]
+fn a_shell_of_a_small_tree_stays_closed_above_the_ground() {
+    for name in SPECIES {
+        for height_m in [0.5, 1.0, 2.0, 4.0] {
+            let mut s = leaves(&grown_to(name, Some(height_m)), FoliageLevel::Shell, None);
+            let before = s.triangles();
+            s.clear_ground();
+            assert_eq!(s.triangles(), before, "{name}, {height_m} m");
+            assert_eq!(check::open_edges(&[&s]), 0, "{name}, {height_m} m");
+        }
+    }
+}
+
 /// What one could not see of the wood is not there; of a seedling something stands.
 #[test]
 fn a_shell_hides_no_wood() {

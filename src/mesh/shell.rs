@@ -50,7 +50,8 @@ pub fn shell(spots: &[Spot], hull: &Hull, margin_m: f32, budget: usize) -> Surfa
     let (low, high) = spots
         .iter()
         .fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), s| (l.min(s.at.z), h.max(s.at.z)));
-    let (low, high) = (low - 0.5 * margin_m, high + 0.5 * margin_m);
+    // What reaches into the ground would be cut off, and the shell be open.
+    let (low, high) = ((low - 0.5 * margin_m).max(0.0), high + 0.5 * margin_m);
     let band_m = ((high - low) / rings as f32).max(1e-3);
     let mut reach = vec![Vec::new(); rings * sectors];
     for s in spots {

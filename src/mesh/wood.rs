@@ -15,7 +15,7 @@ use crate::species::Species;
 use crate::species::model::Bark;
 use crate::texture::BARK_REPEAT_M;
 
-/// How much coarser a wood may become for a budget, how often that is tried, and by what steps of
+/// How much coarser a wood may become for a budget, unless branches are so thick that they would stay; how often that is tried, and by what steps of
 /// the logarithm.
 const COARSEST: f32 = 3000.0;
 const ATTEMPTS: u32 = 8;
@@ -170,9 +170,17 @@ impl Planner<'_> {
     /// A wood that uses most of a budget, or the coarsest of all. What woods would have is guessed
     /// from their straight pieces; each attempt tells how far off such guesses are.
     fn fit(&self, budget: usize, work: &mut Work, bark: &mut tube::Bark) -> Count {
-        let mut guesses = [0.0, COARSEST.ln()].map(|x| (x, self.guess(x, work))).to_vec();
         let mut ratio = USUAL[usize::from(!self.is_bare)];
         let aim = budget as f32 * AIM;
+        let mut guesses = [0.0, COARSEST.ln()].map(|x| (x, self.guess(x, work))).to_vec();
+        if guesses[1].1 * ratio > aim {
+            let heaviest_m = self.chains.chain.iter().map(|c| c.weight_m).fold(0.0, f32::max);
+            let bare = (1.0 + 1.01 * heaviest_m / self.cut_m()).ln();
+            if bare > guesses[1].0 {
+                guesses.push((bare, self.guess(bare, work)));
+            }
+        }
+        let coarsest = guesses[guesses.len() - 1].0;
         if guesses[0].1 < LIKELY * aim {
             let count = self.attempt(0.0, work, bark);
             if bark.triangles() <= budget {
@@ -181,7 +189,7 @@ impl Planner<'_> {
             ratio = bark.triangles() as f32 / guesses[0].1;
         }
         // Too fine, and coarse enough.
-        let (mut fine, mut rough) = (0.0, COARSEST.ln());
+        let (mut fine, mut rough) = (0.0, coarsest);
         let mut best = None;
         for _ in 0..ATTEMPTS {
             let (mut x, mut guess) = self.near(aim / ratio, &mut guesses, work);
@@ -237,10 +245,15 @@ impl Planner<'_> {
         let finest_m = self.options.tolerance_m.clamp(1e-5, 1.0);
         let most_m = self.options.sagitta_m.max(finest_m);
         let tolerance_m = (finest_m * coarse.powf(0.6)).min(most_m);
+        (tolerance_m, self.cut_m() * (coarse - 1.0))
+    }
+
+    /// Least weight of a branch where wood is twice as coarse as it need be.
+    fn cut_m(&self) -> f32 {
         // Bare twigs are the crown, few leaves show them, and cards seen from near hang from them: there sides
         // go before axes.
         let is_seen = self.is_bare || self.options.is_thin() || self.options.has_near_cards();
-        (tolerance_m, if is_seen { 0.0003 } else { 0.0015 } * (coarse - 1.0))
+        if is_seen { 0.0003 } else { 0.0015 }
     }
 
     /// About how many triangles a wood of this coarseness has.

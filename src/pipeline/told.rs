@@ -40,6 +40,16 @@ pub fn unmeshed<'a>(
     outcome.note(told)
 }
 
+/// Warns where the finest mesh of a tree has more triangles than it may: a stem of each is kept.
+pub fn over(mesh: Option<&TreeMesh>, most: usize, warnings: &mut Vec<String>) {
+    let triangles = mesh.map_or(0, TreeMesh::triangles);
+    if triangles > most {
+        warnings.push(format!(
+            "--triangles: {triangles} are made, more than {most}: stems stay, of six sides where they are thick"
+        ));
+    }
+}
+
 /// Adds to a report how much larger than the species' the leaves of these (finest) meshes are, where
 /// each is meshed for itself: the largest. Of crowns that are thin all the same [`thin`] warns.
 /// `what` they are; `instead`: what else could be done than give more triangles.

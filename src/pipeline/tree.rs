@@ -279,6 +279,7 @@ fn stand(
                 tolerance::sagitta(meshes.first().into_iter(), job.wood.tolerance_m, warnings),
             );
             let outcome = told::unmeshed(meshes.first().into_iter(), outcome, warnings);
+            told::over(meshes.first(), job.triangles, warnings);
             let instead = "; --twigs instance stores them in a few forms";
             let what = if species.foliage.is_bare() { "buds" } else { "leaves or needles" };
             let outcome = told::leaves(meshes.first().into_iter(), what, instead, outcome);

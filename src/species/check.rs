@@ -21,6 +21,20 @@ pub fn finite(node: &Node, sources: &Sources, errors: &mut Vec<Error>) {
     }
 }
 
+/// Refuses what no line of a report can hold: nothing, and more than a line.
+pub fn a_name(key: &str, node: &Node, sources: &Sources, errors: &mut Vec<Error>) {
+    let Some(name) = node.as_text() else { return };
+    let fault = if name.trim().is_empty() {
+        "is empty"
+    } else if name.trim().contains(char::is_control) {
+        "is more than one line"
+    } else {
+        return;
+    };
+    let error = sources.error(&node.place, format!("`{key}` {fault}"), "here");
+    errors.push(error.remedy(format!("give one line, or leave `{key}` out")));
+}
+
 /// The numbers that a key may hold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Range {

@@ -275,8 +275,10 @@ fn build_reporting(
     let defaults = read_defaults(errors)?;
     let builds_on = chain.first().and_then(|n| n.get("extends")).and_then(Node::as_text);
     let builds_on = builds_on.map(str::to_owned);
-    let own = |key: &str| {
-        chain.first().and_then(|n| n.get(key)).and_then(Node::as_text).map(str::to_owned)
+    let mut own = |key: &str| {
+        let node = chain.first()?.get(key)?;
+        check::a_name(key, node, &sources, errors);
+        node.as_text().map(|name| name.trim().to_owned())
     };
     let (name, common) = (own("name"), own("common"));
     let merged = lay(chain, defaults.clone());
@@ -591,6 +593,19 @@ mod tests {
         std::fs::write(&top, "extends = 'base.toml'").unwrap();
         let shown = crate::diagnostic::render(&load(&top.to_string_lossy()).unwrap_err());
         assert!(shown.contains("base.toml:3:1"), "{shown}");
+    }
+
+    #[test]
+    fn names_can_be_read() {
+        for (key, name) in [("name", ""), ("name", " \t"), ("common", "a\\nb"), ("common", "")] {
+            let text = format!("{key} = \"{name}\"\nextends = 'table3/13'");
+            let error = load_text("x", &text).unwrap_err();
+            assert!(error.message().starts_with(&format!("`{key}` ")), "{error}");
+            let shown = crate::diagnostic::render(&error);
+            assert!(shown.contains(&format!("x:1:{}", key.len() + 4)), "{shown}");
+        }
+        let named = load_text("x", "name = ' Ива '\nextends = 'table3/13'").unwrap();
+        assert_eq!((named.name.as_str(), named.common.as_str()), ("Ива", "Ива"));
     }
 
     #[test]
