@@ -40,7 +40,7 @@ struct Texel {
     tone: f32,
     /// Brightness.
     shade: f32,
-    /// Shift to red.
+    /// Shift to red; below 0 to grey.
     warm: f32,
     /// Share of buff fresh skin.
     fresh: f32,
@@ -67,13 +67,16 @@ impl Texel {
 
     fn colour(&self, light: [f32; 3], dark: [f32; 3]) -> [f32; 3] {
         const RED: [f32; 3] = [1.0, -0.12, -0.6];
+        // Bark is nowhere blue.
+        const GREY: [f32; 3] = [0.9, 0.55, 0.2];
         const BUFF: [f32; 3] = [1.0, 0.84, 0.68];
         const ALGAE: [f32; 3] = [0.88, 1.0, 0.76];
         const WOOD: [f32; 3] = [158.0, 152.0, 142.0];
+        let shift = if self.warm > 0.0 { RED } else { GREY };
         [0, 1, 2].map(|c| {
             let bark = mix(dark[c], light[c], self.tone)
                 * self.shade
-                * (1.0 + RED[c] * self.warm)
+                * (1.0 + shift[c] * self.warm)
                 * mix(1.0, BUFF[c], self.fresh)
                 * mix(1.0, ALGAE[c], self.moss);
             let marked = mix(bark, dark[c] * self.mark_shade, self.mark);
