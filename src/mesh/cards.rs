@@ -66,7 +66,9 @@ impl Cards<'_> {
                 }
             };
             let fold = fold * draws.between(0.6, 1.3);
-            card::emit(&pose, self.shape, fold, &atlas.cells()[id], &outlines[id], out);
+            let shade = atlas.shade(id).filter(|_| draws.unit() < self.order.shaded);
+            let cell = shade.unwrap_or(&atlas.cells()[id]);
+            card::emit(&pose, self.shape, fold, cell, &outlines[id], out);
             if let Some(foot) = feet.get(k) {
                 stalk::emit(&pose, foot, atlas.wood(), out);
             }

@@ -112,6 +112,8 @@ pub struct Order<'a> {
     pub share: f32,
     /// How much larger twigs are at each height than their number asks.
     pub larger: [f32; HEIGHTS],
+    /// Share of the cards with pictures of boughs that show them in shade.
+    pub shaded: f32,
     /// Asked for as vertex colours.
     pub wind: Option<&'a Wind>,
     pub seed: Seed,

@@ -59,6 +59,7 @@ fn order(
         is_on_dead: false,
         share: 1.0,
         larger: [1.0; HEIGHTS],
+        shaded: 0.0,
         wind: None,
         seed: Seed::new(1),
     }

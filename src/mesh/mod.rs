@@ -359,6 +359,8 @@ pub struct MeshOptions {
     pub leaf_share: f32,
     /// How much larger twigs are than their number asks, at each height of the crown.
     pub larger: [f32; HEIGHTS],
+    /// Share of the cards with pictures of boughs that show them in shade.
+    pub shaded: f32,
     /// Buttresses at the ground, cards of more rows.
     pub detail: bool,
     pub junctions: Junctions,
@@ -428,6 +430,7 @@ impl MeshOptions {
         wind: None,
         leaf_share: 1.0,
         larger: [1.0; HEIGHTS],
+        shaded: 0.0,
         detail: false,
         junctions: Junctions::Welded,
         twigs: TwigsAs::Merged,
@@ -441,6 +444,7 @@ impl MeshOptions {
         wind: None,
         leaf_share: 1.0,
         larger: [1.0; HEIGHTS],
+        shaded: 0.0,
         detail: true,
         junctions: Junctions::Welded,
         twigs: TwigsAs::Merged,
@@ -600,6 +604,7 @@ fn order<'a>(
         is_on_dead: false,
         share: options.leaf_share,
         larger: options.larger,
+        shaded: options.shaded,
         wind,
         seed,
     }

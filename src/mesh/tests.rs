@@ -693,6 +693,7 @@ fn speed() {
         is_on_dead: false,
         share: 1.0,
         larger: [1.0; HEIGHTS],
+        shaded: 0.0,
         wind: None,
         seed,
     };

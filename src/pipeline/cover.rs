@@ -22,7 +22,7 @@ use crate::scene::Scene;
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
-use crate::texture::TreeTextures;
+use crate::texture::{SHADE, TreeTextures};
 
 /// Factors tried at each height, how often, and how far that may lead.
 const STEP: [f32; 2] = [0.85, 1.18];
@@ -144,9 +144,23 @@ pub fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMes
     for ((k, larger), of) in open.iter().zip(seen.as_chunks::<{ LADDER.len() }>().0) {
         let factor = found(&of.each_ref().map(Seen::mean));
         let options = MeshOptions { larger: larger.map(|l| l * factor), ..options[*k] };
-        coarser[*k] = subject.with_leaves(&coarser[*k], &options)?;
+        let bright = subject.with_leaves(&coarser[*k], &options)?;
+        let shaded = shaded((area(&bright) / area(finest)) as f32);
+        coarser[*k] = if shaded > 0.0 {
+            subject.with_leaves(&bright, &MeshOptions { shaded, ..options })?
+        } else {
+            bright
+        };
     }
     Ok(())
+}
+
+/// Share of its cards that show boughs in shade, of a form with so much of the finest's area of leaves that it covers
+/// as much with: fewer lie in the shade of others, the fewer there are.
+fn shaded(area: f32) -> f32 {
+    /// Of what a crown looks like by the area of its leaves; as rendered with sun and sky.
+    const POWER: f32 = 0.45;
+    ((1.0 - area.powf(POWER)) / (1.0 - SHADE)).clamp(0.0, 1.0)
 }
 
 /// Sets how much larger twigs are from what they cover at either [`STEP`]; gives the greatest change,

@@ -197,6 +197,8 @@ pub struct Atlas {
     /// Without a picture.
     #[serde(skip)]
     is_plain: bool,
+    /// The last of the cells again, darker.
+    shade: Option<Cell>,
     #[serde(skip)]
     outlines: Outlines,
     #[serde(skip)]
@@ -235,13 +237,34 @@ impl Atlas {
 
     fn with(cells: Vec<Cell>, leaves: Vec<Cell>, wood: Vec2, fill: Vec2) -> Self {
         let [outlines, leaf_outlines] = Default::default();
-        let (dry, is_plain, hidden_sq_m) = (Vec::new(), false, Hidden::default());
-        Atlas { cells, leaves, dry, wood, fill, is_plain, outlines, leaf_outlines, hidden_sq_m }
+        let (dry, is_plain, shade, hidden_sq_m) = (Vec::new(), false, None, Hidden::default());
+        Atlas {
+            cells,
+            leaves,
+            dry,
+            wood,
+            fill,
+            is_plain,
+            shade,
+            outlines,
+            leaf_outlines,
+            hidden_sq_m,
+        }
     }
 
     /// With twigs of dry branches in the same picture.
     pub fn with_dry(self, dry: Vec<Cell>) -> Self {
         Atlas { dry, ..self }
+    }
+
+    /// With the last of its cells again in shade, of the same form.
+    pub fn with_shade(self, shade: Option<Cell>) -> Self {
+        Atlas { shade, ..self }
+    }
+
+    /// A cell as it is in shade, if that is in the picture.
+    pub fn shade(&self, id: usize) -> Option<&Cell> {
+        self.shade.as_ref().filter(|_| id + 1 == self.cells.len())
     }
 
     /// That of dry branches; `None` where the picture shows no twigs of theirs.

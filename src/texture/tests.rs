@@ -282,6 +282,39 @@ fn bare_twigs_show_as_much_in_small_pictures() {
     }
 }
 
+/// A bough in shade is the bough in light, half as large and as dark as is said.
+#[test]
+fn boughs_in_shade_are_those_in_light_but_darker() {
+    for s in samples().into_iter().filter(|s| !s.foliage.is_bare()) {
+        let t = for_species(&s, 512, Seed::new(4));
+        let last = t.atlas.cells().len() - 1;
+        let (light, shade) = (&t.atlas.cells()[last], t.atlas.shade(last).unwrap());
+        assert!(t.atlas.shade(0).is_none());
+        assert_eq!((light.reach, light.size_m), (shade.reach, shade.size_m), "{}", s.id);
+        // Light of what is seen, and its share of the cell.
+        let seen = |cell: &Cell| {
+            let side = t.leaf.width() as f32;
+            let [from, to] = [cell.min, cell.max].map(|c| c * side);
+            let (mut sum, mut count) = (0.0f64, 0.0f64);
+            let picture = t.leaf.picture();
+            for y in from.y as u32..to.y as u32 {
+                for x in from.x as u32..to.x as u32 {
+                    let p = picture.at(x, picture.height - 1 - y);
+                    if p[3] >= 128 {
+                        sum += f64::from(crate::raster::linear_from_srgb(p[1]));
+                        count += 1.0;
+                    }
+                }
+            }
+            (sum / count, count / f64::from((to.x - from.x) * (to.y - from.y)))
+        };
+        let [(bright, shown), (dark, also)] = [light, shade].map(seen);
+        let darker = dark / bright;
+        assert!((darker / f64::from(SHADE) - 1.0).abs() < 0.06, "{}: {darker}", s.id);
+        assert!((also / shown - 1.0).abs() < 0.2, "{}: {also} of {shown}", s.id);
+    }
+}
+
 /// Leaves of the geometry are opaque where their cell is cut, bark and mean colour all around.
 #[test]
 fn single_leaves_bark_and_mean_colour_are_where_the_atlas_says() {

@@ -1,6 +1,7 @@
 //! The leaf picture of a species. Its quarters: two single twigs, or one and one of a dry branch where the
-//! tree has some; a bough of the same leaves at a smaller scale, for large cards; and three single leaves
-//! or needles beside plain bark and the leaves' mean colour, for a model of every leaf.
+//! tree has some; a bough of the same leaves at a smaller scale, for large cards; and two single leaves
+//! or needles beside plain bark and the leaves' mean colour, for a model of every leaf, and the bough again
+//! as it is in shade, half as large: leaves of few large cards shade each other less than those they stand for.
 //!
 //! Leaves sit alternately, or all round for needles, as the golden angle seen from one side;
 //! what lies deeper is painted first and darker.
@@ -23,6 +24,10 @@ const BOUGH: f32 = 2.4;
 /// … and one of a dry branch, which serves for cards of all sizes, this many; how far its colour goes to grey.
 const DRY: f32 = 1.5;
 const GREY: f32 = 0.35;
+/// What a bough in shade reflects, over one in light.
+pub const SHADE: f32 = 0.6;
+/// The same of sRGB values, which go with the light to this power.
+const GAMMA: f32 = 1.0 / 2.2;
 /// Golden angle.
 const GOLDEN_RAD: f32 = 2.399_963;
 /// Share of its cell that a single leaf is long, and where it begins.
@@ -48,6 +53,9 @@ const MOST_BENT: f32 = 0.14;
 const MOST_SKEWED: f32 = 0.045;
 /// Half the width of a petiole over the leaf's length.
 const PETIOLE: f32 = 0.014;
+/// Least corners of the bough, in light and in shade, in quarters of the picture's side.
+const BOUGH_AT: [u32; 2] = [0, 2];
+const SHADE_AT: [u32; 2] = [2, 3];
 /// Half the side of the plain squares over the picture's, to their middles.
 const PLAIN: f32 = 1.0 / 16.0;
 
@@ -70,10 +78,9 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
     let parts = [
         (Part::Twig, [0, 0]),
         (other, [2, 0]),
-        (Part::Bough, [0, 2]),
+        (Part::Bough, BOUGH_AT),
         (Part::Leaf, [2, 2]),
         (Part::Leaf, [3, 2]),
-        (Part::Leaf, [2, 3]),
     ];
     let outline = Outline::of(f);
     let dry = f.has_dry.then(|| dry(species));
@@ -142,10 +149,33 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
             match_colour(&mut picture, f.colour);
         }
     }
+    // Bare twigs hardly shade each other.
+    let shade =
+        cells.last().filter(|_| !f.is_bare()).map(|bough| shade(&mut picture, bough, quarter));
     let places = plain(&mut picture, species, quarter);
     finish(&mut picture);
     let atlas = Atlas::new(cells, leaves, places).unwrap_or_else(|| Atlas::whole(twig_m));
-    (picture, atlas.with_dry(dry))
+    (picture, atlas.with_dry(dry).with_shade(shade))
+}
+
+/// Draws the bough again as it is in shade.
+fn shade(picture: &mut Picture, bough: &Cell, quarter: u32) -> Cell {
+    let [from, to] = [BOUGH_AT, SHADE_AT].map(|at| at.map(|c| c * quarter / 2));
+    let top = picture.height - 1;
+    let row = |y: u32| top - y;
+    let bright: Vec<[u8; 4]> = (0..quarter * quarter)
+        .map(|i| picture.at(from[0] + i % quarter, row(from[1] + i / quarter)))
+        .collect();
+    let (side, darker) = (quarter / 2, SHADE.powf(GAMMA));
+    for (i, [r, g, b, alpha]) in (0..).zip(reduced(&bright, side as usize, 2)) {
+        let [r, g, b] = [r, g, b].map(|c| (darker * f32::from(c)).round() as u8);
+        picture.set(to[0] + i % side, row(to[1] + i / side), [r, g, b, alpha]);
+    }
+    let [min, span] = [to, [side; 2]].map(|at| {
+        let [x, y] = at.map(|c| c as f32 / picture.width as f32);
+        Vec2::new(x, y)
+    });
+    Cell { min, max: min + span, ..bough.clone() }
 }
 
 /// The species as its dry branches are: without leaves, and grey.
