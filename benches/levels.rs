@@ -5,6 +5,7 @@ use std::fmt::Write;
 use std::path::Path;
 use std::time::Instant;
 
+use larix::cache::Cache;
 use larix::lod::{Silhouettes, Views};
 use larix::mesh::{MeshOptions, TreeMesh};
 use larix::pipeline::cover::{self, Subject};
@@ -45,7 +46,7 @@ fn measure(name: &str) -> Vec<Point> {
     forms.extend(COARSE.map(|n| coarser(&kept, n)));
     let mut meshes: Vec<TreeMesh> = forms.iter().map(built).collect();
     let (_, levels) = meshes.split_at_mut(FINE.len() - 1);
-    cover::keep(&subject, &forms[FINE.len()..], levels).expect("meshes");
+    cover::keep(&subject, &forms[FINE.len()..], levels, &Cache::off()).expect("meshes");
     let covers = cover::shares(&subject, &meshes[FINE.len() - 1], meshes.clone()).expect("finite");
     let mut points = Vec::new();
     for ((options, mesh), cover) in forms.iter().zip(&meshes).zip(covers) {

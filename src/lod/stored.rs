@@ -1,4 +1,4 @@
-//! An impostor as bytes, and what decides it: for a store that outlives the run.
+//! An impostor as bytes, and what decides it and the silhouettes of forms: for a store that outlives the run.
 
 use std::borrow::Cow;
 
@@ -11,11 +11,12 @@ use crate::mesh::Surface;
 use crate::raster::Image;
 use crate::scene::{Material, Octahedral, Part, Texture};
 
-/// The program that bakes: with another, the pictures are others. All that draws, and what turns pixels
+/// The program that bakes and looks: with another, the pictures are others. All that draws, and what turns pixels
 /// into PNG.
 const SOURCES: &[(&str, &str)] = &[
     ("impostor.rs", include_str!("impostor.rs")),
     ("light.rs", include_str!("light.rs")),
+    ("silhouette.rs", include_str!("silhouette.rs")),
     ("stored.rs", include_str!("stored.rs")),
     ("../render/camera.rs", include_str!("../render/camera.rs")),
     ("../render/capture.rs", include_str!("../render/capture.rs")),
@@ -38,7 +39,7 @@ const SOURCES: &[(&str, &str)] = &[
     ("../seed.rs", include_str!("../seed.rs")),
 ];
 
-/// Everything that decides the impostor of a model.
+/// Everything that decides the impostor of a model, or what is seen of several forms.
 pub struct Decides<'a>(Vec<Cow<'a, [u8]>>);
 
 impl<'a> Decides<'a> {
@@ -54,9 +55,42 @@ impl<'a> Decides<'a> {
         kind: Kind,
         size_px: u32,
     ) -> Result<Decides<'a>> {
+        let mut all = Decides::by_program();
+        all.0.push(format!("{kind:?} {size_px}").into_bytes().into());
+        all.add(model, materials, textures)?;
+        Ok(all)
+    }
+
+    /// The same of what is seen of forms of a model, and of impostors that turn.
+    ///
+    /// # Errors
+    /// A picture whose size and pixels disagree.
+    pub fn of_forms(
+        forms: impl Iterator<Item = (&'a [Part], Option<Octahedral>)>,
+        materials: &'a [Material],
+        textures: &'a [Texture],
+    ) -> Result<Decides<'a>> {
+        let mut all = Decides::by_program();
+        for (form, octahedral) in forms {
+            all.0.push(format!("a form {octahedral:?}").into_bytes().into());
+            all.add(form, materials, textures)?;
+        }
+        Ok(all)
+    }
+
+    fn by_program() -> Self {
         let mut all: Vec<Cow<[u8]>> = vec![env!("CARGO_PKG_VERSION").as_bytes().into()];
         all.extend(SOURCES.iter().map(|(_, text)| Cow::Borrowed(text.as_bytes())));
-        all.push(format!("{kind:?} {size_px}").into_bytes().into());
+        Decides(all)
+    }
+
+    fn add(
+        &mut self,
+        model: &'a [Part],
+        materials: &'a [Material],
+        textures: &'a [Texture],
+    ) -> Result<()> {
+        let Decides(all) = self;
         for Part { name, surface, material } in model {
             let Surface { position, normal, uv, index, .. } = surface;
             all.push(bytemuck::cast_slice(position).into());
@@ -81,7 +115,7 @@ impl<'a> Decides<'a> {
                 all.extend(png.map(|png| Cow::Borrowed(&png[..])));
             }
         }
-        Ok(Decides(all))
+        Ok(())
     }
 
     pub fn parts(&self) -> impl Iterator<Item = &[u8]> {

@@ -135,6 +135,7 @@ mod tests {
     use super::super::levels::tests::tree_of;
     use super::super::levels::{SHARES, meshes};
     use super::*;
+    use crate::cache::Cache;
     use crate::mesh::FoliageLevel;
     use crate::scene::Alpha;
     use crate::seed::Seed;
@@ -146,7 +147,7 @@ mod tests {
         for name in ["picea_abies", "betula_pendula", "pinus_sylvestris"] {
             let trees = tree_of((name, 8_000, 8_000), |subject, options| {
                 let options = MeshOptions { leaf_share: 0.0, ..*options };
-                meshes(subject, &options, SHARES.len() + 1, None)
+                meshes(subject, &options, SHARES.len() + 1, None, &Cache::off())
             });
             let (finest, coarsest) = (&trees[0], trees.last().unwrap());
             assert!(finest.foliage.is_empty() && coarsest.foliage.is_empty());
@@ -181,7 +182,8 @@ mod tests {
             let subject =
                 Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
             let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
-            let mut trees = meshes(&subject, &options, SHARES.len() + 1, None).unwrap();
+            let mut trees =
+                meshes(&subject, &options, SHARES.len() + 1, None, &Cache::off()).unwrap();
             let coarsest = trees.pop().unwrap();
             assert!(coarsest.triangles() < 130, "{}", coarsest.triangles());
             let shown = cover::shares(&subject, &trees[0], vec![coarsest.clone()]).unwrap()[0];
@@ -214,7 +216,8 @@ mod tests {
                 leaf_share: state.leaf_share(&species),
                 ..WoodJob::default().options(20_000, FoliageLevel::Cards)
             };
-            let mut trees = meshes(&subject, &options, SHARES.len() + 1, None).unwrap();
+            let mut trees =
+                meshes(&subject, &options, SHARES.len() + 1, None, &Cache::off()).unwrap();
             let coarsest = trees.pop().unwrap();
             assert!(trees.iter().all(|tree| tree.dry.is_empty() != has_picture));
             assert!(coarsest.triangles() < 130, "{}", coarsest.triangles());

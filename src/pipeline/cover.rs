@@ -13,12 +13,15 @@ use std::array;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::kept;
 use super::model::{Look, empty_scene, parts_of};
+use crate::cache::{Cache, Key};
 use crate::diagnostic::Result;
 use crate::lod::Cover;
+use crate::lod::stored::Decides;
 use crate::mesh::{self, HEIGHTS, MeshOptions, TreeMesh};
 use crate::render::capture::Sitter;
-use crate::scene::Scene;
+use crate::scene::{Part, Scene};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
@@ -99,23 +102,103 @@ pub fn shares(subject: &Subject<'_>, finest: &TreeMesh, trees: Vec<TreeMesh>) ->
 }
 
 /// Sizes the twigs of all forms but the first, which is the finest, so that they cover as much as it
-/// does; `options`: how each of the others is meshed.
+/// does and are as bright; `options`: how each of the others is meshed. The same, to the byte, with or without a
+/// cache.
 ///
 /// # Errors
 /// Those of [`mesh::build`]; a tree that is not finite.
-pub fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMesh]) -> Result<()> {
-    let Some((finest, coarser)) = forms.split_first_mut() else { return Ok(()) };
-    let area = |tree: &TreeMesh| tree.foliage.area_sq_m().max(1e-6);
-    // The number of each form, and how much larger its twigs are.
-    let mut open: Vec<(usize, [f32; HEIGHTS])> = coarser
-        .iter()
-        .enumerate()
-        .filter(|(_, tree)| tree.twig_scale > 0.0 && finest.twig_scale > 0.0)
-        .map(|(k, tree)| (k, [(area(finest) / area(tree)).sqrt() as f32; HEIGHTS]))
-        .collect();
+pub fn keep(
+    subject: &Subject<'_>,
+    options: &[MeshOptions],
+    forms: &mut [TreeMesh],
+    cache: &Cache,
+) -> Result<()> {
+    let is_open = |tree: &&TreeMesh| tree.twig_scale > 0.0;
+    let Some((finest, coarser)) = forms.split_first().filter(|(finest, _)| is_open(finest)) else {
+        return Ok(());
+    };
+    let open: Vec<usize> = (0..coarser.len()).filter(|k| is_open(&&coarser[*k])).collect();
     if open.is_empty() {
         return Ok(());
     }
+    let key = || key_of(subject, options, forms);
+    let find = || {
+        let found = sizes(subject, options, finest, coarser, &open)?;
+        Ok(found.iter().flat_map(Size::to_array).collect())
+    };
+    let sizes = kept::or_find(cache, key, open.len() * Size::NUMBERS, find)?;
+    for (k, size) in open.into_iter().zip(sizes.as_chunks::<{ Size::NUMBERS }>().0) {
+        let Size { larger, shaded } = Size::from_array(size);
+        let options = MeshOptions { larger, shaded, ..options[k] };
+        forms[k + 1] = subject.with_leaves(&forms[k + 1], &options)?;
+    }
+    Ok(())
+}
+
+/// Everything that decides [`sizes`].
+fn key_of(subject: &Subject<'_>, options: &[MeshOptions], forms: &[TreeMesh]) -> Result<Key> {
+    /// What sets leaves of another size.
+    const SOURCES: [&str; 6] = [
+        include_str!("cover.rs"),
+        include_str!("../mesh/card.rs"),
+        include_str!("../mesh/cards.rs"),
+        include_str!("../mesh/foliage.rs"),
+        include_str!("../mesh/spot.rs"),
+        include_str!("../mesh/stalk.rs"),
+    ];
+    let Subject { skeleton, species, textures, seed } = subject;
+    let (scene, look) = empty_scene(species, (*textures).clone());
+    let parts: Vec<Vec<Part>> = forms.iter().map(|form| parts_of(form.clone(), look)).collect();
+    let seen = parts.iter().map(|parts| (&parts[..], None));
+    let decides = Decides::of_forms(seen, &scene.materials, &scene.textures)?;
+    let Skeleton { position, parent, radius_m, axis, order, birth, dead } = *skeleton;
+    let dead: Vec<u8> = dead.iter().map(|dead| u8::from(*dead)).collect();
+    // Floats print so that they read back as the same bits.
+    let told = format!("{:?} {:?} {options:?} {seed:?}", species.foliage, textures.atlas);
+    let columns: [&[u8]; 8] = [
+        told.as_bytes(),
+        bytemuck::cast_slice(position),
+        bytemuck::cast_slice(parent),
+        bytemuck::cast_slice(radius_m),
+        bytemuck::cast_slice(axis),
+        bytemuck::cast_slice(order),
+        bytemuck::cast_slice(birth),
+        &dead,
+    ];
+    let sources = SOURCES.iter().map(|source| source.as_bytes());
+    Ok(Key::of(sources.chain(columns).chain(decides.parts())))
+}
+
+/// How a coarser form is made as wide and as bright as the finest.
+struct Size {
+    larger: [f32; HEIGHTS],
+    shaded: f32,
+}
+
+impl Size {
+    const NUMBERS: usize = HEIGHTS + 1;
+
+    fn to_array(&self) -> [f32; Size::NUMBERS] {
+        array::from_fn(|k| self.larger.get(k).copied().unwrap_or(self.shaded))
+    }
+
+    fn from_array(numbers: &[f32; Size::NUMBERS]) -> Size {
+        Size { larger: array::from_fn(|k| numbers[k]), shaded: numbers[HEIGHTS] }
+    }
+}
+
+/// Those of some of the coarser forms, by their numbers.
+fn sizes(
+    subject: &Subject<'_>,
+    options: &[MeshOptions],
+    finest: &TreeMesh,
+    coarser: &[TreeMesh],
+    open: &[usize],
+) -> Result<Vec<Size>> {
+    let area = |tree: &TreeMesh| tree.foliage.area_sq_m().max(1e-6);
+    // The number of each form, and how much larger its twigs are.
+    let first = |&k: &usize| (k, [(area(finest) / area(&coarser[k])).sqrt() as f32; HEIGHTS]);
+    let mut open: Vec<(usize, [f32; HEIGHTS])> = open.iter().map(first).collect();
     let wanted = Wanted::of(subject, finest, SIDES, SAMPLES)?;
     let tried = |open: &[(usize, [f32; HEIGHTS])], factors: &[f32]| {
         let tries = open.iter().flat_map(|of| factors.iter().map(move |factor| (*of, *factor)));
@@ -141,18 +224,15 @@ pub fn keep(subject: &Subject<'_>, options: &[MeshOptions], forms: &mut [TreeMes
         }
     }
     let seen = tried(&open, &LADDER)?;
-    for ((k, larger), of) in open.iter().zip(seen.as_chunks::<{ LADDER.len() }>().0) {
+    let of_each = open.iter().zip(seen.as_chunks::<{ LADDER.len() }>().0);
+    let size = |((k, larger), of): (&(usize, [f32; HEIGHTS]), &[Seen; LADDER.len()])| {
         let factor = found(&of.each_ref().map(Seen::mean));
-        let options = MeshOptions { larger: larger.map(|l| l * factor), ..options[*k] };
+        let larger = larger.map(|l| l * factor);
+        let options = MeshOptions { larger, wind: None, ..options[*k] };
         let bright = subject.with_leaves(&coarser[*k], &options)?;
-        let shaded = shaded((area(&bright) / area(finest)) as f32);
-        coarser[*k] = if shaded > 0.0 {
-            subject.with_leaves(&bright, &MeshOptions { shaded, ..options })?
-        } else {
-            bright
-        };
-    }
-    Ok(())
+        Ok(Size { larger, shaded: shaded((area(&bright) / area(finest)) as f32) })
+    };
+    of_each.map(size).collect()
 }
 
 /// Share of its cards that show boughs in shade, of a form with so much of the finest's area of leaves that it covers
@@ -335,7 +415,8 @@ mod tests {
         let grown = Grown::new(name, None, triangles, 256);
         let subject = grown.subject();
         let options = WoodJob::default().options(triangles, FoliageLevel::Cards);
-        let mut all = levels::meshes(&subject, &options, SHARES.len(), None).unwrap();
+        let mut all =
+            levels::meshes(&subject, &options, SHARES.len(), None, &Cache::off()).unwrap();
         let shares = (0..SHARES.len()).map(|k| levels::share(triangles, k));
         for (mesh, share) in all.iter().zip([1.0].into_iter().chain(shares)) {
             mesh.check().unwrap();
@@ -407,6 +488,32 @@ mod tests {
         }
     }
 
+    /// With what an earlier run kept, to the byte; of another seed, budget or skeleton there is nothing kept.
+    #[test]
+    fn sizes_are_the_same_from_a_cache() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = Cache::in_folder(folder.path());
+        let entries = || std::fs::read_dir(folder.path()).map_or(0, Iterator::count);
+        let grown = Grown::new("betula_pendula", Some(9.0), 3_000, 64);
+        let made = |subject: &Subject, triangles: usize, cache: &Cache| {
+            let options = WoodJob::default().options(triangles, FoliageLevel::Cards);
+            levels::meshes(subject, &options, SHARES.len(), None, cache).unwrap()
+        };
+        let plain = made(&grown.subject(), 3_000, &Cache::off());
+        for _ in 0..2 {
+            assert_eq!(made(&grown.subject(), 3_000, &cache), plain);
+            assert_eq!(entries(), 1);
+        }
+        made(&Subject { seed: Seed::new(2), ..grown.subject() }, 3_000, &cache);
+        assert_eq!(entries(), 2);
+        made(&grown.subject(), 2_900, &cache);
+        assert_eq!(entries(), 3);
+        let mut other = Grown { skeleton: grown.skeleton.clone(), ..grown };
+        other.skeleton.radius_m[3] *= 1.01;
+        made(&other.subject(), 3_000, &cache);
+        assert_eq!(entries(), 4);
+    }
+
     /// The fewer and larger cards are, the more of them show boughs in shade; of the finest none.
     #[test]
     fn coarser_forms_show_more_boughs_in_shade() {
@@ -415,7 +522,9 @@ mod tests {
             let atlas = &grown.textures.atlas;
             let shade = atlas.shade(atlas.cells().len() - 1).unwrap();
             let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
-            let forms = levels::meshes(&grown.subject(), &options, SHARES.len(), None).unwrap();
+            let forms =
+                levels::meshes(&grown.subject(), &options, SHARES.len(), None, &Cache::off())
+                    .unwrap();
             let is_shaded = |uv: &&Vec2| uv.cmpge(shade.min).all() && uv.cmple(shade.max).all();
             let share = |uv: &[Vec2]| uv.iter().filter(is_shaded).count() as f32 / uv.len() as f32;
             let shares: Vec<f32> = forms.iter().map(|form| share(&form.foliage.uv)).collect();

@@ -418,7 +418,7 @@ fn build_meshes(
                 if plan.is_coarsest {
                     return Ok(vec![coarsest::alone(&subject, &options, height_m)?]);
                 }
-                levels::meshes(&subject, &options, meshed, height_m)
+                levels::meshes(&subject, &options, meshed, height_m, &job.cache)
             })
             .collect::<Result<_>>()?;
         let Grown { models, skeletons, looks, textures, .. } = grown;

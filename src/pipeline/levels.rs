@@ -8,14 +8,18 @@ use super::coarsest;
 use super::cover::{self, Subject};
 use super::detail::coarser;
 use super::impostors::{self, Baked};
+use super::kept;
 use super::model::{Look, parts_of};
-use crate::cache::Cache;
+use crate::cache::{Cache, Key};
 use crate::diagnostic::Result;
+use crate::lod::stored::Decides;
 use crate::lod::{self, Silhouettes, Views, impostor};
 use crate::mesh::{MeshOptions, TreeMesh, WindProfile, p18};
 use crate::render::capture::Sitter;
 use crate::report::{ErrorMeasure, Outcome};
-use crate::scene::{Alpha, Apart, ColliderShape, Level, Material, Part, Prototype, Scene, Variant};
+use crate::scene::{
+    Alpha, Apart, ColliderShape, Level, Material, Part, Prototype, Scene, Texture, Variant,
+};
 use crate::work::{self, Work};
 
 /// Which forms are made of a model beside the finest.
@@ -63,6 +67,7 @@ pub fn meshes(
     options: &MeshOptions,
     meshed: usize,
     height_m: Option<f32>,
+    cache: &Cache,
 ) -> Result<Vec<TreeMesh>> {
     work::count(Work::CoarserForms, meshed);
     let mut out = vec![subject.mesh(options)?];
@@ -83,7 +88,7 @@ pub fn meshes(
         out.push(subject.mesh(&form)?);
         forms.push(form);
     }
-    cover::keep(subject, &forms, &mut out)?;
+    cover::keep(subject, &forms, &mut out, cache)?;
     let factor = out.first().map_or(1.0, |finest| height_m.map_or(1.0, |h| finest.factor_to(h)));
     out.par_iter_mut().for_each(|mesh| mesh.scale(factor));
     // Leaves reach above the skeleton, by whose height they were made.
@@ -192,13 +197,84 @@ pub fn add(
             octahedral,
         });
     }
-    measure(scene)
+    measure(scene, cache)
 }
 
 /// How far each form's silhouette is from the finest's; of octahedral impostors, as a shader shows
 /// them that takes the nearest view.
-fn measure(scene: &mut Scene) -> Result<()> {
-    let turned: Vec<Vec<Part>> = (scene.prototypes.iter().flat_map(|p| &p.levels))
+fn measure(scene: &mut Scene, cache: &Cache) -> Result<()> {
+    let Scene { prototypes, materials, textures, .. } = &*scene;
+    let with_levels: Vec<&Prototype> = prototypes.iter().filter(|p| !p.levels.is_empty()).collect();
+    let key = |p: &&Prototype| -> Result<Option<Key>> {
+        if !cache.is_on() {
+            return Ok(None);
+        }
+        let levels = p.levels.iter().map(|level| (&level.parts[..], level.octahedral));
+        let forms = std::iter::once((&p.parts[..], None)).chain(levels);
+        let decides = Decides::of_forms(forms, materials, textures)?;
+        Ok(Some(Key::of(
+            [include_bytes!("levels.rs").as_slice()].into_iter().chain(decides.parts()),
+        )))
+    };
+    let keys: Vec<Option<Key>> = with_levels.par_iter().map(key).collect::<Result<_>>()?;
+    let kept = |(key, p): (&Option<Key>, &&Prototype)| {
+        kept::get(cache, (*key)?, p.levels.len() * OfLevel::NUMBERS)
+    };
+    let kept: Vec<Option<Vec<f32>>> = keys.iter().zip(&with_levels).map(kept).collect();
+    let missing = with_levels.iter().zip(&kept).filter(|(_, kept)| kept.is_none());
+    let missing: Vec<&Prototype> = missing.map(|(p, _)| *p).collect();
+    let mut found = apart(&missing, materials, textures)?.into_iter();
+    let all = keys.iter().zip(kept).map(|(key, kept)| {
+        kept.unwrap_or_else(|| {
+            let found = found.next().unwrap_or_default();
+            let numbers: Vec<f32> = found.into_iter().flat_map(OfLevel::to_array).collect();
+            key.iter().for_each(|key| kept::put(cache, *key, &numbers));
+            numbers
+        })
+    });
+    let all: Vec<Vec<f32>> = all.collect();
+    let with_levels = scene.prototypes.iter_mut().filter(|p| !p.levels.is_empty());
+    for (p, numbers) in with_levels.zip(all) {
+        let of_each = numbers.as_chunks::<{ OfLevel::NUMBERS }>().0;
+        for (level, numbers) in p.levels.iter_mut().zip(of_each) {
+            let OfLevel { plain, shown } = OfLevel::from_array(*numbers);
+            level.silhouette = shown;
+            if let Some(octahedral) = &mut level.octahedral {
+                octahedral.sheet_rms_m = plain.rms_m;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// How far a level's silhouette is from the finest's: as it is, and as its shader shows it.
+#[derive(Clone, Copy)]
+struct OfLevel {
+    plain: Apart,
+    shown: Apart,
+}
+
+impl OfLevel {
+    const NUMBERS: usize = 4;
+
+    fn to_array(self) -> [f32; OfLevel::NUMBERS] {
+        let OfLevel { plain, shown } = self;
+        [plain.worst_m, plain.rms_m, shown.worst_m, shown.rms_m]
+    }
+
+    fn from_array([a, b, c, d]: [f32; OfLevel::NUMBERS]) -> OfLevel {
+        let [plain, shown] = [[a, b], [c, d]].map(|[worst_m, rms_m]| Apart { worst_m, rms_m });
+        OfLevel { plain, shown }
+    }
+}
+
+/// Those of all levels of some prototypes.
+fn apart(
+    prototypes: &[&Prototype],
+    materials: &[Material],
+    textures: &[Texture],
+) -> Result<Vec<Vec<OfLevel>>> {
+    let turned: Vec<Vec<Part>> = (prototypes.iter().flat_map(|p| &p.levels))
         .filter_map(|level| Some((level.octahedral.as_ref()?, level.parts.first()?)))
         .flat_map(|(octahedral, part)| {
             let sheet = |eye| impostor::sheet_towards(octahedral, eye);
@@ -208,8 +284,7 @@ fn measure(scene: &mut Scene) -> Result<()> {
     let mut models: Vec<&[Part]> = Vec::new();
     let mut first = Vec::new();
     let mut sheets = turned.iter();
-    let has_levels = |p: &&Prototype| !p.levels.is_empty();
-    for p in scene.prototypes.iter().filter(has_levels) {
+    for p in prototypes {
         first.push(models.len() as u32);
         models.push(&p.parts);
         for level in &p.levels {
@@ -219,51 +294,36 @@ fn measure(scene: &mut Scene) -> Result<()> {
             }
         }
     }
-    let sitter = Sitter::covers(&models, &scene.materials, &scene.textures);
-    // As it is, and as its shader shows it.
-    let with_levels: Vec<&Prototype> = scene.prototypes.iter().filter(has_levels).collect();
-    let apart: Vec<Vec<(Apart, Option<Apart>)>> = with_levels
-        .par_iter()
-        .zip(&first)
-        .map(|(p, &first)| {
-            let around = |level: &Level| match &level.octahedral {
-                None => bounds(&level.parts),
-                Some(octahedral) => {
-                    let aside_m = lod::looks().map(|look| impostor::aside_m(octahedral, -look));
-                    let aside = Vec2::splat(aside_m.fold(0.0, f32::max)).extend(0.0);
-                    let (low, high) = bounds(&p.parts);
-                    (low - aside, high + aside)
-                }
-            };
-            let all = p.levels.iter().map(around).fold(bounds(&p.parts), union);
-            let finest = Silhouettes::of(&sitter, first, all, Views::All)?;
-            let mut model = first + 1;
-            let each = p.levels.iter().map(|level| {
-                let one = model;
-                let views = if level.name == IMPOSTOR { Views::Sides } else { Views::All };
-                let plain = finest.apart(&Silhouettes::of(&sitter, one, all, views)?);
-                model += 1;
-                if level.octahedral.is_none() {
-                    return Ok((plain, None));
-                }
-                model += lod::looks().count() as u32;
-                let turned = |look| one + 1 + look as u32;
-                let shown = Silhouettes::turning(&sitter, turned, all, Views::All)?;
-                Ok((plain, Some(finest.apart(&shown))))
-            });
-            each.collect()
-        })
-        .collect::<Result<_>>()?;
-    let with_levels = scene.prototypes.iter_mut().filter(|p| !p.levels.is_empty());
-    for (p, apart) in with_levels.zip(apart) {
-        for (level, (plain, shown)) in p.levels.iter_mut().zip(apart) {
-            level.silhouette = shown.unwrap_or(plain);
-            if let Some(octahedral) = &mut level.octahedral {
-                octahedral.sheet_rms_m = plain.rms_m;
+    let sitter = Sitter::covers(&models, materials, textures);
+    let of = |(p, &first): (&&Prototype, &u32)| {
+        let around = |level: &Level| match &level.octahedral {
+            None => bounds(&level.parts),
+            Some(octahedral) => {
+                let aside_m = lod::looks().map(|look| impostor::aside_m(octahedral, -look));
+                let aside = Vec2::splat(aside_m.fold(0.0, f32::max)).extend(0.0);
+                let (low, high) = bounds(&p.parts);
+                (low - aside, high + aside)
             }
-        }
-    }
-    Ok(())
+        };
+        let all = p.levels.iter().map(around).fold(bounds(&p.parts), union);
+        let finest = Silhouettes::of(&sitter, first, all, Views::All)?;
+        let mut model = first + 1;
+        let each = p.levels.iter().map(|level| {
+            let one = model;
+            let views = if level.name == IMPOSTOR { Views::Sides } else { Views::All };
+            let plain = finest.apart(&Silhouettes::of(&sitter, one, all, views)?);
+            model += 1;
+            if level.octahedral.is_none() {
+                return Ok(OfLevel { plain, shown: plain });
+            }
+            model += lod::looks().count() as u32;
+            let turned = |look| one + 1 + look as u32;
+            let shown = Silhouettes::turning(&sitter, turned, all, Views::All)?;
+            Ok(OfLevel { plain, shown: finest.apart(&shown) })
+        });
+        each.collect()
+    };
+    prototypes.par_iter().zip(&first).map(of).collect()
 }
 
 type Box3 = (glam::Vec3, glam::Vec3);
@@ -437,11 +497,39 @@ pub(super) mod tests {
         make(&subject, &WoodJob::default().options(budget, FoliageLevel::Cards)).unwrap()
     }
 
+    /// With what an earlier run kept, to the byte; another model or form is another entry.
+    #[test]
+    fn silhouettes_are_the_same_from_a_cache() {
+        let scene = crate::scene::sample::forest(&["Betula pendula", "Picea abies"], 12, 60.0);
+        let folder = tempfile::tempdir().unwrap();
+        let cache = Cache::in_folder(folder.path());
+        let octahedral = lod::Kind::Octahedral { views: 4 };
+        let entries = || std::fs::read_dir(folder.path()).unwrap().count();
+        let mut before = 0;
+        for kind in [lod::Kind::Cross, octahedral] {
+            let job = LevelsJob { impostor: Some(kind), ..LevelsJob::default() };
+            let told = |cache: &Cache| {
+                let mut scene = scene.clone();
+                add(&mut scene, Vec::new(), &[], &job, 64, cache, |_| Some(f32::INFINITY)).unwrap();
+                let levels = scene.prototypes.iter().flat_map(|p| &p.levels);
+                levels.map(|l| (l.silhouette, l.octahedral)).collect::<Vec<_>>()
+            };
+            let plain = told(&Cache::off());
+            assert!(plain.iter().any(|l| l.0.worst_m > 0.0));
+            assert_eq!(told(&cache), plain);
+            // Of every model an impostor and its silhouettes.
+            assert_eq!(entries(), before + 2 * scene.prototypes.len());
+            assert_eq!(told(&cache), plain);
+            assert_eq!(entries(), before + 2 * scene.prototypes.len());
+            before = entries();
+        }
+    }
+
     #[test]
     fn every_form_sways_by_the_height_of_the_whole_tree() {
         let trees = tree_of(("quercus_robur", 6_000, 6_000), |subject, options| {
             let options = MeshOptions { wind: Some(WindProfile::Unity), ..*options };
-            meshes(subject, &options, SHARES.len() + 1, Some(20.0))
+            meshes(subject, &options, SHARES.len() + 1, Some(20.0), &Cache::off())
         });
         assert_eq!(trees.len(), 2 + SHARES.len());
         for (k, tree) in trees.iter().enumerate() {
@@ -500,7 +588,7 @@ pub(super) mod tests {
         let hulls = [FoliageLevel::Shell, FoliageLevel::Cards].map(|level| {
             let mut trees = tree_of(("betula_pendula", 2_000, 2_000), |subject, options| {
                 let options = MeshOptions { foliage: level, ..*options };
-                meshes(subject, &options, SHARES.len() + 1, None)
+                meshes(subject, &options, SHARES.len() + 1, None, &Cache::off())
             });
             if level == FoliageLevel::Shell { trees.remove(0) } else { trees.pop().unwrap() }
         });
@@ -520,7 +608,7 @@ pub(super) mod tests {
     fn bark_of_a_stem_changes_at_one_height_at_every_level() {
         for name in ["pinus_sibirica", "larix_sibirica", "pinus_sylvestris", "betula_pendula"] {
             let trees = tree_of((name, 20_000, 20_000), |subject, options| {
-                meshes(subject, options, SHARES.len() + 1, None)
+                meshes(subject, options, SHARES.len() + 1, None, &Cache::off())
             });
             let height_m = trees[0].bounds().1.z;
             // Branches are too thin for old bark; a cylinder may end below that, in the crown.
@@ -549,7 +637,7 @@ pub(super) mod tests {
         ];
         for (name, triangles) in names.into_iter().flat_map(|n| [(n, 20_000), (n, 5_000)]) {
             let mut all = tree_of((name, triangles, triangles), |subject, options| {
-                meshes(subject, options, SHARES.len() + 1, None)
+                meshes(subject, options, SHARES.len() + 1, None, &Cache::off())
             });
             let feet: Vec<f32> = all.iter().map(|tree| tree.bounds().0.z).collect();
             assert!(feet.iter().all(|foot| (foot - feet[0]).abs() < 0.01), "{name}: {feet:?}");
@@ -580,7 +668,7 @@ pub(super) mod tests {
     #[test]
     fn a_trunk_stays_in_its_place_at_every_level() {
         let all = tree_of(("betula_pendula", 20_000, 20_000), |subject, options| {
-            meshes(subject, options, SHARES.len(), None)
+            meshes(subject, options, SHARES.len(), None, &Cache::off())
         });
         for z in [2.0, 3.0, 4.0, 5.0] {
             let of: Vec<_> = all.iter().map(|tree| section(tree, z)).collect();

@@ -15,6 +15,7 @@ pub mod forest;
 pub mod goal;
 mod hung;
 mod impostors;
+mod kept;
 pub mod landscape;
 pub mod left_out;
 pub mod levels;

@@ -263,30 +263,31 @@ fn stand(
             Ok((found, tolerance::outcome(&[reached], warnings)))
         })?;
     }
-    let mut meshes =
-        run.stage("mesh", |warnings| {
-            let mut options = MeshOptions { wind: job.levels.wind, ..options(triangles) };
-            if is_rough {
-                options = options.roughened();
-            }
-            // Wood fitted to a cloud stays where it is.
-            let height_m = job.cloud.is_none().then(|| skeleton.height_m());
-            let subject = Subject { skeleton, species, textures: &textures, seed };
-            let meshes = levels::meshes(&subject, &options, job.levels.meshed, height_m)?;
-            let triangles = meshes.iter().map(|m| m.triangles()).sum();
-            let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles");
-            let outcome = told::twigs(meshes.first().into_iter(), outcome).error(
-                tolerance::sagitta(meshes.first().into_iter(), job.wood.tolerance_m, warnings),
-            );
-            let outcome = told::unmeshed(meshes.first().into_iter(), outcome, warnings);
-            told::over(meshes.first(), job.triangles, warnings);
-            let instead = "; --twigs instance stores them in a few forms";
-            let what = if species.foliage.is_bare() { "buds" } else { "leaves or needles" };
-            let outcome = told::leaves(meshes.first().into_iter(), what, instead, outcome);
-            told::thin(meshes.first().map(|mesh| (species, mesh)).into_iter(), warnings);
-            told::fruitless(species, job.foliage, meshes.first().into_iter(), warnings);
-            Ok((meshes, outcome))
-        })?;
+    let mut meshes = run.stage("mesh", |warnings| {
+        let mut options = MeshOptions { wind: job.levels.wind, ..options(triangles) };
+        if is_rough {
+            options = options.roughened();
+        }
+        // Wood fitted to a cloud stays where it is.
+        let height_m = job.cloud.is_none().then(|| skeleton.height_m());
+        let subject = Subject { skeleton, species, textures: &textures, seed };
+        let meshes = levels::meshes(&subject, &options, job.levels.meshed, height_m, &job.cache)?;
+        let triangles = meshes.iter().map(|m| m.triangles()).sum();
+        let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles");
+        let outcome = told::twigs(meshes.first().into_iter(), outcome).error(tolerance::sagitta(
+            meshes.first().into_iter(),
+            job.wood.tolerance_m,
+            warnings,
+        ));
+        let outcome = told::unmeshed(meshes.first().into_iter(), outcome, warnings);
+        told::over(meshes.first(), job.triangles, warnings);
+        let instead = "; --twigs instance stores them in a few forms";
+        let what = if species.foliage.is_bare() { "buds" } else { "leaves or needles" };
+        let outcome = told::leaves(meshes.first().into_iter(), what, instead, outcome);
+        told::thin(meshes.first().map(|mesh| (species, mesh)).into_iter(), warnings);
+        told::fruitless(species, job.foliage, meshes.first().into_iter(), warnings);
+        Ok((meshes, outcome))
+    })?;
     let name = identifier(&species.name);
     let mut scene = Scene::empty(name.clone(), frame);
     let look = add_materials(&mut scene, species, textures);
