@@ -32,8 +32,8 @@ pub struct Cli {
     /// Print errors only; of lists and tables, the bare lines.
     #[arg(long, short, global = true)]
     pub quiet: bool,
-    /// Make textures and impostors anew, instead of keeping them in the user's cache folder. The output
-    /// does not depend on it.
+    /// Make textures and impostors and measure levels anew, instead of keeping all that in the user's
+    /// cache folder. The output does not depend on it.
     #[arg(long, global = true)]
     pub no_cache: bool,
     /// Print the result as JSON to standard output: a run's report, a species command's answer.
