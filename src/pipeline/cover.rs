@@ -1,4 +1,4 @@
-//! Coarser forms of a tree that cover as much as its finest.
+//! Coarser forms of a tree that cover as much as its finest, and are as bright.
 //!
 //! Where twigs are left out, those that stay are enlarged (Cook et al. 2007, Stochastic
 //! simplification of aggregate detail, who keep the sum of their areas). Large cards overlap less
@@ -7,6 +7,9 @@
 //! which it covers as much there as the finest, seen from the sides, so that the crown keeps its
 //! outline; then one factor for all heights, at which it does from the sides and from above together.
 //! Limit: all sides have the same scale.
+//!
+//! Of fewer, larger leaves fewer lie in the shade of others: by how much less area there is of them, some cards show
+//! boughs in shade. Limit: that goes by a power found for sun and sky; under other light levels differ by more.
 
 use std::array;
 
