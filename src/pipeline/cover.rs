@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use super::kept;
 use super::model::{Look, empty_scene, parts_of};
 use crate::cache::{Cache, Key};
-use crate::diagnostic::Result;
+use crate::diagnostic::{Error, Result};
 use crate::lod::Cover;
 use crate::lod::stored::Decides;
 use crate::mesh::{self, HEIGHTS, MeshOptions, TreeMesh};
@@ -156,10 +156,14 @@ fn key_of(subject: &Subject<'_>, options: &[MeshOptions], forms: &[TreeMesh]) ->
     let decides = Decides::of_forms(seen, &scene.materials, &scene.textures)?;
     let Skeleton { position, parent, radius_m, axis, order, birth, dead } = *skeleton;
     let dead: Vec<u8> = dead.iter().map(|dead| u8::from(*dead)).collect();
+    // Written without what it has found of itself so far, which goes by what else was asked.
+    let atlas = serde_json::to_vec(&textures.atlas).map_err(|e| Error::new(e.to_string()))?;
     // Floats print so that they read back as the same bits.
-    let told = format!("{:?} {:?} {options:?} {seed:?}", species.foliage, textures.atlas);
-    let columns: [&[u8]; 8] = [
+    let is_plain = textures.atlas.is_plain();
+    let told = format!("{:?} {is_plain} {options:?} {seed:?}", species.foliage);
+    let columns: [&[u8]; 9] = [
         told.as_bytes(),
+        &atlas,
         bytemuck::cast_slice(position),
         bytemuck::cast_slice(parent),
         bytemuck::cast_slice(radius_m),
@@ -507,6 +511,11 @@ mod tests {
             assert_eq!(made(&grown.subject(), 3_000, &cache), plain);
             assert_eq!(entries(), 1);
         }
+        // What an atlas has found of itself meanwhile is no other atlas.
+        grown.textures.atlas.outlines(7);
+        grown.textures.atlas.leaf_outlines(7);
+        made(&grown.subject(), 3_000, &cache);
+        assert_eq!(entries(), 1);
         made(&Subject { seed: Seed::new(2), ..grown.subject() }, 3_000, &cache);
         assert_eq!(entries(), 2);
         made(&grown.subject(), 2_900, &cache);
