@@ -205,6 +205,21 @@ pub struct Outlet {
 /// Place, normal and wind.
 type Corner = (Vec3, Vec3, [u8; 4]);
 
+/// What a tube begins with where it comes out of a hole: the corners of that, their middle, and which way the
+/// tube goes from there. They lie on the facets of the parent, which are within its circles.
+#[derive(Default)]
+struct Base {
+    corners: Vec<Corner>,
+    centre: Vec3A,
+    axis: Vec3A,
+}
+
+impl Base {
+    fn is_none(&self) -> bool {
+        self.corners.is_empty()
+    }
+}
+
 /// The corners of a hole: which surface, the first.
 struct Rim {
     side: usize,
@@ -219,9 +234,9 @@ pub struct Bark<'a> {
     seed: Seed,
     circles: Circles,
     rims: Vec<Rim>,
-    /// Of the tube at hand: how its rings swing, and the corners it begins with.
+    /// Of the tube at hand: how its rings swing, and what it begins with.
     sway: Vec<Sway>,
-    base: Vec<Corner>,
+    base: Base,
     /// What coats its rings have, but for the apex.
     mixes: Vec<Mix>,
     /// Index and place of the corners about a hole.
@@ -240,7 +255,7 @@ impl<'a> Bark<'a> {
             circles: Circles::new(),
             rims: Vec::new(),
             sway: Vec::new(),
-            base: Vec::new(),
+            base: Base::default(),
             mixes: Vec::new(),
             about: Vec::new(),
             limits: Limits::default(),
@@ -480,16 +495,22 @@ impl<'a> Bark<'a> {
         let below_apex = &shape.rings[..shape.rings.len() - 1];
         let young = if shape.is_stem { self.young.of_stem() } else { self.young };
         self.mixes.extend(below_apex.iter().map(|ring| young.at(ring)));
-        self.base.clear();
+        let base = &mut self.base;
+        base.corners.clear();
         let rim = shape.out_of.and_then(|o| self.rims.get(o.hole as usize));
         if let Some(&Rim { side, first }) = rim {
             let s = &self.surface[side];
-            let corners = (first..first + shape.rings[0].sides).map(|k| k as usize);
-            self.base.extend(
+            let sides = shape.rings[0].sides;
+            let corners = (first..first + sides).map(|k| k as usize);
+            base.corners.extend(
                 corners.map(|k| {
                     (s.position[k], s.normal[k], s.wind.get(k).copied().unwrap_or_default())
                 }),
             );
+            let sum = base.corners.iter().map(|corner| Vec3A::from(corner.0)).sum::<Vec3A>();
+            base.centre = sum / sides.max(1) as f32;
+            let along = Vec3A::from(shape.rings[1].centre) - base.centre;
+            base.axis = along.normalize_or(shape.rings[0].tangent.into());
         }
         self.sway.clear();
         if let Some(wind) = self.wind {
@@ -502,8 +523,7 @@ impl<'a> Bark<'a> {
 /// What a tube is made of.
 struct Maker<'a> {
     rings: &'a [Ring],
-    /// The corners of the hole it comes out of.
-    base: &'a [Corner],
+    base: &'a Base,
     has_collar: bool,
     circles: &'a Circles,
     swing: Option<(&'a Wind, &'a [Sway])>,
@@ -515,12 +535,12 @@ impl Maker<'_> {
         let Maker { base, circles, swing, .. } = *self;
         let start = out.position.len() as u32;
         let (ring, is_folded) = (&self.rings[i], coat.is_folded());
-        if i == 0 && !base.is_empty() {
+        if i == 0 && !base.is_none() {
             rim(ring, circles, base, self.has_collar, is_folded, out);
             if swing.is_some() {
                 let again = [Some(0), is_folded.then_some(ring.fold() as usize)];
-                out.wind.extend(base.iter().map(|corner| corner.2));
-                out.wind.extend(again.into_iter().flatten().map(|k| base[k].2));
+                out.wind.extend(base.corners.iter().map(|corner| corner.2));
+                out.wind.extend(again.into_iter().flatten().map(|k| base.corners[k].2));
             }
         } else {
             let phase = if ring.lobe == 0.0 { 0.0 } else { luck.phase() };
@@ -539,7 +559,7 @@ impl Maker<'_> {
         if is_plain_cone(rings, self.base, self.has_collar) {
             return false;
         }
-        let is_rim = i == 1 && !self.base.is_empty();
+        let is_rim = i == 1 && !self.base.is_none();
         let is_last = i + 2 == rings.len();
         i == 0
             || is_rim
@@ -551,7 +571,7 @@ impl Maker<'_> {
     /// ground.
     fn cap(&self, first: u32, out: &mut Surface) {
         let sides = self.rings[0].sides;
-        if self.base.is_empty() {
+        if self.base.is_none() {
             // About the first corner's other vertex: both sides of a fold hang together.
             for k in 1..sides - 1 {
                 out.index.extend([first + sides, first + k + 1, first + k]);
@@ -636,19 +656,20 @@ impl Maker<'_> {
 
 /// Whether a tube is one cone out of a hole about its own line, longer than the hole slants: then each
 /// facet faces away from that line, and upwards, as the normals of its corners do.
-fn is_plain_cone(rings: &[Ring], base: &[Corner], has_collar: bool) -> bool {
+fn is_plain_cone(rings: &[Ring], base: &Base, has_collar: bool) -> bool {
     /// Length over the radius of the foot.
     const SLENDER: f32 = 4.0;
-    let ([foot, apex], Some(last)) = (rings, base.last()) else { return false };
-    let [centre, tangent] = [foot.centre, foot.tangent].map(Vec3A::from);
-    let mut before = Vec3A::from(last.0) - centre;
+    let ([foot, apex], Some(last)) = (rings, base.corners.last()) else { return false };
+    let mut before = Vec3A::from(last.0) - base.centre;
     let goes_around = |corner: &Corner| {
-        let here = Vec3A::from(corner.0) - centre;
-        let turn = before.cross(here).dot(tangent);
+        let here = Vec3A::from(corner.0) - base.centre;
+        let turn = before.cross(here).dot(base.axis);
         before = here;
         turn > 0.0
     };
-    !has_collar && apex.arc_m - foot.arc_m > SLENDER * foot.radius_m && base.iter().all(goes_around)
+    !has_collar
+        && apex.arc_m - foot.arc_m > SLENDER * foot.radius_m
+        && base.corners.iter().all(goes_around)
 }
 
 /// Bits of the facets that the blocks of some feet take.
@@ -690,20 +711,20 @@ fn twin(ring: &Ring, is_folded: bool, facet: u32) -> u32 {
 fn rim(
     ring: &Ring,
     circles: &Circles,
-    base: &[Corner],
+    base: &Base,
     is_collar: bool,
     is_folded: bool,
     out: &mut Surface,
 ) {
     let laid = circles.laid(ring.sides, is_folded);
-    let [centre, tangent, u, v] =
-        [ring.centre, ring.tangent, ring.normal, ring.binormal()].map(Vec3A::from);
+    let Base { corners, centre, axis } = base;
+    let [u, v] = [ring.normal, ring.binormal()].map(Vec3A::from);
     let start = out.position.len();
-    out.position.extend(base.iter().map(|corner| corner.0));
-    out.normal.extend(base.iter().zip(&laid.corner).map(|(&(position, parent, _), c)| {
+    out.position.extend(corners.iter().map(|corner| corner.0));
+    out.normal.extend(corners.iter().zip(&laid.corner).map(|(&(position, parent, _), c)| {
         // Its own roundness, as the hole has it.
         let away = Vec3A::from(position) - centre;
-        let away = away - tangent * tangent.dot(away);
+        let away = away - axis * axis.dot(away);
         let own = away.try_normalize().unwrap_or(u * c.x + v * c.y);
         if !is_collar {
             return Vec3::from(own);
