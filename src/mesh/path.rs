@@ -293,14 +293,14 @@ pub fn rings(
             most_sides = start.sides;
         }
     }
-    for k in path.iter_mut() {
-        k.radius_m = k.radius_m.max(least.radius_m);
-    }
     blunt(path, tolerance_m, least.step_m);
     let start = out.len();
-    frames(path, lobes, sides, across, out);
+    frames(path, lobes, least, sides, across, out);
     if across.is_some() {
-        out[start..].iter_mut().for_each(|r| r.sides = r.sides.min(most_sides));
+        // The first has the most.
+        if out[start].sides > most_sides {
+            out[start..].iter_mut().for_each(|r| r.sides = r.sides.min(most_sides));
+        }
         out[start].sides = most_sides;
     }
     if let Foot::Ground { is_one_of_many: false, .. } = foot {
@@ -583,7 +583,14 @@ fn blunt(kept: &mut Vec<Knot>, tolerance_m: f32, least_step: f32) {
 
 /// Tangents as bisectors, normals by the least turn from ring to ring (parallel transport). A
 /// reversal turns in two steps of a right angle, so that no ring is mirrored.
-fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, across: Option<Vec3>, out: &mut Vec<Ring>) {
+fn frames(
+    kept: &[Knot],
+    lobes: &[f32],
+    least: Least,
+    sides: &Sides,
+    across: Option<Vec3>,
+    out: &mut Vec<Ring>,
+) {
     let n = kept.len();
     let start = out.len();
     let step = |i: usize| {
@@ -640,14 +647,15 @@ fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, across: Option<Vec3>, out
         let lobe = lobes.get(i).copied().unwrap_or(0.0);
         // Five lobes need about five corners each.
         let least_sides = if lobe > 0.02 { 24 } else { MIN_SIDES };
+        let radius_m = knot.radius_m.max(least.radius_m);
         out.push(Ring {
             centre: knot.at,
             tangent,
             normal,
-            radius_m: knot.radius_m,
+            radius_m,
             arc_m: arc,
             slope: 0.0,
-            sides: sides.of(knot.radius_m).max(least_sides),
+            sides: sides.of(radius_m).max(least_sides),
             lobe,
             girth: 1.0,
             repeats: 1.0,
@@ -660,22 +668,24 @@ fn frames(kept: &[Knot], lobes: &[f32], sides: &Sides, across: Option<Vec3>, out
     let last = n - 1;
     rings[last].radius_m = 0.0;
     // From the tip down: never fewer sides below, and a change only where it saves a quarter.
-    rings[last].sides = rings[last - 1].sides;
-    for i in (0..last).rev() {
-        rings[i].sides = rings[i].sides.max(rings[i + 1].sides);
+    let mut most = MIN_SIDES;
+    for ring in rings[..last].iter_mut().rev() {
+        most = most.max(ring.sides);
+        ring.sides = most;
     }
-    for i in 1..n {
+    let slope = |a: &Ring, b: &Ring| {
+        ((b.radius_m - a.radius_m) / (b.arc_m - a.arc_m).max(1e-6)).clamp(-2.0, 2.0)
+    };
+    rings[0].slope = slope(&rings[0], &rings[1]);
+    for i in 1..last {
         let below = rings[i - 1].sides;
-        if rings[i].sides * 4 > below * 3 || i == last {
+        if rings[i].sides * 4 > below * 3 {
             rings[i].sides = below;
         }
+        rings[i].slope = slope(&rings[i - 1], &rings[i + 1]);
     }
-    for i in 0..n {
-        let (a, b) = (i.saturating_sub(1), (i + 1).min(last));
-        let run = rings[b].arc_m - rings[a].arc_m;
-        let slope = (rings[b].radius_m - rings[a].radius_m) / run.max(1e-6);
-        rings[i].slope = slope.clamp(-2.0, 2.0);
-    }
+    rings[last].sides = rings[last - 1].sides;
+    rings[last].slope = slope(&rings[last - 1], &rings[last]);
 }
 
 #[cfg(test)]

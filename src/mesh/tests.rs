@@ -156,7 +156,7 @@ fn cone(radius: f32, height: f32, tolerance: f32) -> Surface {
         scratch,
         &mut rings,
     );
-    tube::lay_bark(&mut rings, 1.0, (knots[0].radius_m, 0.0), 0);
+    tube::lay_bark(&mut rings, 1.0, (|| knots[0].radius_m, 0.0), 0);
     let mut bark = tube::Bark::new(young::Young::default(), None, Seed::new(1));
     bark.tube(&tube::Shape {
         rings: &rings,
@@ -217,7 +217,7 @@ fn seams_repeat_whole_tiles_and_a_taper_does_not_stretch_the_bark() {
         &mut path::Scratch::default(),
         &mut rings,
     );
-    tube::lay_bark(&mut rings, 1.0, (knots[0].radius_m, 0.0), 0);
+    tube::lay_bark(&mut rings, 1.0, (|| knots[0].radius_m, 0.0), 0);
     rings.pop();
     for w in rings.windows(2) {
         let around = |r: &path::Ring| r.repeats / (r.radius_m * std::f32::consts::TAU);

@@ -109,7 +109,12 @@ struct Laying {
 /// tiles of the tube above, wider. How many there are at first follows a radius at so far along it, which are
 /// the same however coarse it is. It winds to the left or the right, by `key`. Where bark is folded (see
 /// `young`) all of it is as fine and none winds; thin tubes begin anywhere in the tile, by `key`.
-pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, (radius_m, from_m): (f32, f32), key: u32) {
+pub fn lay_bark(
+    rings: &mut [Ring],
+    repeat_m: f32,
+    (radius_m, from_m): (impl FnOnce() -> f32, f32),
+    key: u32,
+) {
     // Of the polygon: N sin(π / N) / π of the circle's.
     let around = |ring: &Ring| {
         let x = std::f32::consts::PI / ring.sides.max(MIN_SIDES) as f32;
@@ -122,7 +127,9 @@ pub fn lay_bark(rings: &mut [Ring], repeat_m: f32, (radius_m, from_m): (f32, f32
     below.girth = around(&first);
     let flare = rings.iter().take_while(|r| r.slope < -FLARES);
     let flare = flare.take_while(|r| around(r) * FLARED > below.girth).count();
-    below.repeats = whole(TAU * radius_m / repeat_m);
+    // Around what is thinner than a tile there is one.
+    let is_thin = TAU * first.radius_m < repeat_m;
+    below.repeats = if is_thin { 1.0 } else { whole(TAU * radius_m() / repeat_m) };
     if below.girth < FOLDED_GIRTH[1] {
         // Multiples of the plastic number's inverses, as shares of 2³², lie evenly on a square.
         let share = |inverse: u32| key.wrapping_mul(inverse) as f32 * 2f32.powi(-32);

@@ -395,7 +395,7 @@ impl Planner<'_> {
             }
             // Past a flare or a collar; the same whatever was left out of the axis.
             let foot_m = FLARE * knots[0].radius_m;
-            let beyond = (self.chains.radius_after(c, foot_m), foot_m + shift_m);
+            let beyond = (|| self.chains.radius_after(c, foot_m), foot_m + shift_m);
             lay_bark(made, BARK_REPEAT_M, beyond, self.chains.chain[c as usize].axis);
             bark.tube(&Shape {
                 rings: made,
