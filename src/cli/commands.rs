@@ -24,7 +24,7 @@ use crate::export::{self, Format, MOST_GLB_BYTES, OutputFile, Staged};
 use crate::ground::Method;
 use crate::mesh::{FoliageLevel, TwigsAs};
 use crate::pipeline::tree::Grown;
-use crate::pipeline::{self, Effort, Forest, LevelsJob, SurveyJob, TreeJob, left_out};
+use crate::pipeline::{self, Asked, Effort, Forest, LevelsJob, SurveyJob, TreeJob, left_out};
 use crate::raster::{GridGeometry, cog};
 use crate::report::{self, Outcome, Recorder, Silent};
 use crate::scene::{Forms, Selection, ValidScene};
@@ -324,7 +324,11 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         check_twigs(&look, foliage, &levels, a)?;
     }
     let job = TreeJob {
-        height_m: a.height.or(a.age.map(|years| species.size.height_at(years))),
+        size: match (a.height, a.age) {
+            (Some(height_m), _) => Asked::HeightM(height_m),
+            (None, Some(years)) => Asked::AgeYears(years),
+            (None, None) => Asked::Typical,
+        },
         species,
         stage: a.stage,
         walls: a.wall.clone(),

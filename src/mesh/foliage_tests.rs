@@ -335,6 +335,8 @@ fn triangle(name: &str) -> std::sync::Arc<own::Model> {
         index: vec![0, 1, 2],
         picture: crate::raster::Picture::filled(4, 4, [1, 2, 3, 255]),
         normals: None,
+        material: None,
+        roughness: None,
         remarks: Vec::new(),
     })
 }

@@ -622,9 +622,12 @@ impl Maker<'_> {
         // One for each side of a fold.
         let tips = 1 + u32::from(is_folded);
         let u = apex.u - if is_folded { 0.25 * FINEST * below.girth } else { 0.0 };
+        // A lone cone's line begins in the middle of its foot.
+        let is_cone = self.rings.len() == 2 && !self.base.is_none();
+        let onward = if is_cone { self.base.axis.into() } else { apex.tangent };
         for _ in 0..tips {
             out.position.push(apex.centre);
-            out.normal.push(apex.tangent);
+            out.normal.push(onward);
             out.uv.push(Vec2::new(u, apex.v));
         }
         if let Some((wind, sway)) = self.swing {

@@ -39,4 +39,4 @@ pub use forest::{Forest, ForestJob, Sharing};
 pub use levels::LevelsJob;
 pub use sheet::{Sheet, SheetJob};
 pub use survey::{Survey, SurveyJob};
-pub use tree::TreeJob;
+pub use tree::{Asked, TreeJob};

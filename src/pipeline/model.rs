@@ -41,7 +41,7 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         .map_or(upper_bark, |t| add_bark(scene, &format!("{stem}_bark_transition"), t));
     let twig_bark =
         textures.bark_twig.map_or(upper_bark, |t| add_bark(scene, &format!("{stem}_bark_twig"), t));
-    let name = format!("{stem}_leaf");
+    let name = own_name(&stem, "leaf", species.own_model.as_deref());
     let is_plain = (textures.leaf.width(), textures.leaf.height()) == (1, 1);
     let crown_variants = textures.leaf_variants.iter().map(|v| Variant {
         name: v.name.to_owned(),
@@ -63,7 +63,7 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
         base_color_texture: leaf,
         normal_texture,
         variants,
-        roughness: 0.65,
+        roughness: species.own_model.as_ref().and_then(|own| own.roughness).unwrap_or(0.65),
         specular: LEAF_SPECULAR,
         translucency: if species.foliage.is_bare() { 0.0 } else { LEAF_TRANSLUCENCY },
         alpha,
@@ -85,9 +85,18 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
     scene.materials.push(crown);
     let crown = scene.materials.len() as u32 - 1;
     let own = species.own_fruit.as_deref();
-    let fruit =
-        own.map_or(leaf, |model| add_fruit(scene, &format!("{stem}_fruit"), model, is_plain));
+    let fruit = own.map_or(leaf, |model| {
+        add_fruit(scene, &own_name(&stem, "fruit", Some(model)), model, is_plain)
+    });
     Look { bark, upper_bark, transition_bark, twig_bark, leaf, crown, fruit }
+}
+
+/// What leaves or fruits are called in a scene; a user's own by their material, too.
+fn own_name(stem: &str, what: &str, model: Option<&own::Model>) -> String {
+    match model.and_then(|model| model.material.as_deref()).map(identifier) {
+        Some(own) if own != what => format!("{stem}_{what}_{own}"),
+        _ => format!("{stem}_{what}"),
+    }
 }
 
 /// The material of a user's own cones; `is_plain`: in their mean colour.
@@ -106,7 +115,7 @@ fn add_fruit(scene: &mut Scene, name: &str, model: &own::Model, is_plain: bool) 
     scene.materials.push(Material {
         base_color_texture,
         normal_texture,
-        roughness: 0.75,
+        roughness: model.roughness.unwrap_or(0.75),
         alpha: if is_masked { Alpha::Mask { cutoff: 0.5 } } else { Alpha::Opaque },
         double_sided: is_masked,
         ..Material::plain(name, base_color)

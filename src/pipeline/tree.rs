@@ -34,8 +34,7 @@ use crate::species::state::State;
 #[derive(Debug, Clone)]
 pub struct TreeJob {
     pub species: Species,
-    /// The species' typical height where `None`.
-    pub height_m: Option<f32>,
+    pub size: Asked,
     /// The tree as it stood at a stage of its life; grown where `None`.
     pub stage: Option<u16>,
     /// Upright walls through these places about the stem, square to the way there, metres.
@@ -71,7 +70,51 @@ pub struct Grown {
     pub fit: Option<cloud::Report>,
 }
 
+/// How large a tree is to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Asked {
+    /// As the species' typical ones.
+    Typical,
+    HeightM(f32),
+    /// By the species' growth.
+    AgeYears(f32),
+}
+
+/// Times a species' height, and its age, from which on a tree is none of its kind: twice as high as its tallest
+/// grow, older than its growth lasts.
+const GIANT: f32 = 2.5;
+const ANCIENT: f32 = 4.0;
+
+impl Asked {
+    fn warning(self, species: &Species) -> Option<String> {
+        let (name, size) = (&species.name, &species.size);
+        match self {
+            Asked::HeightM(high_m) if high_m > GIANT * size.height_m => Some(format!(
+                "--height {high_m}: {:.1} times as high as {name} is as a rule, {} m; its shape is carried on from \
+                 trees that there are",
+                high_m / size.height_m,
+                size.height_m
+            )),
+            Asked::AgeYears(years) if years > ANCIENT * size.age_years => Some(format!(
+                "--age {years}: {name} grows no more after about {} years; it is as high as then, {:.1} m",
+                ANCIENT * size.age_years,
+                size.height_at(years)
+            )),
+            _ => None,
+        }
+    }
+}
+
 impl TreeJob {
+    fn height_m(&self) -> f32 {
+        let typical = &self.species.size;
+        match self.size {
+            Asked::Typical => typical.height_m,
+            Asked::HeightM(height_m) => height_m,
+            Asked::AgeYears(years) => typical.height_at(years),
+        }
+    }
+
     /// Twigs that are stored once stand on as many shoots, however few triangles are stored.
     fn detail(&self) -> Detail {
         let triangles = match self.twigs {
@@ -150,7 +193,7 @@ fn fitted(
 /// an earlier run.
 fn grown_beside(job: &TreeJob, run: &mut Recorder) -> (Result<Skeleton>, Option<Kept>) {
     let read = || {
-        let height_m = job.height_m.unwrap_or(job.species.size.height_m);
+        let height_m = job.height_m();
         let look = job.state.look(&in_leaf(job, height_m), job.seed);
         Kept::find(&look, job.texture_px, &job.cache)
     };
@@ -169,11 +212,12 @@ fn in_leaf(job: &TreeJob, height_m: f32) -> Species {
 fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
     let species = &job.species;
     run.stage("skeleton", |warnings| {
-        let target = Target::FromSpecies { height_m: job.height_m };
+        warnings.extend(job.size.warning(species));
+        let wanted = job.height_m();
+        let target = Target::FromSpecies { height_m: Some(wanted) };
         let around = surroundings(job);
         let detail = job.detail();
         let skeleton = skeleton::grow_among(species, target, detail, &around, job.seed)?;
-        let wanted = job.height_m.unwrap_or(species.size.height_m);
         let off = f64::from((skeleton.height_m() - wanted).abs());
         let skeleton = match job.stage {
             Some(stage) => skeleton::at_stage(&skeleton, species, stage)?,
@@ -197,7 +241,7 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
 }
 
 fn surroundings(job: &TreeJob) -> Surroundings<'static> {
-    let height_m = job.height_m.unwrap_or(job.species.size.height_m);
+    let height_m = job.height_m();
     let size = &job.species.at_height(height_m).size;
     let own = Envelope::of_species(size, 0.0, height_m, job.seed);
     Surroundings {
@@ -343,7 +387,7 @@ fn age_years(job: &TreeJob, skeleton: &Skeleton) -> f32 {
     let size = &job.species.size;
     let share = f32::from(job.stage.unwrap_or(STAGES)) / f32::from(STAGES);
     let grown_m = match job.stage {
-        Some(_) => job.height_m.unwrap_or(size.height_m),
+        Some(_) => job.height_m(),
         None => skeleton.height_m(),
     };
     share * size.age_at(grown_m)

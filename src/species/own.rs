@@ -49,6 +49,10 @@ pub struct Model {
     pub picture: Picture,
     /// Tangent-space normals for it, x along u and y along v (up); `None` where no material has any.
     pub normals: Option<Picture>,
+    /// What its material is called; `None` where it has none or several, which become one.
+    pub material: Option<String>,
+    /// That of its materials, 0…1; `None` where they tell none, or not the same.
+    pub roughness: Option<f32>,
     /// What of it may not be as meant, one sentence each.
     pub remarks: Vec<String>,
 }
@@ -153,6 +157,7 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
             "bake them into one picture (map_Kd), or give smaller ones",
         );
     }
+    let of_faces = || meshes.iter().map(|m| m.mesh.material_id.map(|id| &materials[id]));
     let mut model = Model {
         name: path.to_path_buf(),
         position: Vec::new(),
@@ -161,6 +166,8 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
         index: Vec::new(),
         picture: Picture::filled(0, 0, [0; 4]),
         normals: None,
+        material: same(of_faces().map(|m| Some(m?.name.clone()))),
+        roughness: same(of_faces().map(|m| roughness(m?))),
         remarks: unused(
             path,
             materials.iter().enumerate().filter(|m| used(m.0)).map(|m| m.1),
@@ -252,6 +259,20 @@ fn settle(path: &Path, mut model: Model) -> Result<Model> {
         return Err(error.remedy(REMEDY));
     }
     Ok(model)
+}
+
+/// What all of them are.
+fn same<T: PartialEq>(mut all: impl Iterator<Item = Option<T>>) -> Option<T> {
+    let first = all.next()??;
+    all.all(|other| other.as_ref() == Some(&first)).then_some(first)
+}
+
+/// `Pr`, or else what Blender makes of `Ns`, and writes it for.
+fn roughness(material: &tobj::Material) -> Option<f32> {
+    const MOST_NS: f32 = 1000.0;
+    let own = material.unknown_param.get("Pr").and_then(|text| text.trim().parse().ok());
+    let of_ns = |ns: f32| 1.0 - (ns / MOST_NS).clamp(0.0, 1.0).sqrt();
+    own.or(material.shininess.map(of_ns)).filter(|r| r.is_finite()).map(|r| r.clamp(0.0, 1.0))
 }
 
 /// What faces of a material show.

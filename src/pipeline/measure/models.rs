@@ -9,7 +9,7 @@ use super::super::cover::Subject;
 use super::super::detail::mesh_options;
 use super::super::levels::{self, LevelsJob, bounds};
 use super::super::model::model_scene;
-use super::super::tree::{self, TreeJob};
+use super::super::tree::{self, Asked, TreeJob};
 use super::Bench;
 use crate::cache::Cache;
 use crate::diagnostic::Result;
@@ -157,7 +157,7 @@ fn by_level(bench: &Bench<'_>, species: &Species) -> Result<Vec<Point>> {
     for levels in meshed.chain([impostor]) {
         let job = TreeJob {
             species: species.clone(),
-            height_m: None,
+            size: Asked::Typical,
             stage: None,
             walls: Vec::new(),
             neighbours: Vec::new(),

@@ -162,6 +162,25 @@ fn a_file_that_extends_another_finds_its_model_beside_that() {
 }
 
 #[test]
+fn a_models_one_material_gives_its_name_and_roughness() {
+    let of = |obj: &str, mtl: &str| {
+        let model = load(&rule(&folder(RULE, obj, mtl))).unwrap().own_model.unwrap();
+        (model.material.clone(), model.roughness)
+    };
+    let [leaf, named] = [TWIG.to_owned(), TWIG.replace("usemtl leaf", "usemtl Waxy leaf")];
+    assert_eq!(of(&leaf, MATERIAL), (Some("leaf".into()), None));
+    let waxy = MATERIAL.replace("newmtl leaf", "newmtl Waxy leaf\nNs 250");
+    assert_eq!(of(&named, &waxy), (Some("Waxy leaf".into()), Some(0.5)));
+    let both = waxy.replace("Ns 250", "Ns 250\nPr 0.3");
+    assert_eq!(of(&named, &both), (Some("Waxy leaf".into()), Some(0.3)));
+    // Two become one.
+    let two = format!("{TWIG}usemtl stalk\nf 1/1/1 2/2/1 3/3/1\n");
+    let stalk = |ns: u32| format!("{MATERIAL}Ns 250\nnewmtl stalk\nKd 0.2 0.1 0\nNs {ns}\n");
+    assert_eq!(of(&two, &stalk(250)), (None, Some(0.5)));
+    assert_eq!(of(&two, &stalk(90)), (None, None));
+}
+
+#[test]
 fn plain_colours_become_swatches_and_faces_get_normals() {
     let obj = "mtllib twig.mtl\nv 0 0 0\nv 1 0 0\nv 0 2 0\nv 1 2 0\nusemtl red\nf 1 2 3\n\
                usemtl blue\nf 2 4 3\n";
