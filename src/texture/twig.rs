@@ -666,7 +666,12 @@ impl Painter<'_> {
             colour,
             light: [light * 0.85; 2],
         });
-        let tilt = self.draws.between(if is_in_two_rows(shape) { 0.7 } else { 0.45 }, 1.0);
+        let least = match shape {
+            LeafShape::Lobed => 0.66,
+            _ if is_in_two_rows(shape) => 0.7,
+            _ => 0.45,
+        };
+        let tilt = self.draws.between(least, 1.0);
         let other = (tilt + self.jitter(0.25)).clamp(0.3, 1.0);
         let shade = self.draws.between(0.86, 1.0);
         let open = if self.draws.unit() < 0.5 { [tilt, other] } else { [other, tilt] };
