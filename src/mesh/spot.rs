@@ -480,6 +480,8 @@ pub fn stance(shape: LeafShape) -> Stance {
 /// what they are longer that lies further in.
 const BOUGH_FROM: f32 = 2.4;
 const INWARD: f32 = 0.75;
+/// How far beyond a twig's end one that stands for more may reach, share of the crown's half width.
+const OUT: f32 = 0.08;
 /// … and from where on they turn from the light above to that from outside.
 const TURN_FROM: f32 = 1.6;
 /// How far before its shoot a card begins, share of its length.
@@ -616,7 +618,10 @@ impl Pose {
         // Never longer than boughs may be.
         let most_m = (1.5 * hull.half.truncate().max_element()).max(BOUGH_FROM * twig_m);
         let lengths_m = hull.twigs_m(spot.at, twig_m, [enlarge, enlarge.min(BOUGH_FROM), 1.0]);
+        let own_m = lengths_m[2];
         let [size_m, reach_m, twig_m] = lengths_m.map(|long_m| (long_m * larger).min(most_m));
+        // Beyond a small crown nothing stands out.
+        let reach_m = reach_m.min(own_m + OUT * hull.half.truncate().max_element());
         // What it is longer than a twig lies towards wood.
         let nearer = (from - spot.at).clamp_length_max((size_m - twig_m).max(0.0));
         let clothes = if spot.is_leader { CLOTHES * (1.0 - hull.young) } else { 0.0 };

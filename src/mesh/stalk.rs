@@ -2,7 +2,7 @@
 //! hang in the air: a slender triangle each.
 //!
 //! They stand for shoots that have no triangles of their own, and part as these do. Limit: each is straight, and
-//! ends in a point at its twig.
+//! ends in a point: at its twig or, where that is thicker than what it springs from, there.
 
 use glam::{Vec2, Vec3};
 
@@ -98,7 +98,7 @@ pub fn hung(
     for (foot, base) in feet.iter_mut().zip(&bases) {
         foot.radius_m = foot.radius_m.max(SLENDEREST * foot.at.distance(*base));
     }
-    let each = |k: usize, out: &mut Piece| emit(&poses[k], &feet[k], uv, out);
+    let each = |k: usize, out: &mut Piece| emit(&poses[k], &feet[k], 0.0, uv, out);
     let mut stalks = fill(kept.len(), ROOM, each, None);
     if let Some(wind) = wind {
         wind.stalks(kept.iter().zip(&feet).map(|(s, foot)| [foot.node, s.node()]), &mut stalks);
@@ -113,8 +113,9 @@ pub fn nearest(to: Vec3, a: Vec3, b: Vec3) -> Vec3 {
     a + way * along.clamp(0.0, 1.0)
 }
 
-/// The bare shoot from wood to the foot of a card, as one slender triangle of the colour at `uv`.
-pub fn emit(pose: &Pose, foot: &Foot, uv: Vec2, out: &mut Piece) {
+/// The bare shoot from wood to the foot of a card, as one slender triangle of the colour at `uv`. `stem`: half the
+/// width of what the card shows at its foot, share of its length; the end of a thicker one would hang in the air.
+pub fn emit(pose: &Pose, foot: &Foot, stem: f32, uv: Vec2, out: &mut Piece) {
     let [thin_m, short_m] = LEAST_M;
     let way = pose.base - foot.at;
     let (way, from) = match way.length() < short_m {
@@ -124,9 +125,13 @@ pub fn emit(pose: &Pose, foot: &Foot, uv: Vec2, out: &mut Piece) {
     let any = way.normalize_or(Vec3::Z).any_orthonormal_vector();
     let across = way.cross(pose.facing).normalize_or(any);
     let facing = across.cross(way).normalize_or(pose.facing);
-    let half = across * foot.radius_m.max(thin_m);
-    let mut put = |p: Vec3| out.vertex(p, pose.bent(facing.into(), p.into(), BENT).into(), uv);
-    let corners = [put(from - half), put(from + half), put(pose.base)];
+    let [foot_m, stem_m] = [foot.radius_m.max(thin_m), stem * pose.size_m];
+    let corners = match stem_m > foot_m {
+        true => [pose.base + across * stem_m, pose.base - across * stem_m, from],
+        false => [from - across * foot_m, from + across * foot_m, pose.base],
+    };
+    let put = |p: Vec3| out.vertex(p, pose.bent(facing.into(), p.into(), BENT).into(), uv);
+    let corners = corners.map(put);
     out.triangle(corners);
 }
 
@@ -140,8 +145,16 @@ mod tests {
         let species = crate::species::load("betula_pendula").unwrap();
         let pose = Pose { base: Vec3::X, ..Pose::measured(&species.foliage) };
         let foot = Foot { radius_m: 0.003, ..Foot::default() };
-        let stalk = fill(1, ROOM, |_, out| emit(&pose, &foot, Vec2::ZERO, out), None);
-        let [a, b, tip] = [0, 1, 2].map(|k| stalk.position[k]);
+        let made = |stem: f32| {
+            let stalk = fill(1, ROOM, |_, out| emit(&pose, &foot, stem, Vec2::ZERO, out), None);
+            [0, 1, 2].map(|k| stalk.position[k])
+        };
+        let [a, b, tip] = made(0.001);
         assert!((a.distance(b) - 0.006).abs() < 1e-6 && tip == Vec3::X, "{a} {b} {tip}");
+        // Or as its twig, where that is thicker.
+        let stem = 0.02 / pose.size_m;
+        let [c, d, tip] = made(stem);
+        assert!((c.distance(d) - 0.04).abs() < 1e-6 && c.midpoint(d).distance(Vec3::X) < 1e-6);
+        assert!(tip == Vec3::ZERO && (d - c).cross(tip - c).dot((b - a).cross(Vec3::X - a)) > 0.0);
     }
 }

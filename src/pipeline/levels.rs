@@ -678,6 +678,30 @@ pub(super) mod tests {
         }
     }
 
+    /// Twigs that stand for many reach inwards.
+    #[test]
+    fn levels_of_small_bare_trees_are_about_as_wide() {
+        let (seed, winter) = (Seed::new(1), State { season: Season::Winter, ..State::default() });
+        for (name, height_m) in [("tilia_cordata", 5.0), ("sorbus_aucuparia", 5.0)] {
+            let species = winter.look(&crate::species::load(name).unwrap(), seed);
+            let target = Target::FromSpecies { height_m: Some(height_m) };
+            let detail = detail(20_000, FoliageLevel::Cards);
+            let skeleton = skeleton::grow(&species, target, detail, seed).unwrap();
+            let textures = crate::texture::for_species(&species, 128, seed);
+            let subject =
+                Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
+            let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
+            let all = meshes(&subject, &options, SHARES.len(), None, &Cache::off()).unwrap();
+            let wide_m: Vec<f32> = all
+                .iter()
+                .map(|tree| tree.bounds())
+                .map(|(low, high)| (high - low).truncate().element_sum())
+                .collect();
+            let is_kept = wide_m.iter().all(|m| (0.8..1.25).contains(&(m / wide_m[0])));
+            assert!(is_kept, "{name}: {wide_m:?}");
+        }
+    }
+
     #[test]
     fn few_triangles_are_not_all_the_stem_s() {
         for name in ["larix_sibirica", "pinus_sylvestris", "pinus_sibirica", "populus_tremula"] {

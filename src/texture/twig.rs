@@ -51,6 +51,12 @@ const BLOCK: usize = 5;
 const MOST_BENT: f32 = 0.14;
 /// Shift of a leaf's halves against each other at most, share of its length.
 const MOST_SKEWED: f32 = 0.045;
+/// Half the width of the main shoot at its foot, of a twig and of a bough: share of the cell. Of bare ones thinner
+/// shoots are drawn up to so thick, and so many times as thick as they are.
+const TWIG_STEM: f32 = 0.008;
+pub const STEM: f32 = 0.006;
+const STOUT: f32 = 0.005;
+const STOUTER: f32 = 1.6;
 /// Half the width of a petiole over the leaf's length.
 const PETIOLE: f32 = 0.014;
 /// Least corners of the bough, in light and in shade, in quarters of the picture's side.
@@ -420,9 +426,10 @@ impl Painter<'_> {
         let is_bare = self.species.foliage.is_bare();
         let green = if is_bare { 0.0 } else { 0.1 };
         let colour = [0, 1, 2].map(|c| 0.78 * tone[c] + green * leafy[c]);
-        let (stouter, least) = if is_bare { (1.6, 1.0) } else { (1.0, 0.45) };
-        let least = least * self.canvas.pixel();
-        let [base_half, tip_half] = [base_half, tip_half].map(|half| half * stouter);
+        let least = if is_bare { 1.0 } else { 0.45 } * self.canvas.pixel();
+        let stout = |half: f32| (half * STOUTER).min(half.max(STOUT));
+        let [base_half, tip_half] =
+            [base_half, tip_half].map(|half| if is_bare { stout(half) } else { half });
         let steps = 10;
         for k in 0..steps {
             let (a, b) = (k as f32 / steps as f32, (k + 1) as f32 / steps as f32);
@@ -573,7 +580,7 @@ impl Painter<'_> {
         } else {
             shoots.extend(self.laterals(&main, spacing, form).into_iter().map(|s| (s, 0.004)));
         }
-        shoots.push((main, if bough { 0.006 } else { 0.008 }));
+        shoots.push((main, if bough { STEM } else { TWIG_STEM }));
         shoots
             .into_iter()
             .map(|(shoot, half)| (shoot, half, self.places(&shoot, leaf)))
