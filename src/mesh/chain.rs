@@ -6,6 +6,8 @@ use std::ops::Range;
 use super::path::{Knot, Least, Off, Sides, Stem, simplify};
 use crate::skeleton::Skeleton;
 
+/// By how much weights of branches as thick as each other differ, share of them.
+const ALIKE: f32 = 0.06;
 /// Most stems of a stool that are each as true as a trunk.
 const FEW_STEMS: usize = 3;
 
@@ -109,6 +111,10 @@ impl Chains {
             let line = from..chains.node.len();
             let axis = skeleton.axis[start as usize];
             let is_leader = false;
+            // Of those that are alike not all go at once.
+            let spread =
+                1.0 + ALIKE * ((k.wrapping_mul(0x9e37_79b9) >> 8) as f32 * 2f32.powi(-23) - 1.0);
+            let most_m = chains.chain.get(parent as usize).map_or(f32::INFINITY, |on| on.weight_m);
             let weight_m = match (base, chains.chain.get(parent as usize)) {
                 _ if stands || !by_place => radius_m,
                 (Some(base), Some(on)) if parent == 0 || on.stands => {
@@ -119,6 +125,8 @@ impl Chains {
                 }
                 _ => radius_m,
             };
+            // The first has no parent.
+            let weight_m = if k == 0 { weight_m } else { (weight_m * spread).min(most_m) };
             chains.chain.push(Chain {
                 line,
                 base,
