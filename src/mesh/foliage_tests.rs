@@ -588,13 +588,30 @@ fn bare_twigs_have_stalks_from_wood_that_is_meshed() {
         let twigs = &tree.foliage;
         let is_stalk =
             |twigs: &Surface, t: &[u32]| t.iter().all(|&i| twigs.uv[i as usize] == atlas.wood());
-        let stalks: Vec<[Vec3; 3]> = (twigs.index.chunks_exact(3))
-            .filter(|t| is_stalk(twigs, t))
-            .map(|t| [0, 1, 2].map(|k| twigs.position[t[k] as usize]))
-            .collect();
-        assert!(3 * stalks.len() <= twigs.triangles() && stalks.len() > 100, "{name}");
-        let ways: Vec<[Vec3; 2]> =
-            stalks.iter().map(|[a, b, tip]| [a.midpoint(*b), *tip]).collect();
+        let stalks = || twigs.index.chunks_exact(3).filter(|t| is_stalk(twigs, t));
+        let corners = twigs.position.len() / stalks().count() - 3;
+        assert_eq!(corners, 4, "{name}: a low row and a high one");
+        // A stalk is wide at one end, and one is at the foot of its card: below the middle of its picture.
+        let way = |t: &[u32]| {
+            let first = t.iter().copied().min().unwrap() as usize;
+            let [a, b, point] = [0, 1, 2].map(|k| twigs.position[t[k] as usize]);
+            let uv = |k: usize| twigs.uv[first - corners + k];
+            let within = |c: &&Cell| (0..4).all(|k| uv(k).clamp(c.min, c.max) == uv(k));
+            let cell = atlas.cells().iter().find(within).unwrap();
+            let middle = |row: usize| {
+                let [l, r] = [0, 1].map(|k| twigs.position[first - corners + 2 * row + k]);
+                let share = (cell.min.midpoint(cell.max).x - uv(2 * row).x)
+                    / (uv(2 * row + 1).x - uv(2 * row).x);
+                l.lerp(r, if share.is_finite() { share } else { 0.0 })
+            };
+            let below = (cell.min.y - uv(0).y) / (uv(2).y - uv(0).y);
+            let base = middle(0).lerp(middle(1), below);
+            let ends = [a.midpoint(b), point];
+            let is_wide_there = ends[0].distance(base) < ends[1].distance(base);
+            if is_wide_there { [ends[1], ends[0]] } else { ends }
+        };
+        let ways: Vec<[Vec3; 2]> = stalks().map(way).collect();
+        assert!(3 * ways.len() <= twigs.triangles() && ways.len() > 100, "{name}");
         let long = |[foot, tip]: &&[Vec3; 2]| foot.distance(*tip) > 0.021;
         let at_wood =
             |foot: Vec3| meshed.iter().any(|[a, b]| nearest(foot, *a, *b).distance(foot) < 1e-3);
@@ -613,7 +630,7 @@ fn bare_twigs_have_stalks_from_wood_that_is_meshed() {
         let leafy = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
         let leaves = &leafy.foliage;
         let few = leaves.index.chunks_exact(3).filter(|t| is_stalk(leaves, t)).count();
-        assert!(3 * few < stalks.len(), "{name}: leaves hide where {few} hang");
+        assert!(3 * few < ways.len(), "{name}: leaves hide where {few} hang");
         assert!(leafy.wood_triangles() < tree.wood_triangles());
     }
 }

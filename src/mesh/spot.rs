@@ -481,7 +481,7 @@ pub fn stance(shape: LeafShape) -> Stance {
 const BOUGH_FROM: f32 = 2.4;
 const INWARD: f32 = 0.75;
 /// How far beyond a twig's end one that stands for more may reach, share of the crown's half width.
-const OUT: f32 = 0.08;
+const OUT: f32 = 0.15;
 /// … and from where on they turn from the light above to that from outside.
 const TURN_FROM: f32 = 1.6;
 /// How far before its shoot a card begins, share of its length.

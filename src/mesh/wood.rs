@@ -80,10 +80,7 @@ pub fn wood(
     let chains = Chains::new(skeleton, by_place);
     let height_m = skeleton.height_m();
     let foot_m = skeleton.radius_m.first().copied().unwrap_or(0.0).max(1e-6);
-    let young = Young {
-        upper: Upper::of(bark, foot_m, height_m),
-        twig_m: bark.twig.map(|_| TWIG_RADIUS.map(|r| r * bark.twig_radius_m)),
-    };
+    let young = Young { upper: Upper::of(bark, foot_m, height_m), twig_m: twig_m(bark) };
     let planner = Planner {
         skeleton,
         chains: &chains,
@@ -123,6 +120,15 @@ pub fn upper_bark_from_m(skeleton: &Skeleton, bark: &Bark) -> Option<f32> {
         (thin <= thin_m).then(|| low_m + (above_m - low_m) * share.clamp(0.0, 1.0))
     });
     Some(thins_m.map_or(high_m, |z| z.min(high_m)))
+}
+
+fn twig_m(bark: &Bark) -> Option<[f32; 2]> {
+    bark.twig.map(|_| TWIG_RADIUS.map(|r| r * bark.twig_radius_m))
+}
+
+/// Whether a stem so thick has the bark of twigs.
+pub fn is_twig(bark: &Bark, radius_m: f32) -> bool {
+    Young { upper: None, twig_m: twig_m(bark) }.of_stem().is_twig(radius_m)
 }
 
 struct Planner<'a> {

@@ -3,7 +3,7 @@
 
 use std::f32::consts::TAU;
 
-use glam::Vec4;
+use glam::{Vec2, Vec4};
 
 use super::path::Ring;
 use crate::seed::Seed;
@@ -43,6 +43,36 @@ impl Coat {
 pub const FINEST: f32 = 3.0;
 /// Bark is folded where a girth has fewer tiles than one that fine: from all around to all folded.
 pub const FOLDED_GIRTH: [f32; 2] = [0.36, 0.27];
+
+/// How bark is laid around a cylinder: tiles around, or on the way there where it is laid there and back; and tiles
+/// along a metre.
+pub struct Laid {
+    pub around: f32,
+    pub is_folded: bool,
+    pub per_m: f32,
+}
+
+impl Laid {
+    /// As around a tube so thick.
+    pub fn around(radius_m: f32, repeat_m: f32) -> Laid {
+        let girth = (TAU * radius_m / repeat_m).max(1e-6);
+        if girth < FOLDED_GIRTH[1] {
+            return Laid {
+                around: 0.5 * FINEST * girth,
+                is_folded: true,
+                per_m: FINEST / repeat_m,
+            };
+        }
+        let around = girth.round().max(1.0);
+        Laid { around, is_folded: false, per_m: (around / girth).min(FINEST) / repeat_m }
+    }
+
+    /// Texture coordinates of a place so far around, share of a turn, and so high. There and back: from half a turn.
+    pub fn at(&self, turn: f32, z: f32) -> Vec2 {
+        let turn = if self.is_folded { (2.0 * turn - 1.0).abs() } else { turn };
+        Vec2::new(self.around * turn, self.per_m * z)
+    }
+}
 
 /// Where bark is young, from all old to all young; `None` where the species has no such bark.
 #[derive(Debug, Clone, Copy, Default)]
@@ -152,6 +182,11 @@ impl Young {
         let is_twig = self.twig_m.is_some_and(|r| part(radius_m, r) > 0.0);
         let density = girth.round().max(1.0) / girth.max(1e-6);
         (!is_twig && girth > FOLDED_GIRTH[0]).then(|| TILES as f32 * repeat_m / density)
+    }
+
+    /// Whether wood of a radius has the bark of twigs.
+    pub fn is_twig(&self, radius_m: f32) -> bool {
+        self.twig_m.is_some_and(|range| part(radius_m, range) >= 0.5)
     }
 
     /// Of a ring whose bark is known but for twigs.

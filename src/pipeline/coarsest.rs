@@ -1,8 +1,11 @@
 //! A tree's coarsest mesh: the scheme of P18, with the measures of its finest one.
 
+use std::mem;
+
 use super::cover::Subject;
 use crate::diagnostic::Result;
-use crate::mesh::{self, MeshOptions, Surface, TreeMesh, p18};
+use crate::mesh::{self, Laid, MeshOptions, Surface, TreeMesh, p18};
+use crate::texture::BARK_REPEAT_M;
 
 /// A model as the scheme of P18 alone, of `height_m` where one is asked for.
 ///
@@ -34,8 +37,8 @@ pub fn of(
     let mut scheme = scheme(finest, base_m, upper_from_m, subject, boughs)?;
     if let Some(profile) = options.wind {
         let height_m = finest.bounds().1.z;
-        let TreeMesh { wood, upper_wood, foliage, dry, .. } = &mut scheme;
-        for surface in [wood, upper_wood, foliage, dry] {
+        let TreeMesh { wood, upper_wood, twig_wood, foliage, dry, .. } = &mut scheme;
+        for surface in [wood, upper_wood, twig_wood, foliage, dry] {
             profile.whole_tree(height_m, surface);
         }
     }
@@ -98,9 +101,16 @@ fn scheme(
     // As deep in the ground as the tree, for slopes.
     let foot_m = tree.bounds().0.z.min(0.0);
     for Surface { position, uv, .. } in [&mut mesh.wood, &mut mesh.upper_wood] {
-        for (p, uv) in position.iter_mut().zip(uv).filter(|(p, _)| p.z == 0.0) {
+        for (p, uv) in position.iter_mut().zip(&mut *uv).filter(|(p, _)| p.z == 0.0) {
             (p.z, uv.y) = (foot_m, foot_m);
         }
+        let laid = Laid::around(scheme.r5_m, BARK_REPEAT_M);
+        uv.iter_mut().for_each(|uv| *uv = laid.at(uv.x, uv.y));
+    }
+    let is_twig = mesh::is_twig(&species.bark, scheme.r5_m);
+    if is_twig {
+        mesh.twig_wood = mem::take(&mut mesh.wood);
+        mesh.twig_wood.append(mem::take(&mut mesh.upper_wood));
     }
     let is_bare = species.foliage.is_bare();
     // The user's own twigs may have no picture, and in small ones those of a bough are blots.
@@ -122,7 +132,11 @@ fn scheme(
             None => of_wood.append(whole.boughs(leaves_m)),
         }
     }
-    let wood = if mesh.upper_wood.is_empty() { &mut mesh.wood } else { &mut mesh.upper_wood };
+    let wood = match mesh.upper_wood.is_empty() {
+        _ if is_twig => &mut mesh.twig_wood,
+        true => &mut mesh.wood,
+        false => &mut mesh.upper_wood,
+    };
     wood.append(of_wood);
     mesh.leaf_cover = 1.0;
     Ok(mesh)
@@ -166,6 +180,43 @@ mod tests {
                 "{name}: {of_coarsest} of {reach}"
             );
             coarsest.woods().iter().for_each(|w| w.check().unwrap());
+        }
+    }
+
+    /// Bark of a sapling's stem is that of its finest form, as fine.
+    #[test]
+    fn the_coarsest_form_has_the_bark_of_the_finest() {
+        let seed = Seed::new(1);
+        for (name, height_m) in [("salix_caprea", 0.5), ("populus_tremula", 0.5)] {
+            let species = crate::species::load(name).unwrap();
+            let target = Target::FromSpecies { height_m: Some(height_m) };
+            let detail = detail(20_000, FoliageLevel::Cards);
+            let skeleton = skeleton::grow(&species, target, detail, seed).unwrap();
+            let textures = crate::texture::plain(&species);
+            let subject =
+                Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
+            let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
+            let all = meshes(&subject, &options, SHARES.len() + 1, None, &Cache::off()).unwrap();
+            // Tiles along a metre of the largest triangles, of the bark that has most of them.
+            let most = |tree: &TreeMesh| {
+                let area = |s: &Surface| {
+                    let of = |t: &[u32; 3]| {
+                        let [a, b, c] = t.map(|i| s.position[i as usize]);
+                        let [p, q, r] = t.map(|i| s.uv[i as usize]);
+                        let in_picture = (q - p).perp_dot(r - p).abs();
+                        ((b - a).cross(c - a).length(), in_picture)
+                    };
+                    let each = s.index.as_chunks::<3>().0.iter().map(of).filter(|a| a.1 > 0.0);
+                    each.fold((0.0, 0.0), |sum, a| (sum.0 + a.0, sum.1 + a.1))
+                };
+                let woods = tree.woods().map(area);
+                let k =
+                    (0..woods.len()).max_by(|a, b| woods[*a].0.total_cmp(&woods[*b].0)).unwrap();
+                (k, (woods[k].1 / woods[k].0).sqrt())
+            };
+            let [(bark, fine), (same, coarse)] = [&all[0], all.last().unwrap()].map(most);
+            assert_eq!(bark, same, "{name}");
+            assert!((0.6..1.6).contains(&(coarse / fine)), "{name}: {coarse} and {fine} a metre");
         }
     }
 

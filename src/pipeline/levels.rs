@@ -408,6 +408,7 @@ pub(super) mod tests {
     use crate::raster::linear_from_srgb;
     use crate::seed::Seed;
     use crate::skeleton::{self, Target};
+    use crate::species::state::{Season, State};
     use crate::texture::LeafVariant;
 
     #[test]
@@ -700,6 +701,22 @@ pub(super) mod tests {
             let is_kept = wide_m.iter().all(|m| (0.8..1.25).contains(&(m / wide_m[0])));
             assert!(is_kept, "{name}: {wide_m:?}");
         }
+    }
+
+    /// Branches that are as thick as each other do not all go at once.
+    #[test]
+    fn levels_of_a_sapling_keep_some_branches() {
+        let species = crate::species::load("pinus_sylvestris").unwrap();
+        let seed = Seed::new(1);
+        let target = Target::FromSpecies { height_m: Some(2.0) };
+        let skeleton =
+            skeleton::grow(&species, target, detail(20_000, FoliageLevel::Cards), seed).unwrap();
+        let textures = crate::texture::for_species(&species, 64, seed);
+        let subject = Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
+        let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
+        let all = meshes(&subject, &options, SHARES.len(), None, &Cache::off()).unwrap();
+        let wood: Vec<usize> = all.iter().map(TreeMesh::wood_triangles).collect();
+        assert!(wood[1] * 12 > wood[0] && wood[2] * 2 > wood[3] * 3, "{wood:?}");
     }
 
     #[test]
