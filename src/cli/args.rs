@@ -450,7 +450,7 @@ pub struct WoodArgs {
     /// `intersect` is cheaper: tubes pass through each other.
     #[arg(long, value_enum, value_name = "HOW", default_value = "weld")]
     pub junctions: JoinedBy,
-    /// How far a tree's silhouette may be off, in metres RMS: it takes the fewest triangles that
+    /// How far a tree's silhouette may be off, in metres RMS, 0.00001 to 1: it takes the fewest triangles that
     /// keep to it, up to --triangles (then 100000 where absent, 1000000 with --foliage geometry). With
     /// --camera, far trees may be off by a pixel.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = within(1e-5..=1.0))]
