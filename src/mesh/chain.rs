@@ -111,7 +111,7 @@ impl Chains {
             let line = from..chains.node.len();
             let axis = skeleton.axis[start as usize];
             let is_leader = false;
-            // Of those that are alike not all go at once.
+            // Of those that are alike not all go at once: multiples of the golden section lie evenly.
             let spread =
                 1.0 + ALIKE * ((k.wrapping_mul(0x9e37_79b9) >> 8) as f32 * 2f32.powi(-23) - 1.0);
             let most_m = chains.chain.get(parent as usize).map_or(f32::INFINITY, |on| on.weight_m);

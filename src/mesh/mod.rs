@@ -47,7 +47,7 @@ pub use path::{BELOW_GROUND_M, BURIED, FLARE, FLARED, LOBED, MAX_SIDES};
 pub use twigs::{Place, Twigs, outer};
 pub use wind::{Wind, WindProfile};
 pub use wood::{is_twig, upper_bark_from_m};
-pub use young::Laid;
+pub use young::Around;
 
 /// Vertices that a thread takes at once.
 const CHUNK: usize = 1 << 14;

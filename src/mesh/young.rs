@@ -46,31 +46,31 @@ pub const FOLDED_GIRTH: [f32; 2] = [0.36, 0.27];
 
 /// How bark is laid around a cylinder: tiles around, or on the way there where it is laid there and back; and tiles
 /// along a metre.
-pub struct Laid {
-    pub around: f32,
+pub struct Around {
+    pub tiles: f32,
     pub is_folded: bool,
     pub per_m: f32,
 }
 
-impl Laid {
+impl Around {
     /// As around a tube so thick.
-    pub fn around(radius_m: f32, repeat_m: f32) -> Laid {
+    pub fn cylinder(radius_m: f32, repeat_m: f32) -> Around {
         let girth = (TAU * radius_m / repeat_m).max(1e-6);
         if girth < FOLDED_GIRTH[1] {
-            return Laid {
-                around: 0.5 * FINEST * girth,
+            return Around {
+                tiles: 0.5 * FINEST * girth,
                 is_folded: true,
                 per_m: FINEST / repeat_m,
             };
         }
-        let around = girth.round().max(1.0);
-        Laid { around, is_folded: false, per_m: (around / girth).min(FINEST) / repeat_m }
+        let tiles = girth.round().max(1.0);
+        Around { tiles, is_folded: false, per_m: (tiles / girth).min(FINEST) / repeat_m }
     }
 
     /// Texture coordinates of a place so far around, share of a turn, and so high. There and back: from half a turn.
     pub fn at(&self, turn: f32, z: f32) -> Vec2 {
         let turn = if self.is_folded { (2.0 * turn - 1.0).abs() } else { turn };
-        Vec2::new(self.around * turn, self.per_m * z)
+        Vec2::new(self.tiles * turn, self.per_m * z)
     }
 }
 

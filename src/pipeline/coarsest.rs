@@ -4,7 +4,7 @@ use std::mem;
 
 use super::cover::Subject;
 use crate::diagnostic::Result;
-use crate::mesh::{self, Laid, MeshOptions, Surface, TreeMesh, p18};
+use crate::mesh::{self, Around, MeshOptions, Surface, TreeMesh, p18};
 use crate::texture::BARK_REPEAT_M;
 
 /// A model as the scheme of P18 alone, of `height_m` where one is asked for.
@@ -104,8 +104,8 @@ fn scheme(
         for (p, uv) in position.iter_mut().zip(&mut *uv).filter(|(p, _)| p.z == 0.0) {
             (p.z, uv.y) = (foot_m, foot_m);
         }
-        let laid = Laid::around(scheme.r5_m, BARK_REPEAT_M);
-        uv.iter_mut().for_each(|uv| *uv = laid.at(uv.x, uv.y));
+        let around = Around::cylinder(scheme.r5_m, BARK_REPEAT_M);
+        uv.iter_mut().for_each(|uv| *uv = around.at(uv.x, uv.y));
     }
     let is_twig = mesh::is_twig(&species.bark, scheme.r5_m);
     if is_twig {
