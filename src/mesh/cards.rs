@@ -10,7 +10,7 @@ use super::spot::{Pose, Spot, stance};
 use super::{Surface, stalk};
 use crate::seed::Draws;
 use crate::skeleton::Skeleton;
-use crate::texture::{Atlas, STEM};
+use crate::texture::Atlas;
 
 /// Cards take the picture for one so much larger or smaller, natural logarithm; bare ones rather a fuller one.
 const BLEND: [f32; 2] = [-0.15, 0.15];
@@ -70,7 +70,7 @@ impl Cards<'_> {
             let cell = shade.unwrap_or(&atlas.cells()[id]);
             card::emit(&pose, self.shape, fold, cell, &outlines[id], out);
             if let Some(foot) = feet.get(k) {
-                stalk::emit(&pose, foot, STEM, atlas.wood(), out);
+                stalk::emit(&pose, foot, cell.stem(), atlas.wood(), out);
             }
         };
         fill(self.kept.len(), room, emit, self.order.wind.map(|wind| (wind, self.kept)))

@@ -46,7 +46,7 @@ pub use leaf::StandIn;
 pub use path::{BELOW_GROUND_M, BURIED, FLARE, FLARED, LOBED, MAX_SIDES};
 pub use twigs::{Place, Twigs, outer};
 pub use wind::{Wind, WindProfile};
-pub use wood::{is_twig, upper_bark_from_m};
+pub use wood::{stem_is_twig, upper_bark_from_m};
 pub use young::Around;
 
 /// Vertices that a thread takes at once.

@@ -126,9 +126,18 @@ fn twig_m(bark: &Bark) -> Option<[f32; 2]> {
     bark.twig.map(|_| TWIG_RADIUS.map(|r| r * bark.twig_radius_m))
 }
 
-/// Whether a stem so thick has the bark of twigs.
-pub fn is_twig(bark: &Bark, radius_m: f32) -> bool {
-    Young { upper: None, twig_m: twig_m(bark) }.of_stem().is_twig(radius_m)
+/// Whether the stem of a skeleton has the bark of twigs from a third of its length on; of several, the thickest.
+pub fn stem_is_twig(skeleton: &Skeleton, bark: &Bark) -> bool {
+    let young = Young { upper: None, twig_m: twig_m(bark) };
+    let is_stool = skeleton.is_stool();
+    let stands = |&i: &usize| is_stool && skeleton.parent[i] == 0;
+    let thickest = (1..skeleton.len()).filter(stands).map(|i| skeleton.radius_m[i]);
+    if let Some(radius_m) = thickest.reduce(f32::max) {
+        return young.is_twig(radius_m);
+    }
+    let axes = skeleton.axes();
+    let stem = axes.iter().next().and_then(|stem| stem.nodes.get(stem.nodes.len() / 3).copied());
+    stem.is_some_and(|i| young.of_stem().is_twig(skeleton.radius_m[i as usize]))
 }
 
 struct Planner<'a> {

@@ -73,7 +73,7 @@ fn scheme(
     boughs: u32,
 ) -> Result<TreeMesh> {
     const SIDES: u32 = 8;
-    let Subject { species, textures, .. } = subject;
+    let Subject { skeleton, species, textures, .. } = subject;
     let size = &species.size;
     let height_m = tree.bounds().1.z.max(0.01);
     let widest = size.profile.iter().fold([0.0f32; 2], |w, p| if p[1] > w[1] { *p } else { w });
@@ -107,7 +107,7 @@ fn scheme(
         let around = Around::cylinder(scheme.r5_m, BARK_REPEAT_M);
         uv.iter_mut().for_each(|uv| *uv = around.at(uv.x, uv.y));
     }
-    let is_twig = mesh::is_twig(&species.bark, scheme.r5_m);
+    let is_twig = mesh::stem_is_twig(skeleton, &species.bark);
     if is_twig {
         mesh.twig_wood = mem::take(&mut mesh.wood);
         mesh.twig_wood.append(mem::take(&mut mesh.upper_wood));
@@ -187,7 +187,13 @@ mod tests {
     #[test]
     fn the_coarsest_form_has_the_bark_of_the_finest() {
         let seed = Seed::new(1);
-        for (name, height_m) in [("salix_caprea", 0.5), ("populus_tremula", 0.5)] {
+        let saplings = [
+            ("salix_caprea", 0.5),
+            ("populus_tremula", 0.5),
+            ("sorbus_aucuparia", 0.5),
+            ("sorbus_aucuparia", 1.0),
+        ];
+        for (name, height_m) in saplings {
             let species = crate::species::load(name).unwrap();
             let target = Target::FromSpecies { height_m: Some(height_m) };
             let detail = detail(20_000, FoliageLevel::Cards);

@@ -683,7 +683,14 @@ pub(super) mod tests {
     #[test]
     fn levels_of_small_bare_trees_are_about_as_wide() {
         let (seed, winter) = (Seed::new(1), State { season: Season::Winter, ..State::default() });
-        for (name, height_m) in [("tilia_cordata", 5.0), ("sorbus_aucuparia", 5.0)] {
+        let trees = [
+            ("tilia_cordata", 5.0),
+            ("tilia_cordata", 2.0),
+            ("sorbus_aucuparia", 5.0),
+            ("salix_caprea", 2.0),
+            ("quercus_robur", 3.0),
+        ];
+        for (name, height_m) in trees {
             let species = winter.look(&crate::species::load(name).unwrap(), seed);
             let target = Target::FromSpecies { height_m: Some(height_m) };
             let detail = detail(20_000, FoliageLevel::Cards);

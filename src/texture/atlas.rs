@@ -26,6 +26,15 @@ pub struct Cell {
     pub foot: f32,
 }
 
+impl Cell {
+    /// Half the width of the stem at the foot of a twig, share of the side; 0 where there is none, or leaves are.
+    pub fn stem(&self) -> f32 {
+        const MOST: f32 = 0.02;
+        let [left, right] = self.reach[0];
+        Some(0.5 * (right - left)).filter(|half| *half <= MOST).unwrap_or(0.0)
+    }
+}
+
 /// A cross-section of a cell's outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Row {

@@ -13,7 +13,7 @@ mod twig;
 pub use atlas::{Atlas, Cell};
 pub use bark::BARK_REPEAT_M;
 pub use ground::GROUND_REPEAT_M;
-pub use twig::{SHADE, STEM};
+pub use twig::SHADE;
 
 use crate::raster::{Image, Picture};
 use crate::seed::Seed;

@@ -417,3 +417,16 @@ fn twigs_of_dry_branches_have_a_cell_of_their_own() {
         assert!(for_species(&own, 64, Seed::new(1)).atlas.dry().is_none(), "{name}: all live");
     }
 }
+
+/// By which the stalk of a card knows how thick it is to be: of bare twigs of every species, of user's pictures perhaps
+/// none.
+#[test]
+fn a_cell_of_bare_twigs_tells_how_thick_its_stem_is() {
+    let (seed, winter) = (Seed::new(1), State { season: Season::Winter, ..State::default() });
+    for name in ["quercus_robur", "larix_sibirica", "betula_pendula", "sorbus_aucuparia"] {
+        let species = winter.look(&crate::species::load(name).unwrap(), seed);
+        for cell in for_species(&species, 1024, seed).atlas.cells() {
+            assert!((0.003..0.014).contains(&cell.stem()), "{name}: {}", cell.stem());
+        }
+    }
+}

@@ -51,10 +51,10 @@ const BLOCK: usize = 5;
 const MOST_BENT: f32 = 0.14;
 /// Shift of a leaf's halves against each other at most, share of its length.
 const MOST_SKEWED: f32 = 0.045;
-/// Half the width of the main shoot at its foot, of a twig and of a bough: share of the cell. Of bare ones thinner
+/// Half the width of a broadleaf's main shoot at its foot, on a twig and a bough: share of the cell. Of bare twigs thinner
 /// shoots are drawn up to so thick, and so many times as thick as they are.
 const TWIG_STEM: f32 = 0.008;
-pub const STEM: f32 = 0.006;
+const BOUGH_STEM: f32 = 0.006;
 const STOUT: f32 = 0.005;
 const STOUTER: f32 = 1.6;
 /// Half the width of a petiole over the leaf's length.
@@ -580,7 +580,7 @@ impl Painter<'_> {
         } else {
             shoots.extend(self.laterals(&main, spacing, form).into_iter().map(|s| (s, 0.004)));
         }
-        shoots.push((main, if bough { STEM } else { TWIG_STEM }));
+        shoots.push((main, if bough { BOUGH_STEM } else { TWIG_STEM }));
         shoots
             .into_iter()
             .map(|(shoot, half)| (shoot, half, self.places(&shoot, leaf)))
