@@ -4,13 +4,13 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::card::{self, Shape};
-use super::foliage::{Order, Stalks};
+use super::foliage::Order;
 use super::piece::{Piece, Room, fill};
 use super::spot::{Pose, Spot, stance};
 use super::{Surface, stalk};
 use crate::seed::Draws;
 use crate::skeleton::Skeleton;
-use crate::texture::Atlas;
+use crate::texture::{Atlas, Cell};
 
 /// Cards take the picture for one so much larger or smaller, natural logarithm; bare ones rather a fuller one.
 const BLEND: [f32; 2] = [-0.15, 0.15];
@@ -36,52 +36,68 @@ pub struct Cards<'a> {
     pub usual_m: f32,
 }
 
-impl Cards<'_> {
-    /// All of them, as `stand` says; with stalks where all have them.
+/// How one stands and what it shows.
+struct Card<'a> {
+    pose: Pose,
+    /// Of its halves, or its rim, radians.
+    fold_rad: f32,
+    id: usize,
+    cell: &'a Cell,
+}
+
+impl<'a> Cards<'a> {
+    /// All of them, `room` for each, as `stand` says.
     pub fn surface(&self, room: Room, stand: &Stand<'_>) -> Surface {
-        let Order { species, atlas, is_meshed, .. } = *self.order;
-        let is_bare = species.foliage.is_bare();
-        let outlines = atlas.outlines(self.shape.rows());
-        let fold = stance(species.foliage.shape).fold;
-        // Found once: most cards take them.
-        let usual: Vec<usize> = atlas.nearest(self.usual_m).collect();
-        let mut feet = Vec::new();
-        if self.order.stalks == Stalks::All {
-            let bases = (0..self.kept.len()).into_par_iter().map(|k| lifted(stand, k).0.base);
-            let bases: Vec<Vec3> = bases.collect();
-            feet = stalk::feet(self.skeleton, is_meshed, self.kept, &bases, STOUTEST_BARE);
-        }
+        let outlines = self.order.atlas.outlines(self.shape.rows());
+        let usual = self.usual();
         let emit = |k, out: &mut Piece| {
-            let (pose, mut draws) = lifted(stand, k);
-            // Pictures of one scale give way to those of the next little by little.
-            let [least, most] = if is_bare { BLEND_BARE } else { BLEND };
-            let size_m = pose.size_m * draws.between(least, most).exp();
-            let like_usual = (LIKE_USUAL[0]..LIKE_USUAL[1]).contains(&(size_m / self.usual_m));
-            let id = match like_usual && !is_bare {
-                true => usual[draws.index(usual.len())],
-                false => {
-                    let cells = atlas.nearest(size_m);
-                    let pick = draws.index(cells.clone().count());
-                    cells.clone().nth(pick).unwrap_or(0)
-                }
-            };
-            let fold = fold * draws.between(0.6, 1.3);
-            let shade = atlas.shade(id).filter(|_| draws.unit() < self.order.shaded);
-            let cell = shade.unwrap_or(&atlas.cells()[id]);
-            card::emit(&pose, self.shape, fold, cell, &outlines[id], out);
-            if let Some(foot) = feet.get(k) {
-                stalk::emit(&pose, foot, cell.stem(), atlas.wood(), out);
-            }
+            let Card { pose, fold_rad, id, cell } = self.card(k, &usual, stand);
+            card::emit(&pose, self.shape, fold_rad, cell, &outlines[id], out);
         };
         fill(self.kept.len(), room, emit, self.order.wind.map(|wind| (wind, self.kept)))
     }
 
-    /// The stalks of those that would hang in the air.
-    pub fn hung(&self, afloat: &[usize], stand: &Stand<'_>) -> Surface {
-        let Order { atlas, is_meshed, wind, .. } = *self.order;
-        let spots: Vec<Spot> = afloat.iter().map(|&k| self.kept[k]).collect();
-        let poses: Vec<Pose> = afloat.par_iter().map(|&k| lifted(stand, k).0).collect();
-        stalk::hung(self.skeleton, is_meshed, &spots, &poses, atlas.wood(), wind)
+    /// The pictures that most have, found once.
+    fn usual(&self) -> Vec<usize> {
+        self.order.atlas.nearest(self.usual_m).collect()
+    }
+
+    fn card(&self, k: usize, usual: &[usize], stand: &Stand<'_>) -> Card<'a> {
+        let Order { species, atlas, .. } = *self.order;
+        let is_bare = species.foliage.is_bare();
+        let (pose, mut draws) = lifted(stand, k);
+        // Pictures of one scale give way to those of the next little by little.
+        let [least, most] = if is_bare { BLEND_BARE } else { BLEND };
+        let size_m = pose.size_m * draws.between(least, most).exp();
+        let like_usual = (LIKE_USUAL[0]..LIKE_USUAL[1]).contains(&(size_m / self.usual_m));
+        let id = match like_usual && !is_bare {
+            true => usual[draws.index(usual.len())],
+            false => {
+                let cells = atlas.nearest(size_m);
+                let pick = draws.index(cells.clone().count());
+                cells.clone().nth(pick).unwrap_or(0)
+            }
+        };
+        let fold_rad = stance(species.foliage.shape).fold * draws.between(0.6, 1.3);
+        let shade = atlas.shade(id).filter(|_| draws.unit() < self.order.shaded);
+        Card { pose, fold_rad, id, cell: shade.unwrap_or(&atlas.cells()[id]) }
+    }
+
+    /// The stalks of some of them.
+    pub fn stalks(&self, which: &[usize], stand: &Stand<'_>) -> Surface {
+        let Order { species, atlas, is_meshed, wind, .. } = *self.order;
+        let is_bare = species.foliage.is_bare();
+        let usual = self.usual();
+        let one = |&k: &usize| {
+            let Card { pose, cell, .. } = self.card(k, &usual, stand);
+            (pose, cell.stem())
+        };
+        let (poses, stems): (Vec<Pose>, Vec<f32>) = which.par_iter().map(one).unzip();
+        let bases: Vec<Vec3> = poses.iter().map(|pose| pose.base).collect();
+        let spots: Vec<Spot> = which.iter().map(|&k| self.kept[k]).collect();
+        let stoutest = if is_bare { STOUTEST_BARE } else { f32::INFINITY };
+        let feet = stalk::Feet::to(self.skeleton, is_meshed, &spots, &bases, stoutest);
+        stalk::stalks(&feet, &spots, &poses, &stems, (is_bare, atlas.wood()), wind)
     }
 }
 

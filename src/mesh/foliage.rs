@@ -61,7 +61,7 @@ const MOST_ENLARGED_FLAT: f32 = 6.0;
 const AFLOAT: f32 = 0.2;
 
 /// A card hangs in the air whose foot is more of its length away from where it leaves wood.
-const GAP: f32 = 0.3;
+const GAP: f32 = 0.1;
 
 /// Cards that keep near wood hide one another: share of what is lost so, by the inverse of how evenly they
 /// count, that they are larger in area.
@@ -216,18 +216,28 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         let cover = if twig.is_some() { 0.0 } else { 1.0 };
         return Ok(Foliage { cover, ..Foliage::default() });
     }
-    let mut afloat = Vec::new();
-    if is_cards && order.stalks == Stalks::Afloat {
+    let mut hung = Vec::new();
+    if is_cards && order.stalks != Stalks::None {
         // However a card is moved as far as it is longer than a twig.
-        let floats = |s: &Spot| {
+        let hangs = |s: &Spot| {
             let away_m = hangs_from(skeleton, order, s).distance(s.at);
             let size_m = |enlarge: f32| hull.twig_m(s.at, f.twig_length_m, enlarge);
-            away_m > 0.0 && away_m > size_m(enlarge) * larger_at(s) * (1.0 + GAP) - size_m(1.0)
+            order.stalks == Stalks::All
+                || away_m > 0.0
+                    && away_m > size_m(enlarge) * larger_at(s) * (1.0 + GAP) - size_m(1.0)
         };
-        let stalks = kept.iter().filter(|s| floats(s)).count() * stalk::ROOM.triangles;
-        let over = (kept.len() * room.triangles + stalks).saturating_sub(order.triangles());
-        leave_out(&mut kept, over.div_ceil(room.triangles));
-        afloat = (0..kept.len()).filter(|&k| floats(&kept[k])).collect();
+        // Where cards are left out, others may become such as carry more.
+        loop {
+            hung = (0..kept.len()).filter(|&k| hangs(&kept[k])).collect();
+            let spots: Vec<Spot> = hung.iter().map(|&k| kept[k]).collect();
+            let carriers = stalk::Feet::of(skeleton, order.is_meshed, &spots).carriers();
+            let stalks = stalk::triangles(hung.len(), carriers, f.is_bare());
+            let over = (kept.len() * room.triangles + stalks).saturating_sub(order.triangles());
+            if over == 0 {
+                break;
+            }
+            leave_out(&mut kept, over.div_ceil(room.triangles + 1));
+        }
     }
     let wind = order.wind.map(|wind| (wind, kept.as_slice()));
     let cards = seed.stage("card");
@@ -269,8 +279,8 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         (None, None) => {
             let cards = Cards { skeleton, order, kept: &kept, shape, usual_m };
             let mut surface = cards.surface(room, &stand);
-            if !afloat.is_empty() {
-                surface.append(cards.hung(&afloat, &stand));
+            if !hung.is_empty() {
+                surface.append(cards.stalks(&hung, &stand));
             }
             surface
         }
@@ -315,7 +325,6 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
     let of_cards = |shape: Shape| all.min(enough(shape, covered).ceil() as usize);
     // Where there are triangles for all of them, cards with relief.
     let light = Shape::of(f, false);
-    let has_stalks = order.stalks == Stalks::All;
     let is_crowded = light.room().triangles * of_cards(light) > budget;
     let is_flat = is_sparse || (order.is_flat || f.is_bare()) && is_crowded;
     // Finer cards where there are triangles for all of them; else rather more cards.
@@ -342,7 +351,6 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
     let room = match (model, &twig) {
         (Some(model), _) => stamp::room(model),
         (None, Some(twig)) => twig.room(),
-        (None, None) if has_stalks => shape.room() + stalk::ROOM,
         (None, None) => shape.room(),
     };
     let more = |or: &str| {
@@ -362,7 +370,9 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
         let told = format!("a twig with all its leaves has {n} triangles, the crown {stored}");
         return Err(Error::new(told).remedy(more("")));
     }
-    let most = twig.as_ref().map_or(budget / room.triangles.max(1), |t| t.count);
+    let stalks = if order.stalks == Stalks::All { stalk::EACH } else { 0.0 };
+    let each = room.triangles.max(1) as f32 + stalks;
+    let most = twig.as_ref().map_or((budget as f32 / each) as usize, |t| t.count);
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
     let most = if twig.is_none() && model.is_none() { most.min(of_cards(shape)) } else { most };
     let limit = match model {

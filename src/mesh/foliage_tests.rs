@@ -2,7 +2,6 @@ use rstar::RTree;
 use rstar::primitives::{GeomWithData, Rectangle};
 
 use super::foliage::{Order, Stalks, foliage};
-use super::stalk::nearest;
 use super::tests::SPECIES;
 use super::*;
 use crate::skeleton::{Detail, Target, grow};
@@ -562,123 +561,6 @@ fn leaves_are_as_large_without_pictures() {
         let (with, without) = (area(atlas), area(plain));
         assert!(without < 1.6 * with && with < 1.6 * without, "{name}: {with} and {without}");
     }
-}
-
-/// No leaves hide where they hang.
-#[test]
-fn bare_twigs_have_stalks_from_wood_that_is_meshed() {
-    for name in ["quercus_robur", "larix_sibirica", "betula_pendula"] {
-        let mut species = species::load(name).unwrap();
-        let detail = Detail { max_nodes: 6_000, attractor_spacing_m: None };
-        let target = Target::FromSpecies { height_m: None };
-        let skeleton = grow(&species, target, detail, Seed::new(3)).unwrap();
-        species.foliage.kept = 0.0;
-        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
-        let options = MeshOptions { triangle_budget: Some(12_000), ..MeshOptions::FOREST };
-        let tree = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
-        tree.check().unwrap();
-        assert!(tree.triangles() <= 12_000);
-        let shoot = |n: usize| {
-            let from = skeleton.parent_of(n as u32).map_or(n, |p| p as usize);
-            [from, n].map(|n| skeleton.position[n])
-        };
-        let meshed: Vec<[Vec3; 2]> =
-            (0..skeleton.len()).filter(|&n| tree.is_meshed[n]).map(shoot).collect();
-        assert!(meshed.len() < skeleton.len(), "{name}: all branches are meshed");
-        let twigs = &tree.foliage;
-        let is_stalk =
-            |twigs: &Surface, t: &[u32]| t.iter().all(|&i| twigs.uv[i as usize] == atlas.wood());
-        let stalks = || twigs.index.chunks_exact(3).filter(|t| is_stalk(twigs, t));
-        let corners = twigs.position.len() / stalks().count() - 3;
-        assert_eq!(corners, 4, "{name}: a low row and a high one");
-        // A stalk is wide at one end, and one is at the foot of its card: below the middle of its picture.
-        let way = |t: &[u32]| {
-            let first = t.iter().copied().min().unwrap() as usize;
-            let [a, b, point] = [0, 1, 2].map(|k| twigs.position[t[k] as usize]);
-            let uv = |k: usize| twigs.uv[first - corners + k];
-            let within = |c: &&Cell| (0..4).all(|k| uv(k).clamp(c.min, c.max) == uv(k));
-            let cell = atlas.cells().iter().find(within).unwrap();
-            let middle = |row: usize| {
-                let [l, r] = [0, 1].map(|k| twigs.position[first - corners + 2 * row + k]);
-                let share = (cell.min.midpoint(cell.max).x - uv(2 * row).x)
-                    / (uv(2 * row + 1).x - uv(2 * row).x);
-                l.lerp(r, if share.is_finite() { share } else { 0.0 })
-            };
-            let below = (cell.min.y - uv(0).y) / (uv(2).y - uv(0).y);
-            let base = middle(0).lerp(middle(1), below);
-            let ends = [a.midpoint(b), point];
-            let is_wide_there = ends[0].distance(base) < ends[1].distance(base);
-            if is_wide_there { [ends[1], ends[0]] } else { ends }
-        };
-        let ways: Vec<[Vec3; 2]> = stalks().map(way).collect();
-        assert!(3 * ways.len() <= twigs.triangles() && ways.len() > 100, "{name}");
-        let long = |[foot, tip]: &&[Vec3; 2]| foot.distance(*tip) > 0.021;
-        let at_wood =
-            |foot: Vec3| meshed.iter().any(|[a, b]| nearest(foot, *a, *b).distance(foot) < 1e-3);
-        let at_stalk = |own: &[Vec3; 2]| {
-            let near = |[a, b]: &[Vec3; 2]| nearest(own[0], *a, *b).distance(own[0]) < 1e-3;
-            ways.iter().any(|way| way != own && near(way))
-        };
-        let far = ways.iter().filter(long).filter(|way| !at_wood(way[0]) && !at_stalk(way));
-        assert_eq!(far.count(), 0, "{name}");
-        // No more of them fan out from one place than shoots do.
-        let beside =
-            |own: Vec3| ways.iter().filter(long).filter(|w| w[0].distance(own) < 1e-3).count();
-        let most = ways.iter().map(|way| beside(way[0])).max().unwrap();
-        assert!(most <= 8, "{name}: {most} stalks from one place");
-        species.foliage.kept = 1.0;
-        let leafy = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
-        let leaves = &leafy.foliage;
-        let few = leaves.index.chunks_exact(3).filter(|t| is_stalk(leaves, t)).count();
-        assert!(3 * few < ways.len(), "{name}: leaves hide where {few} hang");
-        assert!(leafy.wood_triangles() < tree.wood_triangles());
-    }
-}
-
-/// A crown for which the budget is small: few of its shoots are meshed, and leaves do not hide that.
-#[test]
-fn no_card_of_a_large_tree_hangs_in_the_air() {
-    let species = species::load("quercus_robur").unwrap();
-    let detail = Detail { max_nodes: 6_000, attractor_spacing_m: None };
-    let target = Target::FromSpecies { height_m: Some(45.0) };
-    let skeleton = grow(&species, target, detail, Seed::new(3)).unwrap();
-    let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
-    let options = MeshOptions {
-        triangle_budget: Some(12_000),
-        wind: Some(WindProfile::Unity),
-        ..MeshOptions::FOREST
-    };
-    let tree = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
-    tree.check().unwrap();
-    assert!(tree.triangles() <= 12_000 && tree.triangles() > 11_000);
-    let leaves = &tree.foliage;
-    let faces = leaves.index.as_chunks::<3>().0.iter().map(|t| t.map(|i| i as usize));
-    let is_stalk = |t: &[usize; 3]| t.iter().all(|&i| leaves.uv[i] == atlas.wood());
-    let (stalks, cards): (Vec<_>, Vec<_>) = faces.partition(is_stalk);
-    assert!(stalks.len() > 50 && 10 * stalks.len() < cards.len(), "{}", stalks.len());
-    let shoots = (1..skeleton.len()).filter(|&n| tree.is_meshed[n]).map(|n| {
-        let from = skeleton.parent_of(n as u32).unwrap() as usize;
-        [from, n].map(|n| skeleton.position[n])
-    });
-    let corners = |t: &[usize; 3]| t.map(|i| leaves.position[i]);
-    let of_stalks = stalks.iter().map(|t| {
-        let [a, b, tip] = corners(t);
-        [a.midpoint(b), tip]
-    });
-    let ways: Vec<[Vec3; 2]> = shoots.chain(of_stalks).collect();
-    // Of four faces each.
-    let (cards, rest) = cards.as_chunks::<4>();
-    assert!(rest.is_empty());
-    for card in cards {
-        let edges = card.iter().map(corners).flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]]);
-        let size_m = edges.clone().map(|[a, b]| a.distance(b)).fold(0.0, f32::max);
-        let near = |at: Vec3| ways.iter().map(move |[p, q]| nearest(at, *p, *q).distance(at));
-        let away_m = edges.flat_map(|[a, b]| near(a).chain(near(a.midpoint(b))));
-        let away_m = away_m.fold(f32::INFINITY, f32::min);
-        assert!(away_m < 0.7 * size_m, "{size_m} m long, {away_m} m away");
-    }
-    // A stalk holds a card to wood: it does not flutter.
-    assert!(stalks.iter().flatten().all(|&i| leaves.wind[i][1] == 0));
 }
 
 /// As blades, against those of summer.

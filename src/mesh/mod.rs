@@ -616,4 +616,6 @@ mod bark_tests;
 #[cfg(test)]
 mod foliage_tests;
 #[cfg(test)]
+mod stalk_tests;
+#[cfg(test)]
 mod tests;

@@ -206,11 +206,10 @@ impl Wind {
         }
     }
 
-    /// Colours stalks of three vertices, two at the node where each begins and one at that of its twig: they hold
+    /// Colours stalks, of whose vertices each is at a node, that where they begin or that of their twig: they hold
     /// both together, and do not flutter.
-    pub fn stalks(&self, nodes: impl Iterator<Item = [u32; 2]>, surface: &mut Surface) {
-        let of = nodes.flat_map(|[foot, tip]| [foot, foot, tip]);
-        let here = of.map(|node| self.out.get(node as usize).copied().unwrap_or_default());
+    pub fn stalks(&self, nodes: impl Iterator<Item = u32>, surface: &mut Surface) {
+        let here = nodes.map(|node| self.out.get(node as usize).copied().unwrap_or_default());
         let colours = surface.position.iter().zip(here);
         surface.wind = colours.map(|(p, here)| self.channels(&self.motion(p.z, here))).collect();
     }

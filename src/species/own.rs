@@ -30,6 +30,8 @@ const GUTTER_PX: u32 = 8;
 /// Longest side of pictures laid side by side, and how far off a picture a coordinate may be.
 const MAX_SHEET_PX: u32 = 8192;
 const OFF: f32 = 1e-3;
+/// No number of a model is as large.
+const FARTHEST: f32 = 1e6;
 /// The texture coordinate of corners that have none, where others do.
 const NO_UV: f32 = 2e30;
 
@@ -89,7 +91,7 @@ impl Model {
 /// A file that can't be read or is no OBJ; a line with a fault; nothing to draw; more than the
 /// limits; a picture without texture coordinates, or one of several that they leave.
 pub fn model(path: &Path) -> Result<Model> {
-    let text = read_text(path, "give the path of an OBJ file")?;
+    let text = joined(read_text(path, "give the path of an OBJ file")?);
     let faces = vet_obj(path, &text)?;
     if faces.triangles == 0 {
         return Err(Error::new("it has no faces")
@@ -114,6 +116,27 @@ pub fn model(path: &Path) -> Result<Model> {
     model.remarks.extend(nameless);
     model.remarks.extend(hanging(path, &model));
     Ok(model)
+}
+
+/// With lines that a backslash continues as one; as many lines as before.
+fn joined(text: String) -> String {
+    let is_open = |line: &str| line.ends_with('\\') && !line.trim_start().starts_with('#');
+    if !text.lines().any(is_open) {
+        return text;
+    }
+    let mut out = String::with_capacity(text.len() + 1);
+    let mut left = 0;
+    for line in text.lines() {
+        if is_open(line) {
+            out.extend([&line[..line.len() - 1], " "]);
+            left += 1;
+            continue;
+        }
+        out.push_str(line);
+        out.extend(std::iter::repeat_n('\n', left + 1));
+        left = 0;
+    }
+    out
 }
 
 const REMEDY: &str = "export the model again, with normals and texture coordinates, as triangles";
@@ -227,6 +250,21 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
 fn settle(path: &Path, mut model: Model) -> Result<Model> {
     let high = model.position.iter().map(|p| p[1]).fold(0.0, f32::max);
     let far = model.position.iter().flatten().map(|x| x.abs()).fold(0.0, f32::max);
+    let at = |i: u32| model.position[i as usize];
+    let is_flat = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(at);
+        a == b || b == c || c == a
+    };
+    if model.index.as_chunks::<3>().0.iter().all(is_flat) {
+        let error = Error::new("none of its faces has an area").in_file(path);
+        return Err(error.remedy(REMEDY));
+    }
+    if far < 1e-6 {
+        let error = Error::new(format!("it is {far:e} large, too small to tell its corners apart"));
+        return Err(error
+            .in_file(path)
+            .remedy("export it larger: it is scaled to its twig's length"));
+    }
     if high <= 1e-4 * far || high < 1e-6 {
         let error = Error::new("it does not reach above its origin along y");
         return Err(error.in_file(path).remedy(
@@ -518,7 +556,11 @@ fn vet_obj(path: &Path, text: &str) -> Result<Faces> {
             _ => continue,
         };
         let numbers: Option<Vec<f32>> =
-            words.map(|w| w.parse().ok().filter(|x: &f32| x.abs() < 1e6)).collect();
+            words.map(|w| w.parse().ok().filter(|x: &f32| x.is_finite())).collect();
+        if let Some(far) = numbers.iter().flatten().find(|x| x.abs() >= FARTHEST) {
+            let what = format!("{far} is more than {FARTHEST}");
+            return fail(what, "move the model to its origin, where it joins its shoot");
+        }
         match numbers {
             Some(numbers) if numbers.len() >= least => counts[slot] += 1,
             Some(numbers) => {
@@ -677,8 +719,17 @@ fn vet_mtl(path: &Path, text: &str) -> Result<()> {
     Ok(())
 }
 
+/// The file of a name in another: with the separators of another system, or beside that where it was written to lie
+/// in a folder of another machine, if it is there.
 fn beside(path: &Path, name: &str) -> PathBuf {
-    path.parent().unwrap_or(Path::new("")).join(name)
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let whole = folder.join(name);
+    let slashed = name.replace('\\', "/");
+    let is_rooted = slashed.starts_with('/') || slashed.get(1..2) == Some(":");
+    let last = slashed.rsplit('/').next().filter(|_| is_rooted);
+    let others = [Some(slashed.as_str()), last].into_iter().flatten().map(|name| folder.join(name));
+    let is_there = whole.is_file();
+    others.into_iter().find(|other| !is_there && other.is_file()).unwrap_or(whole)
 }
 
 /// The picture of a material of a model: its name may follow options.
@@ -759,7 +810,8 @@ fn read_picture(path: &Path, remedy: &str) -> Result<Picture> {
 fn read_text(path: &Path, remedy: &str) -> Result<String> {
     let bytes = read(path, MAX_TEXT_BYTES, remedy)?;
     // Names in other alphabets are of no matter to the geometry.
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
+    let text = String::from_utf8_lossy(&bytes);
+    Ok(text.strip_prefix('\u{feff}').unwrap_or(&text).to_owned())
 }
 
 fn read(path: &Path, most: u64, remedy: &str) -> Result<Vec<u8>> {

@@ -49,6 +49,29 @@ fn a_twig_is_read_with_its_picture_to_a_height_of_one() {
     assert!(watched.iter().any(|f| f.ends_with("twig.obj")), "{watched:?}");
 }
 
+/// As some exporters write them: a mark before the first line, lines that go on, names of another system or machine.
+#[test]
+fn what_other_exporters_write_is_read() {
+    let model = |obj: &str, mtl: &str| {
+        let folder = folder(RULE, obj, mtl);
+        std::fs::create_dir(folder.path().join("sub")).unwrap();
+        let inner = folder.path().join("sub").join("inner.png");
+        std::fs::copy(folder.path().join("leaf.png"), inner).unwrap();
+        let model = load(&rule(&folder)).unwrap().own_model.unwrap();
+        Model { name: PathBuf::new(), ..(*model).clone() }
+    };
+    let plain = model(TWIG, MATERIAL);
+    let marked = TWIG.strip_prefix("mtllib twig.mtl\no twig\n").unwrap();
+    let marked = format!("\u{feff}{marked}").replace("usemtl", "mtllib twig.mtl\nusemtl");
+    assert_eq!(model(&marked, &format!("\u{feff}{MATERIAL}")), plain);
+    let long = TWIG.replace("2/2/1 ", "2/2/1 \\\n").replace("o twig", "# a name\\\no twig");
+    assert_eq!(model(&long, MATERIAL), plain);
+    for name in ["sub\\\\inner.png", "C:\\\\tex\\\\leaf.png", "/tex/leaf.png"] {
+        let name = name.replace("\\\\", "\\");
+        assert_eq!(model(TWIG, &MATERIAL.replace("leaf.png", &name)), plain, "{name}");
+    }
+}
+
 #[test]
 fn colours_that_no_face_shows_are_not_those_of_leaves() {
     let mtl = "newmtl leaf\nKd 0.1 0.3 0.05\nnewmtl other\nKd 0.9 1 0.1\n";
@@ -225,6 +248,21 @@ fn faults_are_told_with_file_line_and_remedy() {
             "`model`: twig.obj:5: not a list of ordinary numbers; export the model again",
         ),
         (
+            spoilt("v 1 4 0", "v 2000000 4 0"),
+            "`model`: twig.obj:5: 2000000 is more than 1000000; move the model to its origin",
+        ),
+        (
+            spoilt("f 1/1/1 2/2/1 3/3/1 4/4/1", "f 1/1/1 1/1/1 3/3/1"),
+            "`model`: twig.obj: none of its faces has an area",
+        ),
+        (
+            spoilt(
+                "v -1 0 0\nv 1 0 0\nv 1 4 0\nv -1 4 0",
+                "v -1e-30 0 0\nv 1e-30 0 0\nv 1e-30 4e-30 0\nv -1e-30 4e-30 0",
+            ),
+            "`model`: twig.obj: it is 4e-30 large, too small to tell its corners apart; export it larger",
+        ),
+        (
             spoilt("v 1 4 0", "v 1 4"),
             "`model`: twig.obj:5: 2 numbers, not 3; export the model again",
         ),
@@ -263,7 +301,7 @@ fn faults_are_told_with_file_line_and_remedy() {
         ),
         (refused(RULE, TWIG, "newmtl leaf\nmap_Kd twig.obj\n"), "not a readable picture"),
         (
-            refused(RULE, &TWIG.replace(" 4 0", " 0 0"), MATERIAL),
+            refused(RULE, &TWIG.replace(" 4 0", " 0 4"), MATERIAL),
             "it does not reach above its origin along y",
         ),
         (
