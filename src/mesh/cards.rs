@@ -16,8 +16,9 @@ use crate::texture::{Atlas, Cell};
 const BLEND: [f32; 2] = [-0.15, 0.15];
 const BLEND_BARE: [f32; 2] = [-0.15, 0.9];
 /// Most cards of a leafy tree have pictures of one scale, so that their leaves are of one size: those between
-/// so many times the size that it is for.
+/// so many times the size that it is for; where there are pictures of more than two scales, nearer to it.
 const LIKE_USUAL: [f32; 2] = [0.5, 1.6];
+const LIKE_USUAL_OF_MANY: [f32; 2] = [0.8, 1.25];
 /// It is that for cards so much larger: leaves look too small rather than too large.
 const FULLER: f32 = 1.1;
 
@@ -69,7 +70,8 @@ impl<'a> Cards<'a> {
         // Pictures of one scale give way to those of the next little by little.
         let [least, most] = if is_bare { BLEND_BARE } else { BLEND };
         let size_m = pose.size_m * draws.between(least, most).exp();
-        let like_usual = (LIKE_USUAL[0]..LIKE_USUAL[1]).contains(&(size_m / self.usual_m));
+        let [low, high] = if atlas.scales() > 2 { LIKE_USUAL_OF_MANY } else { LIKE_USUAL };
+        let like_usual = (low..high).contains(&(size_m / self.usual_m));
         let id = match like_usual && !is_bare {
             true => usual[draws.index(usual.len())],
             false => {

@@ -156,8 +156,7 @@ impl<'a> Twig<'a> {
             _ => (4, 0.4, 0.15, [0.8, 1.2]),
         };
         let cluster = foliage.cluster.clamp(1, 200) as usize;
-        let is_needle =
-            matches!(foliage.shape, LeafShape::Needle | LeafShape::Tuft | LeafShape::Bundle);
+        let is_needle = foliage.shape.is_needle();
         let organ = match foliage.shape {
             LeafShape::Pinnate => Organ::Compound(cluster),
             _ if is_needle => Organ::Needle,

@@ -298,6 +298,12 @@ pub enum LeafShape {
     Pinnate,
 }
 
+impl LeafShape {
+    pub fn is_needle(self) -> bool {
+        matches!(self, LeafShape::Needle | LeafShape::Tuft | LeafShape::Bundle)
+    }
+}
+
 /// With a smaller share of their leaves twigs are bare.
 const LEAST_KEPT: f32 = 0.5;
 

@@ -342,6 +342,13 @@ impl Atlas {
         })
     }
 
+    /// How many scales its cells have.
+    pub fn scales(&self) -> usize {
+        let is_new =
+            |(k, c): &(usize, &Cell)| self.cells[..*k].iter().all(|b| b.size_m != c.size_m);
+        self.cells.iter().enumerate().filter(is_new).count()
+    }
+
     /// Ids of the cells whose scale is nearest to a card of `size_m`, by ratio; never empty.
     pub fn nearest(&self, size_m: f32) -> impl Iterator<Item = usize> + Clone {
         let off = move |c: &Cell| {

@@ -368,8 +368,7 @@ fn contact_sheet() {
 fn no_leaf_is_cut_at_the_border_of_its_cell() {
     for name in crate::species::builtin_names().into_iter().filter(|n| !n.starts_with("table3/")) {
         let species = crate::species::load(name).unwrap();
-        if !matches!(species.foliage.shape, LeafShape::Needle | LeafShape::Tuft | LeafShape::Bundle)
-        {
+        if !species.foliage.shape.is_needle() {
             let (picture, atlas) = twig::draw(&species, 512, Seed::new(1));
             for (k, cell) in atlas.cells().iter().chain(atlas.leaves()).enumerate() {
                 let at = |s: f32, t: f32| {

@@ -1,5 +1,5 @@
-//! The leaf picture of a species. Its quarters: two single twigs, or one and one of a dry branch where the
-//! tree has some; a bough of the same leaves at a smaller scale, for large cards; and two single leaves
+//! The leaf picture of a species. Its quarters: a single twig; another, of leaves a longer one at a smaller scale, or
+//! one of a dry branch where the tree has some; a bough at a still smaller scale, for large cards; and two single leaves
 //! or needles beside plain bark and the leaves' mean colour, for a model of every leaf, and the bough again
 //! as it is in shade, half as large: leaves of few large cards shade each other less than those they stand for.
 //!
@@ -19,8 +19,9 @@ use crate::seed::{Draws, Seed};
 use crate::species::model::{Bark, Foliage, LeafShape};
 use crate::species::{Species, own};
 
-/// A bough cell shows this many times the length of a twig cell.
+/// A bough cell shows this many times the length of a twig cell; that of a longer twig lies halfway, by ratio.
 const BOUGH: f32 = 2.4;
+const LONGER: f32 = 1.55;
 /// … and one of a dry branch, which serves for cards of all sizes, this many; how far its colour goes to grey.
 const DRY: f32 = 1.5;
 const GREY: f32 = 0.35;
@@ -69,6 +70,7 @@ const PLAIN: f32 = 1.0 / 16.0;
 #[derive(Clone, Copy, PartialEq)]
 enum Part {
     Twig,
+    Longer,
     Bough,
     Dry,
     Leaf,
@@ -80,7 +82,12 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
     let quarter = (size_px / 2).max(16) & !1;
     let twig_m = f.twig_length_m.max(1e-3);
     // What is shown, and its least corner in quarters of the picture's side, from the bottom.
-    let other = if f.has_dry { Part::Dry } else { Part::Twig };
+    // One tells the size of leaves, and little that of needles or bare shoots.
+    let other = match f.has_dry {
+        true => Part::Dry,
+        false if f.is_bare() || f.shape.is_needle() => Part::Twig,
+        false => Part::Longer,
+    };
     let parts = [
         (Part::Twig, [0, 0]),
         (other, [2, 0]),
@@ -102,6 +109,7 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
             let factor = if side > 600 { 2 } else { 3 };
             let size_m = match part {
                 Part::Twig => twig_m,
+                Part::Longer => twig_m * LONGER,
                 Part::Bough => twig_m * BOUGH,
                 Part::Dry => twig_m * DRY,
                 Part::Leaf => leaf_length_m(f) / LEAF_SHARE,
@@ -142,7 +150,7 @@ pub fn draw(species: &Species, size_px: u32, seed: Seed) -> (Picture, Atlas) {
             match part {
                 Part::Leaf => leaves.push(cell),
                 Part::Dry => dry.push(cell),
-                Part::Twig | Part::Bough => cells.push(cell),
+                Part::Twig | Part::Longer | Part::Bough => cells.push(cell),
             }
             for y in 0..*side {
                 let row = picture.height - 1 - (bottom + y);
@@ -447,10 +455,7 @@ impl Painter<'_> {
     /// One leaf that fills the picture; for needles their colour from base to tip.
     fn single(&mut self) {
         let (colour, light) = self.tint(0.75);
-        if matches!(
-            self.species.foliage.shape,
-            LeafShape::Needle | LeafShape::Tuft | LeafShape::Bundle
-        ) {
+        if self.species.foliage.shape.is_needle() {
             self.canvas.stroke(&Stroke {
                 from: Vec2::new(0.5, -0.5),
                 to: Vec2::new(0.5, 1.5),
