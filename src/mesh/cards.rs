@@ -1,5 +1,7 @@
 //! The cards of a crown: which picture each has, and the stalks that hold them to the wood.
 
+use std::ops::Range;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -16,7 +18,7 @@ use crate::texture::{Atlas, Cell};
 const BLEND: [f32; 2] = [-0.15, 0.15];
 const BLEND_BARE: [f32; 2] = [-0.15, 0.9];
 /// Most cards of a leafy tree have pictures of one scale, so that their leaves are of one size: those between
-/// so many times the size that it is for; where there are pictures of more than two scales, nearer to it.
+/// so many times the size that it is for; where there are pictures of more than two scales, halfway to the next.
 const LIKE_USUAL: [f32; 2] = [0.5, 1.6];
 const LIKE_USUAL_OF_MANY: [f32; 2] = [0.8, 1.25];
 /// It is that for cards so much larger: leaves look too small rather than too large.
@@ -35,6 +37,12 @@ pub struct Cards<'a> {
     pub shape: Shape,
     /// The size for which the pictures of most are.
     pub usual_m: f32,
+}
+
+/// The pictures that most cards have, and for cards of which sizes over `usual_m`.
+struct Usual {
+    ids: Vec<usize>,
+    like: Range<f32>,
 }
 
 /// How one stands and what it shows.
@@ -58,22 +66,22 @@ impl<'a> Cards<'a> {
         fill(self.kept.len(), room, emit, self.order.wind.map(|wind| (wind, self.kept)))
     }
 
-    /// The pictures that most have, found once.
-    fn usual(&self) -> Vec<usize> {
-        self.order.atlas.nearest(self.usual_m).collect()
+    fn usual(&self) -> Usual {
+        let atlas = self.order.atlas;
+        let [low, high] = if atlas.scales() > 2 { LIKE_USUAL_OF_MANY } else { LIKE_USUAL };
+        Usual { ids: atlas.nearest(self.usual_m).collect(), like: low..high }
     }
 
-    fn card(&self, k: usize, usual: &[usize], stand: &Stand<'_>) -> Card<'a> {
+    fn card(&self, k: usize, usual: &Usual, stand: &Stand<'_>) -> Card<'a> {
         let Order { species, atlas, .. } = *self.order;
         let is_bare = species.foliage.is_bare();
         let (pose, mut draws) = lifted(stand, k);
         // Pictures of one scale give way to those of the next little by little.
         let [least, most] = if is_bare { BLEND_BARE } else { BLEND };
         let size_m = pose.size_m * draws.between(least, most).exp();
-        let [low, high] = if atlas.scales() > 2 { LIKE_USUAL_OF_MANY } else { LIKE_USUAL };
-        let like_usual = (low..high).contains(&(size_m / self.usual_m));
+        let like_usual = usual.like.contains(&(size_m / self.usual_m));
         let id = match like_usual && !is_bare {
-            true => usual[draws.index(usual.len())],
+            true => usual.ids[draws.index(usual.ids.len())],
             false => {
                 let cells = atlas.nearest(size_m);
                 let pick = draws.index(cells.clone().count());
@@ -98,7 +106,7 @@ impl<'a> Cards<'a> {
         let bases: Vec<Vec3> = poses.iter().map(|pose| pose.base).collect();
         let spots: Vec<Spot> = which.iter().map(|&k| self.kept[k]).collect();
         let stoutest = if is_bare { STOUTEST_BARE } else { f32::INFINITY };
-        let feet = stalk::Feet::to(self.skeleton, is_meshed, &spots, &bases, stoutest);
+        let feet = stalk::Feet::ending_at(&bases, self.skeleton, is_meshed, &spots, stoutest);
         stalk::stalks(&feet, &spots, &poses, &stems, (is_bare, atlas.wood()), wind)
     }
 }

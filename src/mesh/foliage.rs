@@ -230,8 +230,8 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         loop {
             hung = (0..kept.len()).filter(|&k| hangs(&kept[k])).collect();
             let spots: Vec<Spot> = hung.iter().map(|&k| kept[k]).collect();
-            let carriers = stalk::Feet::of(skeleton, order.is_meshed, &spots).carriers();
-            let stalks = stalk::triangles(hung.len(), carriers, f.is_bare());
+            let feet = stalk::Feet::of(skeleton, order.is_meshed, &spots);
+            let stalks = feet.triangles(f.is_bare());
             let over = (kept.len() * room.triangles + stalks).saturating_sub(order.triangles());
             if over == 0 {
                 break;

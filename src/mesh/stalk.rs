@@ -25,12 +25,6 @@ const SLENDEREST: f32 = 0.012;
 /// Triangles that one of a bare twig takes as a rule.
 pub const EACH: f32 = 1.25;
 
-/// Triangles of so many stalks of bare twigs, or of leafy ones, from `carriers` of which others spring.
-pub fn triangles(count: usize, carriers: usize, is_bare: bool) -> usize {
-    let strips = if is_bare { carriers } else { count };
-    count * POINTED.triangles + strips * (STRIP.triangles - POINTED.triangles)
-}
-
 /// Where each twig's stalk begins, and which others spring from it.
 #[derive(Debug, Default)]
 pub struct Feet {
@@ -52,20 +46,26 @@ struct Foot {
     carries: bool,
 }
 
+impl Foot {
+    fn room(&self, is_bare: bool) -> Room {
+        if self.carries || !is_bare { STRIP } else { POINTED }
+    }
+}
+
 impl Feet {
     /// At the next twig, or beside the next stalk, down the shoots that are not meshed, so that stalks part as these
     /// do; and only then at wood. Each as if it ended where its twig stands.
     pub fn of(skeleton: &Skeleton, is_meshed: &[bool], kept: &[Spot]) -> Feet {
         let bases: Vec<Vec3> = kept.iter().map(|s| s.at).collect();
-        Feet::to(skeleton, is_meshed, kept, &bases, f32::INFINITY)
+        Feet::ending_at(&bases, skeleton, is_meshed, kept, f32::INFINITY)
     }
 
     /// The same where they end at `bases`; `stoutest`: radius over that of the shoot that the twig is on, at most.
-    pub fn to(
+    pub fn ending_at(
+        bases: &[Vec3],
         skeleton: &Skeleton,
         is_meshed: &[bool],
         kept: &[Spot],
-        bases: &[Vec3],
         stoutest: f32,
     ) -> Feet {
         let place = |node: u32| skeleton.position[node as usize];
@@ -118,9 +118,9 @@ impl Feet {
         Feet { order, foot: feet }
     }
 
-    /// How many have others that spring from them.
-    pub fn carriers(&self) -> usize {
-        self.foot.iter().filter(|foot| foot.carries).count()
+    /// Triangles of them all, of bare twigs or of leafy ones.
+    pub fn triangles(&self, is_bare: bool) -> usize {
+        self.foot.iter().map(|foot| foot.room(is_bare).triangles).sum()
     }
 
     /// Half the width of each where it begins and ends. `stem_m`: of what its card shows at its foot.
@@ -163,10 +163,10 @@ pub fn stalks(
 ) -> Surface {
     let stem_m: Vec<f32> = poses.iter().zip(stems).map(|(p, stem)| stem * p.size_m).collect();
     let half_m = feet.half_m(poses, &stem_m, is_bare);
-    let is_strip = |k: &usize| feet.foot[*k].carries || !is_bare;
-    let (strips, pointed): (Vec<usize>, Vec<usize>) = (0..poses.len()).partition(is_strip);
     let mut out = Surface::default();
-    for (which, room) in [(pointed, POINTED), (strips, STRIP)] {
+    for room in [POINTED, STRIP] {
+        let is_so = |k: &usize| feet.foot[*k].room(is_bare) == room;
+        let which: Vec<usize> = (0..poses.len()).filter(is_so).collect();
         let each = |n: usize, out: &mut Piece| {
             let k = which[n];
             emit(&poses[k], feet.foot[k].at, half_m[k], room == STRIP, uv, out);
@@ -238,10 +238,10 @@ mod tests {
         let skeleton = Skeleton::default();
         let spot =
             Spot { at: Vec3::X, shoot: Vec3::X, turn: 0, is_tip: false, is_leader: false, key: 0 };
-        assert_eq!(Feet::of(&skeleton, &[], &[]).carriers(), 0);
+        assert_eq!(Feet::of(&skeleton, &[], &[]).triangles(true), 0);
         let made = |stem: f32| {
             let stalk = stalks(&feet, &[spot], &[pose], &[stem], (true, Vec2::ZERO), None);
-            assert_eq!(stalk.triangles(), triangles(1, 0, true));
+            assert_eq!(stalk.triangles(), feet.triangles(true));
             [0, 1, 2].map(|k| stalk.position[k])
         };
         let [a, b, tip] = made(0.001);

@@ -1,10 +1,10 @@
 //! A user's own foliage: a twig, leaf or cone as Wavefront OBJ with the picture of its material,
 //! or a picture of a twig alone. Read once, when the rule file is; what leaves here is sound.
 //!
-//! The library that reads OBJ stops at a fault without saying where and trusts some numbers, so
-//! every line is looked at first. Several pictures (`map_Kd`, cut by `map_d`) and plain colours are laid
+//! Every line is looked at first (see `lines`). Several pictures (`map_Kd`, cut by `map_d`) and plain colours are laid
 //! side by side in one; then no texture coordinate may leave its picture. Polygons are cut into fans.
 
+mod lines;
 mod turn;
 
 use std::collections::BTreeSet;
@@ -12,6 +12,7 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use glam::{Vec2, Vec3};
+use lines::{NO_UV, alike, joined, vet_mtl, vet_obj};
 pub use turn::{leaf_colour, turned};
 
 use crate::diagnostic::{Error, Result};
@@ -22,7 +23,6 @@ const MAX_TEXT_BYTES: u64 = 32 << 20;
 const MAX_PICTURE_BYTES: u64 = 64 << 20;
 /// Side of a picture, pixels.
 const MAX_SIDE_PX: u32 = 4096;
-const MAX_TRIANGLES: usize = 200_000;
 const MAX_MATERIALS: usize = 256;
 /// Side of a swatch of plain colour, and pixels between pictures that are laid side by side.
 const SWATCH_PX: u32 = 8;
@@ -30,10 +30,6 @@ const GUTTER_PX: u32 = 8;
 /// Longest side of pictures laid side by side, and how far off a picture a coordinate may be.
 const MAX_SHEET_PX: u32 = 8192;
 const OFF: f32 = 1e-3;
-/// No number of a model is as large.
-const FARTHEST: f32 = 1e6;
-/// The texture coordinate of corners that have none, where others do.
-const NO_UV: f32 = 2e30;
 
 /// A model to be set where twigs stand: y from 0 to 1 along the twig, z to the light, the origin
 /// where it joins its shoot.
@@ -116,27 +112,6 @@ pub fn model(path: &Path) -> Result<Model> {
     model.remarks.extend(nameless);
     model.remarks.extend(hanging(path, &model));
     Ok(model)
-}
-
-/// With lines that a backslash continues as one; as many lines as before.
-fn joined(text: String) -> String {
-    let is_open = |line: &str| line.ends_with('\\') && !line.trim_start().starts_with('#');
-    if !text.lines().any(is_open) {
-        return text;
-    }
-    let mut out = String::with_capacity(text.len() + 1);
-    let mut left = 0;
-    for line in text.lines() {
-        if is_open(line) {
-            out.extend([&line[..line.len() - 1], " "]);
-            left += 1;
-            continue;
-        }
-        out.push_str(line);
-        out.extend(std::iter::repeat_n('\n', left + 1));
-        left = 0;
-    }
-    out
 }
 
 const REMEDY: &str = "export the model again, with normals and texture coordinates, as triangles";
@@ -484,116 +459,6 @@ fn srgb(linear: [f32; 3]) -> [u8; 3] {
     linear.map(|c| srgb_from_linear(c).round() as u8)
 }
 
-/// What is known of a model's faces.
-#[derive(Debug, Default)]
-struct Faces {
-    triangles: usize,
-    /// Some corners have parts that others lack.
-    is_mixed: bool,
-}
-
-/// A vetted model whose corners all have a texture coordinate and a normal: those that lack one get
-/// [`NO_UV`], or a normal of no length.
-fn alike(text: &str) -> String {
-    let mut out = format!("vt {NO_UV} {NO_UV}\nvn 0 0 0\n");
-    for line in text.lines() {
-        let mut words = line.split_whitespace();
-        if words.next() != Some("f") {
-            out.extend([line, "\n"]);
-            continue;
-        }
-        out.push('f');
-        for word in words {
-            let mut parts = word.split('/');
-            let vertex = parts.next().unwrap_or_default();
-            // The first of each is ours; from the end they count as they did.
-            let [uv, normal] = [(); 2].map(|()| {
-                let number = parts.next().and_then(|part| part.parse::<i64>().ok());
-                number.map_or(1, |n| if n > 0 { n + 1 } else { n })
-            });
-            out.push_str(&format!(" {vertex}/{uv}/{normal}"));
-        }
-        out.push('\n');
-    }
-    out
-}
-
-/// Looks at every line of an OBJ file: numbers finite, faces of corners that exist.
-fn vet_obj(path: &Path, text: &str) -> Result<Faces> {
-    let (mut counts, mut faces) = ([0usize; 3], Faces::default());
-    let mut kind: Option<[bool; 3]> = None;
-    for (k, line) in text.lines().enumerate() {
-        let fail = |what: String, remedy: &str| {
-            Err(Error::new(what).in_file(format!("{}:{}", path.display(), k + 1)).remedy(remedy))
-        };
-        let mut words = line.split_whitespace();
-        let (slot, least) = match words.next() {
-            Some("v") => (0, 3),
-            Some("vt") => (1, 2),
-            Some("vn") => (2, 3),
-            Some("f") => {
-                let mut corners = 0usize;
-                for word in words {
-                    corners += 1;
-                    match corner(word, counts) {
-                        Err(what) => return fail(what, "export the model again"),
-                        Ok(own) => faces.is_mixed |= *kind.get_or_insert(own) != own,
-                    }
-                }
-                if corners < 3 {
-                    return fail(format!("a face of {corners} corners"), "give it three or more");
-                }
-                faces.triangles += corners - 2;
-                if faces.triangles > MAX_TRIANGLES {
-                    let what = format!("more than {MAX_TRIANGLES} triangles");
-                    return fail(what, "a twig is set thousands of times: give it fewer");
-                }
-                continue;
-            }
-            Some("usemtl") if words.next().is_none() => {
-                return fail("usemtl names no material".into(), "name one, or leave the line out");
-            }
-            _ => continue,
-        };
-        let numbers: Option<Vec<f32>> =
-            words.map(|w| w.parse().ok().filter(|x: &f32| x.is_finite())).collect();
-        if let Some(far) = numbers.iter().flatten().find(|x| x.abs() >= FARTHEST) {
-            let what = format!("{far} is more than {FARTHEST}");
-            return fail(what, "move the model to its origin, where it joins its shoot");
-        }
-        match numbers {
-            Some(numbers) if numbers.len() >= least => counts[slot] += 1,
-            Some(numbers) => {
-                let what = format!("{} numbers, not {least}", numbers.len());
-                return fail(what, "export the model again");
-            }
-            None => return fail("not a list of ordinary numbers".into(), "export the model again"),
-        }
-    }
-    Ok(faces)
-}
-
-/// Which of position, texture coordinate and normal a face's corner has; what is wrong with it.
-fn corner(word: &str, counts: [usize; 3]) -> std::result::Result<[bool; 3], String> {
-    const KINDS: [&str; 3] = ["vertex", "texture coordinate", "normal"];
-    let mut has = [false; 3];
-    let parts: Vec<&str> = word.split('/').collect();
-    if parts.len() > 3 {
-        return Err(format!("`{word}` is no corner of a face"));
-    }
-    for (slot, part) in parts.iter().enumerate().filter(|(slot, p)| *slot == 0 || !p.is_empty()) {
-        let number: i64 = part.parse().map_err(|_| format!("`{word}` is no corner of a face"))?;
-        let count = counts[slot] as i64;
-        // Backwards from the last, or from the first; either must stand above.
-        let is_known = (1..=count).contains(&number) || (-count..=-1).contains(&number);
-        if !is_known {
-            return Err(format!("{} {number} of {count} in `{word}`", KINDS[slot]));
-        }
-        has[slot] = true;
-    }
-    Ok(has)
-}
-
 /// The materials of all material files that the model names, in their order.
 fn materials(path: &Path, text: &str) -> Result<Vec<tobj::Material>> {
     let mut all = Vec::new();
@@ -700,23 +565,6 @@ fn unused<'a>(
             names.join(", ")
         )
     })
-}
-
-/// Colours are three ordinary numbers.
-fn vet_mtl(path: &Path, text: &str) -> Result<()> {
-    for (k, line) in text.lines().enumerate() {
-        let mut words = line.split_whitespace();
-        if !matches!(words.next(), Some("Ka" | "Kd" | "Ks" | "Ke")) {
-            continue;
-        }
-        let numbers = words.take(3).filter_map(|w| w.parse::<f32>().ok());
-        if numbers.filter(|x| x.is_finite()).count() != 3 {
-            let error = Error::new("not a colour of three numbers");
-            let place = format!("{}:{}", path.display(), k + 1);
-            return Err(error.in_file(place).remedy("write red, green and blue, 0 to 1"));
-        }
-    }
-    Ok(())
 }
 
 /// The file of a name in another: with the separators of another system, or beside that where it was written to lie
