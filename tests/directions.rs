@@ -40,7 +40,7 @@ fn allowed() -> BTreeMap<&'static str, &'static [&'static str]> {
 const FREE: [&str; 2] = ["pipeline", "cli"];
 
 /// Outside crates and the rooms that may use them.
-const HOMES: [(&str, &[&str]); 29] = [
+const HOMES: [(&str, &[&str]); 30] = [
     ("hashbrown", &["landscape"]),
     ("ab_glyph", &["render"]),
     ("blake3", &["cache"]),
@@ -67,6 +67,7 @@ const HOMES: [(&str, &[&str]); 29] = [
     ("meshopt", &["export"]),
     ("itoa", &["export"]),
     ("zmij", &["export"]),
+    ("earcut", &["species"]),
     ("tobj", &["species"]),
     ("xatlas_rs_v2", &["mesh"]),
     ("tempfile", &["cache", "export", "cli", "scan"]),

@@ -2,7 +2,7 @@
 //! and orders that hold on any machine. No time is checked.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use larix::report::Document;
@@ -18,11 +18,13 @@ fn front<'a>(document: &'a Document, id: &str) -> &'a Front {
     found.unwrap_or_else(|| panic!("no front {id}"))
 }
 
-/// One run serves all checks, for it takes a while.
+/// One run serves all checks, for it takes a while; those of a browser, too, if `LARIX_KEEP_REPORT` says where
+/// to leave it.
 #[test]
 fn a_quick_report_is_whole_and_holds_what_it_claims() {
     let dir = tempfile::tempdir().unwrap();
-    let out = dir.path().join("report");
+    let kept = std::env::var_os("LARIX_KEEP_REPORT").map(PathBuf::from);
+    let out = kept.unwrap_or_else(|| dir.path().join("report"));
     let run = larix(&["report", "--quick", "-o", out.to_str().unwrap()]);
     let said = String::from_utf8_lossy(&run.stderr);
     assert!(run.status.success(), "{said}");

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Fit the model that tells conifers from broadleaves (src/species/kind.rs).
 
-usage: FEATURES_CSV=features.csv cargo test --release --test species_plots features
+usage: FEATURES_CSV=features.csv cargo test --release --test all species_plots::features
        tools/fit_kind.py features.csv
 
 Linear discriminant analysis: means of the two kinds and their pooled covariance. Prints the

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::card::{self, Shape};
 use super::foliage::Order;
-use super::piece::{Piece, Room, fill};
+use super::piece::{Piece, fill};
 use super::spot::{Pose, Spot, stance};
 use super::{Surface, stalk};
 use crate::seed::Draws;
@@ -34,6 +34,8 @@ pub struct Cards<'a> {
     pub order: &'a Order<'a>,
     /// Where they stand.
     pub kept: &'a [Spot],
+    /// Those that have the shape; the others are flat.
+    pub is_raised: Vec<bool>,
     pub shape: Shape,
     /// The size for which the pictures of most are.
     pub usual_m: f32,
@@ -55,15 +57,32 @@ struct Card<'a> {
 }
 
 impl<'a> Cards<'a> {
-    /// All of them, `room` for each, as `stand` says.
-    pub fn surface(&self, room: Room, stand: &Stand<'_>) -> Surface {
-        let outlines = self.order.atlas.outlines(self.shape.rows());
+    /// All of them, as `stand` says.
+    pub fn surface(&self, stand: &Stand<'_>) -> Surface {
+        let (raised, flat): (Vec<usize>, Vec<usize>) =
+            (0..self.kept.len()).partition(|&k| self.is_raised[k]);
         let usual = self.usual();
-        let emit = |k, out: &mut Piece| {
-            let Card { pose, fold_rad, id, cell } = self.card(k, &usual, stand);
-            card::emit(&pose, self.shape, fold_rad, cell, &outlines[id], out);
+        let mut surface = self.of_shape(&raised, self.shape, &usual, stand);
+        if raised.is_empty() {
+            surface = self.of_shape(&flat, Shape::Flat, &usual, stand);
+        } else if !flat.is_empty() {
+            surface.append(self.of_shape(&flat, Shape::Flat, &usual, stand));
+        }
+        surface
+    }
+
+    fn of_shape(&self, which: &[usize], shape: Shape, usual: &Usual, stand: &Stand<'_>) -> Surface {
+        let outlines = self.order.atlas.outlines(shape.rows());
+        let emit = |k: usize, out: &mut Piece| {
+            let Card { pose, fold_rad, id, cell } = self.card(which[k], usual, stand);
+            card::emit(&pose, shape, fold_rad, cell, &outlines[id], out);
         };
-        fill(self.kept.len(), room, emit, self.order.wind.map(|wind| (wind, self.kept)))
+        let spots: Vec<Spot> = match self.order.wind {
+            Some(_) => which.iter().map(|&k| self.kept[k]).collect(),
+            None => Vec::new(),
+        };
+        let wind = self.order.wind.map(|wind| (wind, spots.as_slice()));
+        fill(which.len(), shape.room(), emit, wind)
     }
 
     fn usual(&self) -> Usual {

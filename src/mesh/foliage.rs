@@ -50,6 +50,8 @@ const MOST_TRIANGLES: usize = 40_000_000;
 /// Cards of the sparse level, and triangles of a shell, at most.
 const MOST_SPARSE: usize = 600;
 const MOST_SHELL: usize = 400;
+/// Shares of a crown's cards that may have relief, in so many steps.
+const RELIEF_PARTS: usize = 16;
 /// How far models of the user's, cards with relief and flat ones may grow to make up for those left out: a leaf so much
 /// larger would be seen to be, but pictures of large cards show boughs.
 const MOST_ENLARGED_MODELS: f32 = 3.0;
@@ -101,10 +103,10 @@ pub struct Order<'a> {
     /// not see what they hang from.
     pub is_meshed: &'a [bool],
     pub stalks: Stalks,
+    /// How far cards keep near that wood, 0…1.
+    pub nearness: f32,
     /// Cards of more rows.
     pub detail: bool,
-    /// Cards of two triangles, so that there are more of them, where those with relief would not be all.
-    pub is_flat: bool,
     pub twigs: TwigsAs,
     /// On the branches that are dead instead of those that live.
     pub is_on_dead: bool,
@@ -186,7 +188,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         }
         return Ok(Foliage { surface, is_hull: true, ..Foliage::default() });
     }
-    let Plan { shape, twig, is_instanced, room, most, enlarge, usual_m, cover } =
+    let Plan { relief, twig, is_instanced, room, most, enlarge, card_m, cover } =
         plan(order, f, &hull, spots.len())?;
     let model = species.own_model.as_deref();
     let keeps_tips = twig.is_some() || hull.young > 0.0;
@@ -195,7 +197,8 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
             return 1.0;
         }
         let away_m = hangs_from(skeleton, order, s).distance(s.at);
-        (reach_m / away_m.max(reach_m)).powi(2).max(AFLOAT)
+        let hold = (reach_m / away_m.max(reach_m)).powi(2).max(AFLOAT);
+        1.0 + (hold - 1.0) * order.nearness
     };
     let (mut kept, evenness) =
         thinned(spots, &hull, most, enlarge, f.twig_length_m, keeps_tips, hold);
@@ -216,34 +219,39 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         let cover = if twig.is_some() { 0.0 } else { 1.0 };
         return Ok(Foliage { cover, ..Foliage::default() });
     }
-    let mut hung = Vec::new();
+    let (mut hung, mut stalks) = (Vec::new(), 0);
+    // Those that stay are larger for those that are left out for stalks.
+    let mut made_up = 1.0;
     if is_cards && order.stalks != Stalks::None {
-        // However a card is moved as far as it is longer than a twig.
-        let hangs = |s: &Spot| {
-            let away_m = hangs_from(skeleton, order, s).distance(s.at);
-            let size_m = |enlarge: f32| hull.twig_m(s.at, f.twig_length_m, enlarge);
-            order.stalks == Stalks::All
-                || away_m > 0.0
-                    && away_m > size_m(enlarge) * larger_at(s) * (1.0 + GAP) - size_m(1.0)
-        };
+        let all = kept.len() as f32;
         // Where cards are left out, others may become such as carry more.
         loop {
+            made_up = (all / kept.len().max(1) as f32).sqrt();
+            // However a card is moved as far as it is longer than a twig.
+            let hangs = |s: &Spot| {
+                let away_m = hangs_from(skeleton, order, s).distance(s.at);
+                let size_m = |enlarge: f32| hull.twig_m(s.at, f.twig_length_m, enlarge);
+                let size = [size_m(enlarge) * larger_at(s) * made_up, size_m(1.0)];
+                order.stalks == Stalks::All
+                    || away_m > 0.0 && away_m * order.nearness > size[0] * (1.0 + GAP) - size[1]
+            };
             hung = (0..kept.len()).filter(|&k| hangs(&kept[k])).collect();
             let spots: Vec<Spot> = hung.iter().map(|&k| kept[k]).collect();
             let feet = stalk::Feet::of(skeleton, order.is_meshed, &spots);
-            let stalks = feet.triangles(f.is_bare());
+            stalks = feet.triangles(f.is_bare());
             let over = (kept.len() * room.triangles + stalks).saturating_sub(order.triangles());
             if over == 0 {
                 break;
             }
-            leave_out(&mut kept, over.div_ceil(room.triangles + 1));
+            let each = room.triangles as f32 + stalks as f32 / kept.len() as f32;
+            leave_out(&mut kept, (over as f32 / each).ceil() as usize);
         }
     }
     let wind = order.wind.map(|wind| (wind, kept.as_slice()));
     let cards = seed.stage("card");
     let stand = |k: usize| {
         let mut draws = cards.seed(kept[k].key).draws();
-        let larger = larger_at(&kept[k]).max(enlarge.recip());
+        let larger = (larger_at(&kept[k]) * made_up).max(enlarge.recip());
         let mut pose = Pose::of(
             &kept[k],
             hangs_from(skeleton, order, &kept[k]),
@@ -277,8 +285,12 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
             form::set(twig, &poses, seed, wind)
         }
         (None, None) => {
-            let cards = Cards { skeleton, order, kept: &kept, shape, usual_m };
-            let mut surface = cards.surface(room, &stand);
+            let left = order.triangles().saturating_sub(kept.len() * room.triangles + stalks);
+            let is_raised = relief.falls_to(&kept, left, seed);
+            let (kept, shape) = (kept.as_slice(), relief.shape);
+            let usual_m = usual_picture_m(order.atlas, card_m * made_up);
+            let cards = Cards { skeleton, order, kept, is_raised, shape, usual_m };
+            let mut surface = cards.surface(&stand);
             if !hung.is_empty() {
                 surface.append(cards.stalks(&hung, &stand));
             }
@@ -286,12 +298,58 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         }
     };
     let stand_in = twig.as_ref().map(Twig::stands_in);
-    Ok(Foliage { surface, twig_scale: enlarge, cover, stand_in, ..Foliage::default() })
+    Ok(Foliage { surface, twig_scale: enlarge * made_up, cover, stand_in, ..Foliage::default() })
+}
+
+/// Cards of which some are flat.
+#[derive(Clone, Copy)]
+struct Relief {
+    /// Of the others, which are so large a share.
+    shape: Shape,
+    share: f32,
+}
+
+impl Relief {
+    fn between(self, of: impl Fn(Shape) -> f32) -> f32 {
+        let [flat, raised] = [Shape::Flat, self.shape].map(of);
+        flat + (raised - flat) * self.share
+    }
+
+    fn triangles(self) -> f32 {
+        self.between(|shape| shape.room().triangles as f32)
+    }
+
+    fn shown(self) -> f32 {
+        self.between(Shape::shown)
+    }
+
+    /// That every card has.
+    fn room(self) -> Room {
+        if self.share < 1.0 { Shape::Flat.room() } else { self.shape.room() }
+    }
+
+    /// Which of some cards have relief, where so many triangles are left beside [`Relief::room`] for each; with
+    /// more triangles the same ones, and others.
+    fn falls_to(self, spots: &[Spot], left: usize, seed: Seed) -> Vec<bool> {
+        let more = self.shape.room().triangles.saturating_sub(self.room().triangles);
+        let share = (self.share * spots.len() as f32) as usize;
+        let count = if more == 0 { spots.len() } else { share.min(left / more) };
+        let is_all = self.share > 0.0 && count == spots.len();
+        let mut is_raised = vec![is_all; spots.len()];
+        if count > 0 && !is_all {
+            let turns = seed.stage("relief");
+            let turn = |k: usize| (turns.seed(spots[k].key).draws().unit(), k);
+            let mut order: Vec<(f32, usize)> = (0..spots.len()).map(turn).collect();
+            order.select_nth_unstable_by(count, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            order[..count].iter().for_each(|&(_, k)| is_raised[k] = true);
+        }
+        is_raised
+    }
 }
 
 /// What stands for the leaves, how many of it and how large.
 struct Plan<'a> {
-    shape: Shape,
+    relief: Relief,
     /// Where every leaf stands for itself.
     twig: Option<Twig<'a>>,
     is_instanced: bool,
@@ -299,8 +357,8 @@ struct Plan<'a> {
     room: Room,
     most: usize,
     enlarge: f32,
-    /// The size for which the pictures of most cards are.
-    usual_m: f32,
+    /// About as large as most cards are.
+    card_m: f32,
     /// What they hide over what the species' leaves do.
     cover: f32,
 }
@@ -316,25 +374,33 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
     let is_sparse = matches!(level, FoliageLevel::Sparse | FoliageLevel::Shell);
     let fewest = all.min(hull.fewest_twigs(share));
     let least_sq_m = least_sq_m(hull, f, atlas, fewest, share);
-    let enough = |shape: Shape, coverage: f32| {
-        let shown = shape.shown() * coverage;
+    let enough = |relief: Relief, coverage: f32| {
+        let shown = relief.shown() * coverage;
         enough(hull, f, shown, all, share).max(least_sq_m / card_sq_m(f, shown))
     };
     // Cards of twigs' own size that hide as much as all leaves do.
     let covered = covered_by_twigs(atlas, f);
-    let of_cards = |shape: Shape| all.min(enough(shape, covered).ceil() as usize);
-    // Where there are triangles for all of them, cards with relief.
-    let light = Shape::of(f, false);
-    let is_crowded = light.room().triangles * of_cards(light) > budget;
-    let is_flat = is_sparse || (order.is_flat || f.is_bare()) && is_crowded;
-    // Finer cards where there are triangles for all of them; else rather more cards.
-    let fine = Shape::of(f, true);
-    let is_fine = order.detail && !is_flat && fine.room().triangles * of_cards(fine) <= budget;
-    let shape = match level {
-        _ if is_flat => Shape::Flat,
-        _ if is_fine => fine,
-        _ => light,
+    let of_cards = |relief: Relief| all.min(enough(relief, covered).ceil() as usize);
+    let fits = |of: &Relief| of.triangles() * of_cards(*of) as f32 <= budget as f32;
+    // As many as that come first: small cards are nearer to leaves than raised ones. What triangles are left give
+    // relief to some, and where there are enough to all, and finer relief.
+    let parts = match is_sparse {
+        true => 0,
+        false if f.is_bare() => 1,
+        false => RELIEF_PARTS,
     };
+    let light = |part: usize| Relief {
+        shape: Shape::of(f, false),
+        share: part as f32 / parts.max(1) as f32,
+    };
+    // Of two sheets that share their place there are as many, and needles stand about their shoot.
+    let is_near = parts == RELIEF_PARTS && order.nearness > 0.0;
+    let is_sheets = is_near && matches!(light(0).shape, Shape::Crossed { .. });
+    let mixed = || (1..=parts).rev().map(light).find(fits).unwrap_or(light(0));
+    let relief = if is_sheets { light(parts) } else { mixed() };
+    let fine = Relief { shape: Shape::of(f, true), share: 1.0 };
+    let is_fine = order.detail && relief.share == 1.0 && fits(&fine);
+    let relief = if is_fine { fine } else { relief };
     // A picture of the user's has no leaves to tell apart.
     let model = species.own_model.as_deref();
     let is_leaf_by_leaf = level == FoliageLevel::Geometry && !species.has_own_leaves();
@@ -351,7 +417,7 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
     let room = match (model, &twig) {
         (Some(model), _) => stamp::room(model),
         (None, Some(twig)) => twig.room(),
-        (None, None) => shape.room(),
+        (None, None) => relief.room(),
     };
     let more = |or: &str| {
         let beside = room.triangles.saturating_sub(stored);
@@ -371,18 +437,18 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
         return Err(Error::new(told).remedy(more("")));
     }
     let stalks = if order.stalks == Stalks::All { stalk::EACH } else { 0.0 };
-    let each = room.triangles.max(1) as f32 + stalks;
+    let each = relief.triangles() + stalks;
     let most = twig.as_ref().map_or((budget as f32 / each) as usize, |t| t.count);
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
-    let most = if twig.is_none() && model.is_none() { most.min(of_cards(shape)) } else { most };
+    let most = if twig.is_none() && model.is_none() { most.min(of_cards(relief)) } else { most };
     let limit = match model {
         _ if is_sparse => MOST_ENLARGED_FLAT,
         Some(_) => MOST_ENLARGED_MODELS,
-        None if is_flat => MOST_ENLARGED_FLAT,
+        None if relief.share == 0.0 => MOST_ENLARGED_FLAT,
         None => MOST_ENLARGED_CARDS,
     };
     let by_cards = |coverage: f32| {
-        let needed = of_models.unwrap_or_else(|| enough(shape, coverage));
+        let needed = of_models.unwrap_or_else(|| enough(relief, coverage));
         (needed / all.min(most).max(1) as f32).sqrt().clamp(1.0, limit)
     };
     // By the pictures that most cards have.
@@ -398,9 +464,9 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
         (Some(twig), _) => twig.cover,
         (None, Some(needed)) => hides(needed),
         (None, None) if is_sparse || f.is_bare() => 1.0,
-        (None, None) => hides(enough(shape, coverage(atlas, atlas.nearest(usual_m)))),
+        (None, None) => hides(enough(relief, coverage(atlas, atlas.nearest(usual_m)))),
     };
-    Ok(Plan { shape, twig, is_instanced, room, most, enlarge, usual_m, cover })
+    Ok(Plan { relief, twig, is_instanced, room, most, enlarge, card_m, cover })
 }
 
 /// Triangles that the cards of a leafy tree take though they may take `most`; `None` where that may be all of

@@ -51,10 +51,10 @@ fn order(
         level,
         is_meshed: &[],
         stalks: Stalks::None,
+        nearness: 1.0,
         budget,
         detail: true,
         twigs: TwigsAs::Merged,
-        is_flat: false,
         is_on_dead: false,
         share: 1.0,
         larger: [1.0; HEIGHTS],
@@ -649,13 +649,17 @@ fn leafy_twigs_hang_near_wood() {
             }
         }
         let wood = RTree::bulk_load(wood);
-        // Of five corners: the middle, then left and right of the foot and of the tip.
-        let cards = tree.foliage.position.as_chunks::<5>().0.iter().step_by(4);
+        // Of four corners: left and right of the foot and of the tip; stalks come after them.
+        let leaves = &tree.foliage;
+        let cards = leaves.uv.iter().position(|uv| *uv == atlas.wood());
+        let cards = cards.unwrap_or(leaves.uv.len()) / 4;
+        assert!(leaves.index[..6 * cards].iter().all(|i| (*i as usize) < 4 * cards), "{name}");
+        let cards = leaves.position.as_chunks::<4>().0[..cards].iter().step_by(4);
         let gap = |p: &Vec3| {
             let nearest = wood.nearest_neighbor((*p).into()).expect("wood");
             p.distance(Vec3::from(*nearest))
         };
-        let mut gaps: Vec<f32> = cards.map(|card| gap(&card[1].midpoint(card[2]))).collect();
+        let mut gaps: Vec<f32> = cards.map(|card| gap(&card[0].midpoint(card[1]))).collect();
         gaps.sort_by(f32::total_cmp);
         let half_m = gaps[gaps.len() / 2];
         assert!(half_m < most_m, "{name}: half the twigs are {half_m} m and more from wood");
@@ -701,14 +705,16 @@ fn a_spire_is_as_wide_near_its_top_at_any_budget() {
     }
 }
 
-/// Few cards hang on wood that a budget left out, further from the rest than they are long.
+/// Few cards hang on wood that a budget left out, further from the rest, and from stalks, than they are long.
 #[test]
 fn cards_hang_on_wood_that_is_there() {
     for name in ["larix_sibirica", "betula_pendula"] {
         let (skeleton, species, atlas) = grown_with(name, None, 3_333, 1);
         let tree = build(&skeleton, &species, &atlas, &MeshOptions::HERO, Seed::new(1)).unwrap();
         let places = tree.woods().into_iter().flat_map(|s| &s.position);
-        let mut wood: Vec<glam::Vec3> = places.copied().collect();
+        let of_leaves = tree.foliage.position.iter().zip(&tree.foliage.uv);
+        let of_stalks = of_leaves.filter(|(_, uv)| **uv == atlas.wood()).map(|(at, _)| at);
+        let mut wood: Vec<glam::Vec3> = places.chain(of_stalks).copied().collect();
         wood.sort_by(|a, b| a.z.total_cmp(&b.z));
         const FAR_M: f32 = 0.25;
         let is_near = |p: &glam::Vec3| {

@@ -366,6 +366,8 @@ pub struct MeshOptions {
     pub detail: bool,
     pub junctions: Junctions,
     pub twigs: TwigsAs,
+    /// Seen from farther than another form of the tree, whatever its triangles.
+    pub is_coarser: bool,
 }
 
 /// How leaves, or a user's own twigs, are stored.
@@ -390,15 +392,26 @@ pub enum Junctions {
 }
 
 impl MeshOptions {
-    /// Whether cards have two triangles each where those with relief would not be all.
-    fn is_flat(&self) -> bool {
-        let is_small = self.triangle_budget.is_some_and(|b| b < FLAT_BELOW);
-        self.foliage == FoliageLevel::Sparse || self.foliage == FoliageLevel::Cards && is_small
+    /// Whether leaves are cards from so far that one does not see what they hang from.
+    fn has_far_cards(&self) -> bool {
+        let is_far = self.is_coarser || self.triangle_budget.is_some_and(|b| b < FAR_BELOW);
+        self.foliage == FoliageLevel::Sparse || self.foliage == FoliageLevel::Cards && is_far
     }
 
     /// Whether leaves are cards from so near that one sees what they hang from.
     fn has_near_cards(&self) -> bool {
-        self.foliage == FoliageLevel::Cards && !self.is_flat()
+        self.foliage == FoliageLevel::Cards && !self.has_far_cards()
+    }
+
+    /// From what is looked at from afar, 0, to what is from near.
+    fn nearness(&self) -> f32 {
+        let budget = self.triangle_budget.unwrap_or(NEAR_FROM);
+        let way = budget.saturating_sub(FAR_BELOW) as f32 / (NEAR_FROM - FAR_BELOW) as f32;
+        match self.foliage {
+            _ if self.has_far_cards() => 0.0,
+            FoliageLevel::Cards => way.min(1.0),
+            _ => 1.0,
+        }
     }
 
     /// Without leaves where none is borne, when shoots are the crown, and where cards without a picture would show
@@ -435,6 +448,7 @@ impl MeshOptions {
         detail: false,
         junctions: Junctions::Welded,
         twigs: TwigsAs::Merged,
+        is_coarser: false,
     };
     /// A tree seen from near.
     pub const HERO: MeshOptions = MeshOptions {
@@ -449,19 +463,20 @@ impl MeshOptions {
         detail: true,
         junctions: Junctions::Welded,
         twigs: TwigsAs::Merged,
+        is_coarser: false,
     };
 }
 
-/// Share of a budget that the wood of a leafy tree may take, with leaves as geometry or cards in relief,
-/// with flat cards, and with bare twigs, which hide none of it.
+/// Share of a budget that the wood of a leafy tree may take, with leaves as geometry or near cards, with cards from
+/// afar, and with bare twigs, which hide none of it.
 const WOOD_SHARE: f32 = 0.45;
-const WOOD_SHARE_FLAT: f32 = 0.24;
+const WOOD_SHARE_FAR: f32 = 0.24;
 const WOOD_SHARE_BARE: f32 = 0.55;
 /// Share of its leaves below which a crown shows its branches.
 const THIN: f32 = 0.5;
-/// A tree of fewer triangles has flat cards: twice as many keep its outline better than domed ones,
-/// and little of its wood shows from where it is seen.
-const FLAT_BELOW: usize = 12_000;
+/// Of a tree of fewer triangles little of the wood shows from where it is seen; one of so many is seen from near.
+const FAR_BELOW: usize = 12_000;
+const NEAR_FROM: usize = 20_000;
 
 /// Meshes a skeleton. `atlas` says where the twigs lie in the species' leaf picture. Same
 /// arguments, same bytes.
@@ -492,8 +507,8 @@ pub fn build(
         let usual = match level {
             FoliageLevel::None => b,
             _ if species.foliage.is_bare() => of(WOOD_SHARE_BARE),
-            _ if options.is_flat() && !options.is_thin() => of(WOOD_SHARE_FLAT),
-            _ => of(WOOD_SHARE),
+            _ if options.is_thin() => of(WOOD_SHARE),
+            _ => of(WOOD_SHARE_FAR + (WOOD_SHARE - WOOD_SHARE_FAR) * options.nearness()),
         };
         // What cards leave over is for more branches.
         let all = |in_leaf: usize| (in_leaf as f32 / (1.0 - dry_share)) as usize;
@@ -599,8 +614,8 @@ fn order<'a>(
         budget: options.triangle_budget.map(|b| b.saturating_sub(beside.triangles)),
         is_meshed: beside.is_meshed,
         stalks: foliage::stalks(species, options),
+        nearness: options.nearness(),
         detail: options.detail,
-        is_flat: options.is_flat(),
         twigs: options.twigs,
         is_on_dead: false,
         share: options.leaf_share,

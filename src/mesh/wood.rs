@@ -76,7 +76,7 @@ pub fn wood(
     let bark = &species.bark;
     let is_bare = options.foliage == FoliageLevel::None || species.foliage.is_bare();
     // Where leaves are near enough that one sees what they hang from.
-    let by_place = budget.is_some() && !is_bare && !options.is_flat();
+    let by_place = budget.is_some() && !is_bare && !options.has_far_cards();
     let chains = Chains::new(skeleton, by_place);
     let height_m = skeleton.height_m();
     let foot_m = skeleton.radius_m.first().copied().unwrap_or(0.0).max(1e-6);
@@ -87,7 +87,7 @@ pub fn wood(
         young,
         least: Least::within(reach_m(&skeleton.position)),
         is_welded: options.junctions == Junctions::Welded,
-        stem: if options.is_flat() { Stem::TRUE } else { Stem::NEAR },
+        stem: if options.has_far_cards() { Stem::TRUE } else { Stem::NEAR },
         is_bare,
         options: *options,
     };

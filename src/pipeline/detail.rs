@@ -36,7 +36,7 @@ impl WoodJob {
     }
 }
 
-/// The same with fewer triangles.
+/// The same with fewer triangles, for those who see it from farther.
 pub fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
     let preset = mesh_options(triangles);
     MeshOptions {
@@ -45,6 +45,7 @@ pub fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
         tolerance_m: options.tolerance_m.max(preset.tolerance_m),
         sagitta_m: f32::INFINITY,
         detail: options.detail && preset.detail,
+        is_coarser: true,
         ..*options
     }
 }

@@ -2,8 +2,9 @@
 //! or a picture of a twig alone. Read once, when the rule file is; what leaves here is sound.
 //!
 //! Every line is looked at first (see `lines`). Several pictures (`map_Kd`, cut by `map_d`) and plain colours are laid
-//! side by side in one; then no texture coordinate may leave its picture. Polygons are cut into fans.
+//! side by side in one; then no texture coordinate may leave its picture. Polygons are cut into triangles (see `faces`).
 
+mod faces;
 mod lines;
 mod turn;
 
@@ -99,7 +100,7 @@ pub fn model(path: &Path) -> Result<Model> {
     let text = if faces.is_mixed { alike(&text) } else { text };
     let options = tobj::LoadOptions {
         single_index: true,
-        triangulate: true,
+        triangulate: false,
         ignore_points: true,
         ignore_lines: true,
     };
@@ -178,7 +179,7 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
         let first = model.position.len() as u32;
         let n = mesh.positions.len() / 3;
         model.position.extend_from_slice(mesh.positions.as_chunks().0);
-        model.index.extend(mesh.indices.iter().map(|i| i + first));
+        model.index.extend(faces::triangles(mesh).iter().map(|i| i + first));
         if mesh.normals.len() == 3 * n {
             model.normal.extend_from_slice(mesh.normals.as_chunks().0);
         }

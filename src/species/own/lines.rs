@@ -7,6 +7,7 @@ use crate::diagnostic::{Error, Result};
 
 /// What a model may have.
 const MAX_TRIANGLES: usize = 200_000;
+const MAX_CORNERS: usize = 4_096;
 /// No number of a model is as large.
 const FARTHEST: f32 = 1e6;
 /// The texture coordinate of corners that have none, where others do.
@@ -91,6 +92,10 @@ pub fn vet_obj(path: &Path, text: &str) -> Result<Faces> {
                 }
                 if corners < 3 {
                     return fail(format!("a face of {corners} corners"), "give it three or more");
+                }
+                if corners > MAX_CORNERS {
+                    let what = format!("a face of {corners} corners, more than {MAX_CORNERS}");
+                    return fail(what, "export the mesh as triangles");
                 }
                 faces.triangles += corners - 2;
                 if faces.triangles > MAX_TRIANGLES {

@@ -279,6 +279,10 @@ fn faults_are_told_with_file_line_and_remedy() {
             "`model`: twig.obj:13: a face of 2 corners; give it three or more",
         ),
         (
+            spoilt("2/2/1 3/3/1", &"2/2/1 3/3/1 ".repeat(2048)),
+            "`model`: twig.obj:13: a face of 4098 corners, more than 4096; export the mesh as triangles",
+        ),
+        (
             spoilt("f 1/1/1 2/2/1 3/3/1 4/4/1", ""),
             "`model`: twig.obj: it has no faces; export a mesh, as triangles",
         ),
