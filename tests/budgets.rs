@@ -7,10 +7,11 @@ use larix::skeleton::{Detail, Target, grow};
 use larix::{species, texture};
 use serde_json::Value;
 
-/// Cards stand for more leaves, and are larger, the fewer there are.
+/// Cards stand for more leaves, and are larger, the fewer there are; from 12,000 triangles on some give way to
+/// stalks, which hold others to the wood.
 #[test]
-fn more_triangles_enlarge_no_leaves() {
-    for name in ["quercus_robur", "betula_pendula", "picea_abies"] {
+fn more_triangles_enlarge_leaves_by_little() {
+    for name in ["quercus_robur", "betula_pendula", "tilia_cordata"] {
         let species = species::load(name).unwrap();
         let detail = Detail { max_nodes: 3_333, attractor_spacing_m: None };
         let target = Target::FromSpecies { height_m: None };
@@ -21,7 +22,7 @@ fn more_triangles_enlarge_no_leaves() {
             let options = MeshOptions { triangle_budget: Some(budget), ..MeshOptions::HERO };
             let tree = mesh::build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
             let scale = tree.twig_scale;
-            assert!(scale < 1.1 * least, "{name}, {budget}: {scale} after {least}");
+            assert!(scale < 1.2 * least, "{name}, {budget}: {scale} after {least}");
             least = least.min(scale);
         }
     }
@@ -30,7 +31,7 @@ fn more_triangles_enlarge_no_leaves() {
 #[test]
 fn each_coarser_level_is_farther_off() {
     let folder = tempfile::tempdir().unwrap();
-    for (name, triangles) in [("quercus_robur", "31000"), ("tilia_cordata", "60000")] {
+    for (name, triangles) in [("quercus_robur", "31000"), ("picea_abies", "60000")] {
         let out = folder.path().join(name).with_extension("glb");
         let args = ["tree", name, "--triangles", triangles, "--lods", "3", "--texture", "64"];
         let args = args.into_iter().chain(["--json", "--quiet", "-o"]).chain(out.to_str());

@@ -26,7 +26,7 @@ use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
 use crate::species::Species;
-use crate::species::model::Foliage as Leaves;
+use crate::species::model::{Foliage as Leaves, LeafShape};
 use crate::texture::Atlas;
 
 /// What stands for the leaves, from nothing to every one of them.
@@ -71,6 +71,10 @@ const CLUMPED: f32 = 0.5;
 
 /// Forms of twigs that are stored once each, at most.
 const MOST_FORMS: usize = 48;
+
+/// Share of what cards left out for stalks would have hidden that the others are larger by, in area: the rest lay
+/// behind these.
+const HIDDEN: f32 = 0.5;
 
 /// Heights in the crown, evenly from its foot to its top, at which the size of twigs is set.
 pub const HEIGHTS: usize = 6;
@@ -226,7 +230,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         let all = kept.len() as f32;
         // Where cards are left out, others may become such as carry more.
         loop {
-            made_up = (all / kept.len().max(1) as f32).sqrt();
+            made_up = (1.0 + HIDDEN * (all / kept.len().max(1) as f32 - 1.0)).sqrt();
             // However a card is moved as far as it is longer than a twig.
             let hangs = |s: &Spot| {
                 let away_m = hangs_from(skeleton, order, s).distance(s.at);
@@ -333,7 +337,7 @@ impl Relief {
     fn falls_to(self, spots: &[Spot], left: usize, seed: Seed) -> Vec<bool> {
         let more = self.shape.room().triangles.saturating_sub(self.room().triangles);
         let share = (self.share * spots.len() as f32) as usize;
-        let count = if more == 0 { spots.len() } else { share.min(left / more) };
+        let count = left.checked_div(more).map_or(spots.len(), |most| share.min(most));
         let is_all = self.share > 0.0 && count == spots.len();
         let mut is_raised = vec![is_all; spots.len()];
         if count > 0 && !is_all {
@@ -393,11 +397,11 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
         shape: Shape::of(f, false),
         share: part as f32 / parts.max(1) as f32,
     };
-    // Of two sheets that share their place there are as many, and needles stand about their shoot.
+    // From near, pines' needles stand about their shoot, and sprays of spruces and firs hang as one.
     let is_near = parts == RELIEF_PARTS && order.nearness > 0.0;
-    let is_sheets = is_near && matches!(light(0).shape, Shape::Crossed { .. });
+    let is_raised = is_near && matches!(f.shape, LeafShape::Bundle | LeafShape::Needle);
     let mixed = || (1..=parts).rev().map(light).find(fits).unwrap_or(light(0));
-    let relief = if is_sheets { light(parts) } else { mixed() };
+    let relief = if is_raised { light(parts) } else { mixed() };
     let fine = Relief { shape: Shape::of(f, true), share: 1.0 };
     let is_fine = order.detail && relief.share == 1.0 && fits(&fine);
     let relief = if is_fine { fine } else { relief };

@@ -5,6 +5,7 @@ use super::foliage::{Order, Stalks, foliage};
 use super::tests::SPECIES;
 use super::*;
 use crate::skeleton::{Detail, Target, grow};
+use crate::species::model::LeafShape;
 use crate::species::{self, own};
 use crate::texture::atlas::Cell;
 
@@ -649,12 +650,14 @@ fn leafy_twigs_hang_near_wood() {
             }
         }
         let wood = RTree::bulk_load(wood);
-        // Of four corners: left and right of the foot and of the tip; stalks come after them.
+        // Left and right of the foot and of the tip, after the middle of those that are raised; stalks come last.
         let leaves = &tree.foliage;
-        let cards = leaves.uv.iter().position(|uv| *uv == atlas.wood());
-        let cards = cards.unwrap_or(leaves.uv.len()) / 4;
-        assert!(leaves.index[..6 * cards].iter().all(|i| (*i as usize) < 4 * cards), "{name}");
-        let cards = leaves.position.as_chunks::<4>().0[..cards].iter().step_by(4);
+        let corners = if species.foliage.shape == LeafShape::Needle { 5 } else { 4 };
+        let end = leaves.uv.iter().position(|uv| *uv == atlas.wood());
+        let end = end.unwrap_or(leaves.uv.len());
+        assert_eq!(end % corners, 0, "{name}");
+        let cards = leaves.position[..end].chunks_exact(corners).step_by(4);
+        let cards = cards.map(|card| &card[corners - 4..]);
         let gap = |p: &Vec3| {
             let nearest = wood.nearest_neighbor((*p).into()).expect("wood");
             p.distance(Vec3::from(*nearest))
