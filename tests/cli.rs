@@ -64,7 +64,7 @@ fn a_crown_of_too_few_cards_is_told_thin() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("oak.glb");
     let said = |height_m: &str| {
-        let args = ["tree", "quercus_robur", "--triangles", "20000", "--texture", "64", "--height"];
+        let args = ["tree", "quercus_robur", "--triangles", "5000", "--texture", "64", "--height"];
         let run = larix(&[&args[..], &[height_m, "-o", out.to_str().unwrap()]].concat());
         assert!(run.status.success(), "{}", text(&run.stderr));
         text(&run.stderr)
