@@ -6,7 +6,8 @@
 //! shell around all of them.
 //!
 //! With a budget, twigs are thinned evenly (inside the crown first) and the rest enlarged, with
-//! boughs of the atlas in place of twigs. Normals lean to the crown's outside, for soft shading,
+//! boughs of the atlas in place of twigs. Cards are flat, and as small as may be, until all leaves are stood for; what
+//! triangles are left raise some of them. Normals lean to the crown's outside, for soft shading,
 //! and never away from the front of their triangles.
 
 use std::array;
@@ -290,7 +291,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         }
         (None, None) => {
             let left = order.triangles().saturating_sub(kept.len() * room.triangles + stalks);
-            let is_raised = relief.falls_to(&kept, left, seed);
+            let is_raised = relief.chosen(&kept, left, seed);
             let (kept, shape) = (kept.as_slice(), relief.shape);
             let usual_m = usual_picture_m(order.atlas, card_m * made_up);
             let cards = Cards { skeleton, order, kept, is_raised, shape, usual_m };
@@ -308,7 +309,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
 /// Cards of which some are flat.
 #[derive(Clone, Copy)]
 struct Relief {
-    /// Of the others, which are so large a share.
+    /// Of those that are raised, and how large a share they may be.
     shape: Shape,
     share: f32,
 }
@@ -334,7 +335,7 @@ impl Relief {
 
     /// Which of some cards have relief, where so many triangles are left beside [`Relief::room`] for each; with
     /// more triangles the same ones, and others.
-    fn falls_to(self, spots: &[Spot], left: usize, seed: Seed) -> Vec<bool> {
+    fn chosen(self, spots: &[Spot], left: usize, seed: Seed) -> Vec<bool> {
         let more = self.shape.room().triangles.saturating_sub(self.room().triangles);
         let share = (self.share * spots.len() as f32) as usize;
         let count = left.checked_div(more).map_or(spots.len(), |most| share.min(most));
@@ -399,9 +400,9 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
     };
     // From near, pines' needles stand about their shoot, and sprays of spruces and firs hang as one.
     let is_near = parts == RELIEF_PARTS && order.nearness > 0.0;
-    let is_raised = is_near && matches!(f.shape, LeafShape::Bundle | LeafShape::Needle);
+    let all_raised = is_near && matches!(f.shape, LeafShape::Bundle | LeafShape::Needle);
     let mixed = || (1..=parts).rev().map(light).find(fits).unwrap_or(light(0));
-    let relief = if is_raised { light(parts) } else { mixed() };
+    let relief = if all_raised { light(parts) } else { mixed() };
     let fine = Relief { shape: Shape::of(f, true), share: 1.0 };
     let is_fine = order.detail && relief.share == 1.0 && fits(&fine);
     let relief = if is_fine { fine } else { relief };
