@@ -9,7 +9,7 @@ use super::cover::{self, Subject};
 use super::detail::coarser;
 use super::impostors::{self, Baked};
 use super::kept;
-use super::model::{Look, parts_of};
+use super::model::{self, Look, parts_of};
 use crate::cache::{Cache, Key};
 use crate::diagnostic::Result;
 use crate::lod::stored::Decides;
@@ -125,6 +125,8 @@ pub struct Row {
     pub model: String,
     pub level: String,
     pub triangles: usize,
+    /// Of these, leaves and needles, or what stands for them and for twigs.
+    pub leaf_triangles: usize,
     /// Farthest that its silhouette is from the finest form's; 0 for that itself.
     pub silhouette_worst_m: f32,
     pub silhouette_rms_m: f32,
@@ -340,12 +342,15 @@ pub(super) fn bounds(parts: &[Part]) -> Box3 {
 /// All forms of all models, for the report.
 pub fn rows(scene: &Scene) -> Vec<Row> {
     let count = |parts: &[Part]| parts.iter().map(|p| p.surface.triangles()).sum();
+    let leaves =
+        |part: &Part| if part.name == model::FOLIAGE { part.surface.triangles() } else { 0 };
     let mut rows = Vec::new();
     for p in scene.prototypes.iter().filter(|p| !p.levels.is_empty()) {
         rows.push(Row {
             model: p.name.clone(),
             level: "LOD0".into(),
             triangles: count(&p.parts),
+            leaf_triangles: p.parts.iter().map(leaves).sum(),
             silhouette_worst_m: 0.0,
             silhouette_rms_m: 0.0,
         });
@@ -353,6 +358,7 @@ pub fn rows(scene: &Scene) -> Vec<Row> {
             model: p.name.clone(),
             level: l.name.clone(),
             triangles: count(&l.parts),
+            leaf_triangles: l.parts.iter().map(leaves).sum(),
             silhouette_worst_m: l.silhouette.worst_m,
             silhouette_rms_m: l.silhouette.rms_m,
         }));
@@ -361,29 +367,41 @@ pub fn rows(scene: &Scene) -> Vec<Row> {
 }
 
 /// The outcome of the stage that made these forms: the worst error of any. Warns of forms that are much
-/// farther from the finest than a coarser one: a viewer that goes by error never shows them.
+/// farther from the finest than a coarser one, as a viewer that goes by error never shows them, and of
+/// those that have lost all leaves.
 pub fn outcome(rows: &[Row], models: usize, warnings: &mut Vec<String>) -> Outcome {
-    let needless: Vec<&[Row]> =
-        rows.chunk_by(|a, b| a.model == b.model).filter(|of| !overtaken(of).is_empty()).collect();
-    if let Some(&first) = needless.first() {
-        let names: Vec<&str> = overtaken(first).iter().map(|r| &r.level[..]).collect();
-        let others = match needless.len() - 1 {
-            0 => String::new(),
-            n => format!(", and so it is with {n} more"),
-        };
-        warnings.push(format!(
-            "{}: a coarser form is much nearer to the finest than {}{others}; give more --triangles, or \
-             fewer --lods",
-            first[0].model,
-            names.join(", "),
-        ));
-    }
+    warn(rows, overtaken, "a coarser form is much nearer to the finest than", warnings);
+    warn(rows, leafless, "no triangles are left for leaves and twigs in", warnings);
     let worst = rows.iter().map(|r| r.silhouette_worst_m).fold(0.0, f32::max);
     Outcome::items(models, "models", rows.len(), "forms").error(ErrorMeasure::new(
         "worst silhouette",
         worst.into(),
         "m",
     ))
+}
+
+/// Names the forms of the first model that has `faulty` ones, and says how many models more have.
+fn warn(rows: &[Row], faulty: fn(&[Row]) -> Vec<&Row>, fault: &str, warnings: &mut Vec<String>) {
+    let models = rows.chunk_by(|a, b| a.model == b.model);
+    let mut found = models.map(faulty).filter(|of| !of.is_empty());
+    let Some(first) = found.next() else { return };
+    let names: Vec<&str> = first.iter().map(|r| &r.level[..]).collect();
+    let others = match found.count() {
+        0 => String::new(),
+        n => format!(", and so it is with {n} more"),
+    };
+    warnings.push(format!(
+        "{}: {fault} {}{others}; give more --triangles, or fewer --lods",
+        first[0].model,
+        names.join(", "),
+    ));
+}
+
+/// Of a model's coarser meshes those without leaves, where another has any.
+fn leafless(of: &[Row]) -> Vec<&Row> {
+    let coarser = || of.iter().skip(1).filter(|row| row.level != IMPOSTOR);
+    let is_leafy = of.iter().take(1).chain(coarser()).any(|row| row.leaf_triangles > 0);
+    coarser().filter(|row| is_leafy && row.leaf_triangles == 0).collect()
 }
 
 /// Of a model's forms from fine to coarse, those that are much farther from the finest than a coarser mesh,
@@ -417,6 +435,7 @@ pub(super) mod tests {
             model: model.into(),
             level: level.into(),
             triangles: 0,
+            leaf_triangles: 0,
             silhouette_worst_m: worst,
             silhouette_rms_m: rms,
         };
@@ -444,6 +463,32 @@ pub(super) mod tests {
               or fewer --lods"
             ]
         );
+    }
+
+    #[test]
+    fn forms_that_have_lost_their_leaves_are_told() {
+        let row = |level: &str, leaf_triangles: usize| Row {
+            model: "rowan_01".into(),
+            level: level.into(),
+            triangles: 100,
+            leaf_triangles,
+            silhouette_worst_m: 1.0,
+            silhouette_rms_m: 0.1,
+        };
+        let told = |leaves: [usize; 4]| {
+            let levels = ["LOD0", "LOD1", "LOD2", IMPOSTOR];
+            let rows: Vec<Row> = levels.into_iter().zip(leaves).map(|(l, n)| row(l, n)).collect();
+            let mut told = Vec::new();
+            outcome(&rows, 1, &mut told);
+            told
+        };
+        assert_eq!(told([50, 20, 8, 0]), [""; 0]);
+        assert_eq!(told([0; 4]), [""; 0], "a bare tree");
+        let lost = "rowan_01: no triangles are left for leaves and twigs in LOD2; give more \
+                    --triangles, or fewer --lods";
+        assert_eq!(told([50, 20, 0, 0]), [lost]);
+        // Twigs of the finest that are stored once are in none of its parts.
+        assert_eq!(told([0, 20, 0, 0]), [lost]);
     }
 
     /// Where a level plane cuts closed wood: each line's ends, and a way out of the wood there.

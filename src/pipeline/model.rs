@@ -211,6 +211,9 @@ pub(super) fn empty_scene(species: &Species, textures: TreeTextures) -> (Scene, 
     (scene, look)
 }
 
+/// The part that is leaves, or what stands for them and for twigs.
+pub(super) const FOLIAGE: &str = "foliage";
+
 pub(super) fn parts_of(mut mesh: TreeMesh, look: Look) -> Vec<Part> {
     // Beside leaves that have their picture, of one part with them.
     let mut dry = std::mem::take(&mut mesh.dry);
@@ -223,7 +226,7 @@ pub(super) fn parts_of(mut mesh: TreeMesh, look: Look) -> Vec<Part> {
         part("upper_wood", mesh.upper_wood, look.upper_bark),
         part("transition_wood", mesh.transition_wood, look.transition_bark),
         part("twig_wood", mesh.twig_wood, look.twig_bark),
-        part("foliage", mesh.foliage, if mesh.is_hull { look.crown } else { look.leaf }),
+        part(FOLIAGE, mesh.foliage, if mesh.is_hull { look.crown } else { look.leaf }),
         part("dry_twigs", dry, look.leaf),
         part("fruit", mesh.fruit, look.fruit),
     ]

@@ -6,7 +6,7 @@
 //! loses some of its twigs. An old dead tree has lost its top, its thin twigs and the ends of its branches: those of
 //! conifers, in which resin is, last for longer. Pure: the same arguments give the same result.
 
-use super::Skeleton;
+use super::{Axis, Skeleton};
 use crate::seed::{Draws, Seed};
 use crate::species::model::Kind;
 use crate::species::state::Condition;
@@ -112,6 +112,11 @@ fn dried(s: &Skeleton, share: f32, wood: &Decline, seed: Seed) -> Skeleton {
     out.subset(&keep)
 }
 
+/// Sine of the slope from which on a side branch hangs, and how much less of such a one is left: what hangs
+/// is thin and sways until it breaks.
+const HANGS: f32 = 0.6;
+const HANGING: f32 = 0.25;
+
 /// Dead for years.
 fn broken(s: &Skeleton, wood: &Decline, seed: Seed) -> Skeleton {
     let is_stem = s.is_stem();
@@ -127,7 +132,10 @@ fn broken(s: &Skeleton, wood: &Decline, seed: Seed) -> Skeleton {
         let held = match axis.order {
             0 => 1.0,
             1 => within(wood.branch, &mut draws),
-            2 if draws.unit() < wood.sides => within(wood.side, &mut draws),
+            2 if draws.unit() < wood.sides => {
+                let held = within(wood.side, &mut draws);
+                if falls(s, &axis) > HANGS { HANGING * held } else { held }
+            }
             _ => 0.0,
         };
         let left = (held * axis.nodes.len() as f32).ceil() as usize;
@@ -146,6 +154,13 @@ fn broken(s: &Skeleton, wood: &Decline, seed: Seed) -> Skeleton {
     out.subset(&keep)
 }
 
+/// How much lower an axis ends than it begins, over the way between.
+fn falls(s: &Skeleton, axis: &Axis<'_>) -> f32 {
+    let (Some(base), Some(&tip)) = (axis.base, axis.nodes.last()) else { return 0.0 };
+    let way = s.position[base as usize] - s.position[tip as usize];
+    way.z / way.length().max(1e-6)
+}
+
 fn within([low, high]: [f32; 2], draws: &mut Draws) -> f32 {
     draws.between(low, high)
 }
@@ -153,7 +168,7 @@ fn within([low, high]: [f32; 2], draws: &mut Draws) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::skeleton::{Axis, Detail, Target, grow};
+    use crate::skeleton::{Detail, Target, grow};
     use crate::species::load;
 
     fn grown(name: &str) -> (Skeleton, Kind) {
@@ -177,6 +192,30 @@ mod tests {
             }
             assert_eq!(in_condition(&healthy, kind, Condition::Healthy, Seed::new(1)), healthy);
         }
+    }
+
+    /// Dry strings straight down are what no tree keeps.
+    #[test]
+    fn whips_of_an_old_dead_tree_hang_no_longer_than_stubs() {
+        let (healthy, kind) = grown("larix_decidua");
+        let mut hung = 0;
+        for seed in 1..6 {
+            let s = in_condition(&healthy, kind, Condition::OldDead, Seed::new(seed));
+            let axes = s.axes();
+            for axis in axes.iter().filter(|axis| axis.order == 2) {
+                let whole = healthy.axes();
+                let of_it = |a: &Axis<'_>| {
+                    let at = |nodes: &[u32], s: &Skeleton| s.position[nodes[0] as usize];
+                    at(a.nodes, &healthy) == at(axis.nodes, &s)
+                };
+                let whole = whole.iter().find(of_it).expect("it stood before");
+                if falls(&healthy, &whole) > HANGS && whole.nodes.len() > 3 {
+                    hung += 1;
+                    assert!(2 * axis.nodes.len() <= whole.nodes.len() + 1, "{axis:?}");
+                }
+            }
+        }
+        assert!(hung > 20, "{hung}");
     }
 
     #[test]

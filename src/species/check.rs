@@ -124,6 +124,10 @@ pub const RANGES: &[(&str, Range)] = &[
     ("bark.lost", Within(0.0, 1.0)),
 ];
 
+/// Sizes over the height of the tree: no plant is more slender or more squat.
+const SHARES_OF_HEIGHT: [(&str, [f64; 2]); 2] =
+    [("size.stem_diameter_m", [0.001, 1.0]), ("size.crown_diameter_m", [0.005, 20.0])];
+
 impl Range {
     /// What is wrong with a number outside, and what to give instead.
     fn fault(self, x: f64) -> Option<(String, String)> {
@@ -174,6 +178,7 @@ pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut 
             }
         }
     }
+    shares_of_height(merged, sources, errors);
     let mut fail = |way: &str, message: String, remedy: &str| {
         let node = way.split('.').try_fold(merged, |node, key| node.get(key)).unwrap_or(merged);
         errors.push(sources.error(&node.place, message, "here").remedy(remedy));
@@ -243,6 +248,31 @@ pub fn ranges(species: &Species, merged: &Node, sources: &Sources, errors: &mut 
             "`order` is empty".into(),
             "give one [[growth.order]] for each branching order, at least one",
         );
+    }
+}
+
+/// Refuses sizes that no tree of that height has, of those within their own ranges.
+fn shares_of_height(merged: &Node, sources: &Sources, errors: &mut Vec<Error>) {
+    let in_range = |way: &str| {
+        let range = RANGES.iter().find(|r| r.0 == way)?.1;
+        let node = reached(merged, way).into_iter().next()?;
+        let x = node.as_number().filter(|x| x.is_finite() && range.fault(*x).is_none())?;
+        Some((x, &node.place, range))
+    };
+    let Some((height_m, height_at, _)) = in_range("size.height_m") else { return };
+    for (way, shares) in SHARES_OF_HEIGHT {
+        let Some((x, size_at, range)) = in_range(way) else { continue };
+        let key = way.rsplit('.').next().unwrap_or(way);
+        let [low, high] = shares.map(|share| share * height_m);
+        // One of another file is as it was there.
+        if (low..=high).contains(&x) || height_at.source != size_at.source {
+            continue;
+        }
+        let most = if let AboveZero(most) = range { most } else { f64::INFINITY };
+        let [low, high] = [low, high.min(most)].map(|m| m as f32);
+        let remedy = format!("give a number from {low} to {high}, or another `height_m`");
+        let message = format!("`{key}` is {x}, of a tree {height_m} m high");
+        errors.push(sources.error(size_at, message, "here").remedy(remedy));
     }
 }
 

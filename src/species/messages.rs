@@ -122,6 +122,16 @@ const CASES: &[(&str, &str, &str)] = &[
     ),
     ("age out of range", "iterations = 3", "iterations = 3\n[size]\nage_years = 0"),
     ("size out of range", "iterations = 3", "iterations = 3\n[size]\nheight_m = -4"),
+    (
+        "thicker than high",
+        "iterations = 3",
+        "iterations = 3\n[size]\nheight_m = 0.5\nstem_diameter_m = 0.7",
+    ),
+    (
+        "thin as a thread",
+        "iterations = 3",
+        "iterations = 3\n[size]\nheight_m = 130\nstem_diameter_m = 0.001",
+    ),
     ("colour out of range", "iterations = 3", "iterations = 3\n[bark]\ncolour = [300, 0, 0]"),
     ("luminance upside down", "[rule]", "luminance = [190, 160]\n[rule]"),
     ("not finite", "iterations = 3", "iterations = 3\n[size]\nheight_m = nan"),
