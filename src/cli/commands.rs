@@ -381,6 +381,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     let table = left_out::table(&left_out::Told {
         scene: &scene,
         levels: &job.levels,
+        foliage,
         has_forms: false,
         pruned,
         clipped: 0,

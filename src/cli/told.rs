@@ -5,7 +5,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use super::args::SceneArgs;
-use super::jobs::{formats, levels_job};
+use super::jobs::{formats, level, levels_job};
 use crate::diagnostic::{Error, Result};
 use crate::export::OutputFile;
 use crate::mesh::FoliageLevel;
@@ -167,6 +167,7 @@ fn forest_left_out(forest: &Forest, typed: &SceneArgs, run: &Recorder) -> Vec<Sa
     left_out::table(&left_out::Told {
         scene: &forest.scene,
         levels: &levels_job(&typed.levels, &formats(&typed.format)),
+        foliage: level(typed.foliage),
         has_forms: typed.camera.is_some(),
         pruned: forest.pruned,
         clipped: forest.clipped,

@@ -442,7 +442,10 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
         return Err(Error::new(told).remedy(more("")));
     }
     let stalks = if order.stalks == Stalks::All { stalk::EACH } else { 0.0 };
-    let each = relief.triangles() + stalks;
+    let each = match model {
+        Some(_) => room.triangles as f32,
+        None => relief.triangles() + stalks,
+    };
     let most = twig.as_ref().map_or((budget as f32 / each) as usize, |t| t.count);
     let most = if is_sparse { most.min(MOST_SPARSE) } else { most };
     let most = if twig.is_none() && model.is_none() { most.min(of_cards(relief)) } else { most };

@@ -405,6 +405,30 @@ fn a_user_s_model_stands_where_twigs_stand() {
     assert_eq!(error.message(), "the model twig.obj has 1 triangles, the crown 0");
 }
 
+/// However many triangles a model has.
+#[test]
+fn a_user_s_model_keeps_to_the_budget() {
+    let (skeleton, mut species, atlas) = grown("quercus_robur");
+    for faces in [2, 3, 24, 100] {
+        let mut model = own::Model::clone(&triangle("fan.obj"));
+        model.index = model.index.repeat(faces);
+        species.own_model = Some(std::sync::Arc::new(model));
+        for (level, budget) in [
+            (FoliageLevel::Cards, 1_000),
+            (FoliageLevel::Cards, 20_000),
+            (FoliageLevel::Sparse, 20_000),
+            (FoliageLevel::Geometry, 100_000),
+        ] {
+            let options =
+                MeshOptions { foliage: level, triangle_budget: Some(budget), ..MeshOptions::HERO };
+            let tree = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
+            let [all, leaves] = [tree.triangles(), tree.foliage.triangles()];
+            assert!(all <= budget, "{level:?}, {faces} faces: {all} of {budget}");
+            assert!(leaves > 0, "{level:?}, {faces} faces: {leaves} of {budget}");
+        }
+    }
+}
+
 /// Cards that may not be larger say what they hide of a crown; enough of them, all.
 #[test]
 fn too_few_cards_say_what_they_hide() {

@@ -185,8 +185,8 @@ pub fn lay_bark(
 
 /// One tube, and how it is joined to others.
 pub struct Shape<'a> {
-    /// The last is the apex.
-    pub rings: &'a [Ring],
+    /// The last is the apex. The first beyond a hole may be raised out of the bark about that.
+    pub rings: &'a mut [Ring],
     /// In the order of their bands.
     pub holes: &'a [Hole],
     /// Closed by a fan where it comes out of none.
@@ -318,13 +318,13 @@ impl<'a> Bark<'a> {
     }
 
     /// Appends a tube.
-    pub fn tube(&mut self, shape: &Shape) {
-        let Shape { rings, mut holes, out_of, .. } = *shape;
-        let n = rings.len();
+    pub fn tube(&mut self, shape: Shape) {
+        let n = shape.rings.len();
         if n < 2 {
             return;
         }
-        self.begin(shape);
+        let Shape { rings, mut holes, out_of, key, .. } = self.begin(shape);
+        let rings = &*rings;
         let start = self.surface.each_ref().map(|s| s.index.len());
         let Bark {
             surface,
@@ -341,7 +341,7 @@ impl<'a> Bark<'a> {
             ..
         } = self;
         let has_collar = out_of.is_some_and(|o| o.has_collar);
-        let mut luck = Luck::new(*seed, shape.key);
+        let mut luck = Luck::new(*seed, key);
         let swing = wind.map(|w| (w, &sway[..]));
         let maker = Maker { rings, base, has_collar, circles, swing };
         facing.begin();
@@ -497,7 +497,7 @@ impl<'a> Bark<'a> {
     }
 
     /// Finds the corners that a tube begins with, its barks, and how its rings swing.
-    fn begin(&mut self, shape: &Shape) {
+    fn begin<'s>(&mut self, shape: Shape<'s>) -> Shape<'s> {
         self.mixes.clear();
         let below_apex = &shape.rings[..shape.rings.len() - 1];
         let young = if shape.is_stem { self.young.of_stem() } else { self.young };
@@ -516,15 +516,41 @@ impl<'a> Bark<'a> {
             );
             let sum = base.corners.iter().map(|corner| Vec3A::from(corner.0)).sum::<Vec3A>();
             base.centre = sum / sides.max(1) as f32;
-            let along = Vec3A::from(shape.rings[1].centre) - base.centre;
-            base.axis = along.normalize_or(shape.rings[0].tangent.into());
+            let beyond = clear(base, shape.rings[1].centre.into());
+            shape.rings[1].centre = beyond.into();
+            base.axis = (beyond - base.centre).normalize_or(shape.rings[0].tangent.into());
         }
         self.sway.clear();
         if let Some(wind) = self.wind {
             let at_m = shape.rings.iter().map(|r| r.arc_m - shape.shift_m);
             wind.along(shape.line, shape.arcs_m, at_m, &mut self.sway);
         }
+        shape
     }
+}
+
+/// A place beyond a hole, raised where it would be within the bark: the facets about a hole lie within the
+/// parent's circles and may face another way, and out of one that faces away a tube would be inside out.
+fn clear(base: &Base, beyond: Vec3A) -> Vec3A {
+    /// Sine of the slope at which it leaves the facets, at least.
+    const LEAST_RISE: f32 = 0.1;
+    let Some(last) = base.corners.last() else { return beyond };
+    let mut before = Vec3A::from(last.0) - base.centre;
+    // Twice the area, as a vector.
+    let mut area = Vec3A::ZERO;
+    for corner in &base.corners {
+        let here = Vec3A::from(corner.0) - base.centre;
+        area += before.cross(here);
+        before = here;
+    }
+    let way = beyond - base.centre;
+    let rise = area.dot(way);
+    let least_sq = LEAST_RISE * LEAST_RISE * area.length_squared() * way.length_squared();
+    if rise > 0.0 && rise * rise >= least_sq {
+        return beyond;
+    }
+    let out = area.normalize_or_zero();
+    beyond + out * (LEAST_RISE * way.length() - out.dot(way))
 }
 
 /// What a tube is made of.

@@ -412,7 +412,7 @@ impl Planner<'_> {
             let foot_m = FLARE * knots[0].radius_m;
             let beyond = (|| self.chains.radius_after(c, foot_m), foot_m + shift_m);
             lay_bark(made, BARK_REPEAT_M, beyond, self.chains.chain[c as usize].axis);
-            bark.tube(&Shape {
+            bark.tube(Shape {
                 rings: made,
                 holes,
                 out_of,

@@ -61,6 +61,16 @@ pub(super) fn detail(triangles: usize, foliage: FoliageLevel) -> Detail {
     Detail { max_nodes: max_nodes as u32, attractor_spacing_m: None }
 }
 
+/// Triangles that coarser forms fall from: cards do with fewer than leaves one by one, and show nothing more with
+/// as many.
+pub(super) fn levels_fall_from(triangles: usize, foliage: FoliageLevel) -> usize {
+    const ENOUGH: usize = 20_000;
+    match foliage {
+        FoliageLevel::Geometry => (triangles / 10).max(ENOUGH).min(triangles),
+        _ => triangles,
+    }
+}
+
 /// Triangles of cards for which as many nodes are grown as for these of `foliage`.
 pub(super) fn like_with_cards(triangles: usize, foliage: FoliageLevel) -> usize {
     match foliage {

@@ -5,9 +5,9 @@
 //! has no measured time, and what a level covers is looked at many times until it is right. Packing a light
 //! map has no rate of a run's own: it takes much longer than anything that was done.
 
-use super::levels::{LevelsJob, SHARES, share};
+use super::levels::{LevelsJob, SHARES, triangles_of};
 use super::view::Chosen;
-use crate::mesh::{Surface, lightmap};
+use crate::mesh::{FoliageLevel, Surface, lightmap};
 use crate::report::StageRecord;
 use crate::scene::{LeftOut, ValidScene};
 
@@ -27,6 +27,7 @@ pub struct Saved {
 pub struct Told<'a> {
     pub scene: &'a ValidScene,
     pub levels: &'a LevelsJob,
+    pub foliage: FoliageLevel,
     /// Whether forms were made for a camera to choose among.
     pub has_forms: bool,
     pub pruned: LeftOut,
@@ -100,8 +101,8 @@ pub fn table(told: &Told<'_>) -> Vec<Saved> {
             let surfaces = || model.parts.iter().map(|p| &p.surface);
             let triangles = surfaces().map(Surface::triangles).sum();
             let bytes: u64 = surfaces().map(Surface::bytes).sum();
-            let shares = (made..SHARES.len()).map(|k| share(triangles, k));
-            bytes as f64 * f64::from(shares.sum::<f32>())
+            let more = (made..SHARES.len()).map(|k| triangles_of(triangles, told.foliage, k));
+            bytes as f64 * more.sum::<usize>() as f64 / triangles.max(1) as f64
         })
         .sum();
     let meshing_s = seconds("mesh") * bytes / geometry.max(1) as f64;

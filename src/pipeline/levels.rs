@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::coarsest;
 use super::cover::{self, Subject};
-use super::detail::coarser;
+use super::detail::{coarser, levels_fall_from};
 use super::impostors::{self, Baked};
 use super::kept;
 use super::model::{self, Look, parts_of};
@@ -14,7 +14,7 @@ use crate::cache::{Cache, Key};
 use crate::diagnostic::Result;
 use crate::lod::stored::Decides;
 use crate::lod::{self, Silhouettes, Views, impostor};
-use crate::mesh::{MeshOptions, TreeMesh, WindProfile, p18};
+use crate::mesh::{FoliageLevel, MeshOptions, TreeMesh, WindProfile, p18};
 use crate::render::capture::Sitter;
 use crate::report::{ErrorMeasure, Outcome};
 use crate::scene::{
@@ -35,7 +35,7 @@ pub struct LevelsJob {
 }
 
 /// Triangles of LOD1, LOD2, LOD3 over those of the finest form: 20,000 give 8,000, 3,000 and 500.
-/// Of small trees [`share`] gives more.
+/// Of small trees [`share`] gives more; of leaves one by one [`levels_fall_from`] tells.
 pub const SHARES: [f32; 3] = [0.4, 0.15, 0.025];
 
 /// Triangles below which a crown of cards falls into pieces, and two cones and a cylinder are closer to it.
@@ -45,6 +45,12 @@ const LEAST: f32 = 250.0;
 pub fn share(most: usize, k: usize) -> f32 {
     let least = LEAST / most.max(1) as f32 / FALL.powi((SHARES.len() - 1 - k) as i32);
     SHARES[k].max(least.min(FALL.powi(k as i32 + 1)))
+}
+
+/// Triangles of level `k` + 1 of a tree whose finest form has `most` with this foliage.
+pub fn triangles_of(most: usize, foliage: FoliageLevel, k: usize) -> usize {
+    let from = levels_fall_from(most, foliage);
+    (from as f32 * share(from, k)) as usize
 }
 
 /// The name of the last form.
@@ -71,15 +77,16 @@ pub fn meshes(
 ) -> Result<Vec<TreeMesh>> {
     work::count(Work::CoarserForms, meshed);
     let mut out = vec![subject.mesh(options)?];
-    let mut forms = Vec::new();
+    let mut forms: Vec<MeshOptions> = Vec::new();
     let mut is_full = true;
     for k in 0..meshed.min(SHARES.len()) {
         let form = match (options.triangle_budget, out.last()) {
             (Some(most), Some(finer)) => {
-                let used = finer.triangles();
-                let given = forms.last().unwrap_or(options).triangle_budget.unwrap_or(most);
+                let even = triangles_of(most, options.foliage, k);
+                let most = levels_fall_from(most, options.foliage);
+                let used = finer.triangles().min(most);
+                let given = forms.last().and_then(|form| form.triangle_budget).unwrap_or(most);
                 is_full &= used as f32 > FULL * given as f32;
-                let even = (most as f32 * share(most, k)) as usize;
                 let triangles = if is_full { even } else { less(most, used, k) };
                 MeshOptions { triangle_budget: Some(triangles), ..coarser(options, even) }
             }
@@ -366,11 +373,11 @@ pub fn rows(scene: &Scene) -> Vec<Row> {
     rows
 }
 
-/// The outcome of the stage that made these forms: the worst error of any. Warns of forms that are much
-/// farther from the finest than a coarser one, as a viewer that goes by error never shows them, and of
-/// those that have lost all leaves.
+/// The outcome of the stage that made these forms: the worst error of any. Warns of forms that a viewer should not
+/// show: farther from the finest than a coarser one, of no fewer triangles than a finer one, or without leaves.
 pub fn outcome(rows: &[Row], models: usize, warnings: &mut Vec<String>) -> Outcome {
     warn(rows, overtaken, "a coarser form is much nearer to the finest than", warnings);
+    warn(rows, as_heavy, "no triangles are saved by", warnings);
     warn(rows, leafless, "no triangles are left for leaves and twigs in", warnings);
     let worst = rows.iter().map(|r| r.silhouette_worst_m).fold(0.0, f32::max);
     Outcome::items(models, "models", rows.len(), "forms").error(ErrorMeasure::new(
@@ -397,32 +404,40 @@ fn warn(rows: &[Row], faulty: fn(&[Row]) -> Vec<&Row>, fault: &str, warnings: &m
     ));
 }
 
-/// Of a model's coarser meshes those without leaves, where another has any.
-fn leafless(of: &[Row]) -> Vec<&Row> {
-    let coarser = || of.iter().skip(1).filter(|row| row.level != IMPOSTOR);
-    let is_leafy = of.iter().take(1).chain(coarser()).any(|row| row.leaf_triangles > 0);
-    coarser().filter(|row| is_leafy && row.leaf_triangles == 0).collect()
+/// The meshes of a model from fine to coarse. Impostors, which are pictures, are nearer than most of them.
+fn meshed(of: &[Row]) -> impl Iterator<Item = &Row> + Clone {
+    of.iter().filter(|row| row.level != IMPOSTOR)
 }
 
-/// Of a model's forms from fine to coarse, those that are much farther from the finest than a coarser mesh,
-/// by both measures. Impostors, which are pictures, are nearer than most meshes.
+/// Those without leaves, where another has any.
+fn leafless(of: &[Row]) -> Vec<&Row> {
+    let is_leafy = meshed(of).any(|row| row.leaf_triangles > 0);
+    meshed(of).skip(1).filter(|row| is_leafy && row.leaf_triangles == 0).collect()
+}
+
+/// Those with as many triangles as the one before.
+fn as_heavy(of: &[Row]) -> Vec<&Row> {
+    let pairs = meshed(of).zip(meshed(of).skip(1));
+    pairs.filter(|(finer, row)| row.triangles >= finer.triangles).map(|(_, row)| row).collect()
+}
+
+/// Those that are much farther from the finest than a coarser one, and at no place nearer.
 fn overtaken(of: &[Row]) -> Vec<&Row> {
-    const MUCH: f32 = 0.6;
-    let meshes = || of.iter().filter(|row| row.level != IMPOSTOR);
+    const MUCH: f32 = 0.8;
     let is_overtaken = |(k, row): (usize, &Row)| {
-        meshes().skip(k + 1).any(|coarser| {
-            coarser.silhouette_worst_m < MUCH * row.silhouette_worst_m
+        meshed(of).skip(k + 1).any(|coarser| {
+            coarser.silhouette_worst_m <= row.silhouette_worst_m
                 && coarser.silhouette_rms_m < MUCH * row.silhouette_rms_m
         })
     };
-    meshes().enumerate().filter(|&of| is_overtaken(of)).map(|(_, row)| row).collect()
+    meshed(of).enumerate().filter(|&of| is_overtaken(of)).map(|(_, row)| row).collect()
 }
 
 #[cfg(test)]
 pub(super) mod tests {
     use super::super::detail::{WoodJob, detail};
     use super::*;
-    use crate::mesh::{FoliageLevel, Surface};
+    use crate::mesh::Surface;
     use crate::raster::linear_from_srgb;
     use crate::seed::Seed;
     use crate::skeleton::{self, Target};
@@ -434,7 +449,7 @@ pub(super) mod tests {
         let row = |model: &str, level: &str, worst: f32, rms: f32| Row {
             model: model.into(),
             level: level.into(),
-            triangles: 0,
+            triangles: 1000 - (level.as_bytes()[3] as usize),
             leaf_triangles: 0,
             silhouette_worst_m: worst,
             silhouette_rms_m: rms,
@@ -470,7 +485,7 @@ pub(super) mod tests {
         let row = |level: &str, leaf_triangles: usize| Row {
             model: "rowan_01".into(),
             level: level.into(),
-            triangles: 100,
+            triangles: 1000 - (level.as_bytes()[3] as usize),
             leaf_triangles,
             silhouette_worst_m: 1.0,
             silhouette_rms_m: 0.1,
@@ -489,6 +504,28 @@ pub(super) mod tests {
         assert_eq!(told([50, 20, 0, 0]), [lost]);
         // Twigs of the finest that are stored once are in none of its parts.
         assert_eq!(told([0, 20, 0, 0]), [lost]);
+    }
+
+    #[test]
+    fn forms_that_save_nothing_are_told() {
+        let row = |(k, triangles): (usize, usize)| Row {
+            model: "larch_01".into(),
+            level: if k == 4 { IMPOSTOR.into() } else { format!("LOD{k}") },
+            triangles,
+            leaf_triangles: 1,
+            silhouette_worst_m: k as f32,
+            silhouette_rms_m: k as f32,
+        };
+        let told = |triangles: [usize; 5]| {
+            let rows: Vec<Row> = triangles.into_iter().enumerate().map(row).collect();
+            let mut told = Vec::new();
+            outcome(&rows, 1, &mut told);
+            told
+        };
+        assert_eq!(told([200, 70, 40, 39, 80]), [""; 0]);
+        let saves_none = "larch_01: no triangles are saved by LOD2, LOD3; give more --triangles, or \
+                          fewer --lods";
+        assert_eq!(told([200, 70, 70, 80, 4]), [saves_none]);
     }
 
     /// Where a level plane cuts closed wood: each line's ends, and a way out of the wood there.

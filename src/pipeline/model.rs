@@ -221,13 +221,25 @@ pub(super) fn parts_of(mut mesh: TreeMesh, look: Look) -> Vec<Part> {
         mesh.foliage.append(std::mem::take(&mut dry));
     }
     let part = |name: &str, surface, material| Part { name: name.into(), surface, material };
-    vec![
+    let mut parts = vec![
         part("wood", mesh.wood, look.bark),
         part("upper_wood", mesh.upper_wood, look.upper_bark),
         part("transition_wood", mesh.transition_wood, look.transition_bark),
         part("twig_wood", mesh.twig_wood, look.twig_bark),
-        part(FOLIAGE, mesh.foliage, if mesh.is_hull { look.crown } else { look.leaf }),
+    ];
+    // Without pictures all bark is the same.
+    parts.dedup_by(|more, first| {
+        let is_same = more.material == first.material;
+        if is_same {
+            first.surface.append(std::mem::take(&mut more.surface));
+        }
+        is_same
+    });
+    let leaves = if mesh.is_hull { look.crown } else { look.leaf };
+    parts.extend([
+        part(FOLIAGE, mesh.foliage, leaves),
         part("dry_twigs", dry, look.leaf),
         part("fruit", mesh.fruit, look.fruit),
-    ]
+    ]);
+    parts
 }
