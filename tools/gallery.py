@@ -128,7 +128,11 @@ def own_sheet(larix, name, folder):
 
 
 def label(picture, text):
-    ImageDraw.Draw(picture).text((6, 3), text, (20, 20, 20), ImageFont.load_default(14))
+    """A picture of any height with a name on light ground, of a size that goes with it."""
+    draw, font = ImageDraw.Draw(picture), ImageFont.load_default(max(14, picture.height // 22))
+    _, _, right, bottom = draw.textbbox((8, 5), text, font)
+    draw.rectangle((0, 0, right + 8, bottom + 5), (240, 240, 238))
+    draw.text((8, 5), text, (20, 20, 20), font)
     return picture
 
 

@@ -444,20 +444,18 @@ fn normals_of_wood_look_where_its_triangles_do() {
             let options = MeshOptions { foliage: FoliageLevel::None, ..MeshOptions::HERO };
             let skeleton = grow(&s, target, Detail::HERO, Seed::new(seed)).unwrap();
             let tree = build(&skeleton, &s, &Atlas::whole(0.4), &options, Seed::new(seed)).unwrap();
-            let (mut away, mut inside_out) = (0, 0);
+            let mut away = 0;
             for wood in tree.woods() {
                 for t in wood.index.as_chunks::<3>().0 {
                     let [a, b, c] = t.map(|i| wood.position[i as usize]);
                     let front = (b - a).cross(c - a);
-                    let looks = t.map(|i| wood.normal[i as usize].dot(front));
+                    let looks = t.map(|i| wood.normal[i as usize].dot(front) / front.length());
                     away += usize::from(looks.iter().any(|l| *l < 0.0));
                     // By more than sideways.
-                    let turned_in = -0.05 * front.length();
-                    inside_out += usize::from(looks.iter().all(|l| *l < turned_in));
+                    if looks.iter().all(|l| *l < -0.05) {
+                        turned.push(format!("{name} {seed}: {a} {b} {c}, {looks:.2?}"));
+                    }
                 }
-            }
-            if inside_out > 0 {
-                turned.push(format!("{name} {seed}: {inside_out}"));
             }
             let share = away as f32 / tree.wood_triangles() as f32;
             if share > worst.0 {

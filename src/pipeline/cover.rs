@@ -22,7 +22,7 @@ use crate::cache::{Cache, Key};
 use crate::diagnostic::{Error, Result};
 use crate::lod::Cover;
 use crate::lod::stored::Decides;
-use crate::mesh::{self, HEIGHTS, MeshOptions, TreeMesh};
+use crate::mesh::{self, HEIGHTS, MeshOptions, Surface, TreeMesh};
 use crate::render::capture::Sitter;
 use crate::scene::{Part, Scene};
 use crate::seed::Seed;
@@ -322,6 +322,12 @@ struct Wanted {
     finest: Cover,
 }
 
+/// The parts of a tree without its dry twigs, for which no leaves make up.
+fn leaves_and_wood(mut tree: TreeMesh, look: Look) -> Vec<Part> {
+    tree.dry = Surface::default();
+    parts_of(tree, look)
+}
+
 /// Room about the finest form, share of its size.
 const MARGIN: f32 = 0.1;
 
@@ -337,7 +343,7 @@ impl Wanted {
         let room = (high - low) * MARGIN;
         let around = (low - room, high + room);
         let crown = finest.foliage.bounds();
-        let parts = parts_of(finest.clone(), look);
+        let parts = leaves_and_wood(finest.clone(), look);
         let sitter = Sitter::covers(&[&parts], &scene.materials, &scene.textures);
         let finest = Cover::of(&sitter, 0, around, sides, samples)?;
         let crown_m = [crown.0.z, crown.1.z];
@@ -356,7 +362,8 @@ impl Wanted {
     }
 
     fn seen(&self, trees: Vec<TreeMesh>) -> Result<Vec<Seen>> {
-        let models: Vec<_> = trees.into_iter().map(|tree| parts_of(tree, self.look)).collect();
+        let models: Vec<_> =
+            trees.into_iter().map(|tree| leaves_and_wood(tree, self.look)).collect();
         let models: Vec<_> = models.iter().map(|parts| &parts[..]).collect();
         let sitter = Sitter::covers(&models, &self.scene.materials, &self.scene.textures);
         let wanted = self.heights(&self.finest);
@@ -382,6 +389,7 @@ mod tests {
     use super::*;
     use crate::mesh::FoliageLevel;
     use crate::skeleton::{self, Target};
+    use crate::species::state::{Condition, State};
     use crate::{species, texture};
     use glam::Vec2;
 
@@ -458,6 +466,36 @@ mod tests {
             }
         }
         assert!(off_by_more.is_empty(), "{off_by_more:#?}");
+    }
+
+    /// Where leaves are few beside dry twigs, coarser forms have as few.
+    #[test]
+    fn leaves_of_a_dead_crown_do_not_stand_for_its_dry_twigs() {
+        for name in ["pinus_sibirica", "picea_abies"] {
+            let state = State { condition: Condition::FreshDead, ..State::default() };
+            let mut grown = Grown::new(name, None, 20_000, 256);
+            let seed = Seed::new(1);
+            grown.species = state.look(&grown.species, seed);
+            let Grown { skeleton, species, .. } = &grown;
+            let skeleton =
+                skeleton::decline::in_condition(skeleton, species.kind, state.condition, seed);
+            let textures = texture::for_species(species, 256, seed);
+            let subject = Subject { skeleton: &skeleton, species, textures: &textures, seed };
+            let options = MeshOptions {
+                leaf_share: state.leaf_share(species),
+                ..WoodJob::default().options(20_000, FoliageLevel::Cards)
+            };
+            let mut all =
+                levels::meshes(&subject, &options, SHARES.len(), None, &Cache::off()).unwrap();
+            assert!(!all[0].dry.is_empty());
+            all.iter_mut().for_each(|tree| tree.dry = Surface::default());
+            let coarser = all.split_off(1);
+            let wanted = Wanted::of(&subject, &all[0], TEST_SIDES, TEST_SAMPLES).unwrap();
+            for (k, of) in wanted.seen(coarser).unwrap().iter().enumerate() {
+                println!("{name} LOD{}: {:.3} {:.3?}", k + 1, of.mean(), of.heights);
+                assert!((of.mean() - 1.0).abs() < 0.1, "{name} LOD{}: {}", k + 1, of.mean());
+            }
+        }
     }
 
     /// A tree of few triangles, grown for itself, covers what one of 20,000 does within 30 %, and
