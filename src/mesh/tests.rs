@@ -451,8 +451,8 @@ fn normals_of_wood_look_where_its_triangles_do() {
                     let front = (b - a).cross(c - a);
                     let looks = t.map(|i| wood.normal[i as usize].dot(front) / front.length());
                     away += usize::from(looks.iter().any(|l| *l < 0.0));
-                    // By more than sideways.
-                    if looks.iter().all(|l| *l < -0.05) {
+                    // By more than sideways: six degrees.
+                    if looks.iter().all(|l| *l < -0.1) {
                         turned.push(format!("{name} {seed}: {a} {b} {c}, {looks:.2?}"));
                     }
                 }
@@ -464,7 +464,7 @@ fn normals_of_wood_look_where_its_triangles_do() {
         }
     }
     // What is left is folded back on itself.
-    assert!(worst.0 < 0.008, "{worst:?}");
+    assert!(worst.0 < 0.004, "{worst:?}");
     assert!(turned.is_empty(), "{turned:?}");
 }
 
