@@ -130,10 +130,12 @@ pub fn keep(
         Ok(found.iter().flat_map(Size::to_array).collect())
     };
     let sizes = kept::or_find(cache, key, open.len() * Size::NUMBERS, find)?;
+    let whole = finest.leaf_cover;
     for (k, size) in open.into_iter().zip(sizes.as_chunks::<{ Size::NUMBERS }>().0) {
-        let Size { larger, shaded } = Size::from_array(size);
+        let Size { larger, shaded, cover } = Size::from_array(size);
         let options = MeshOptions { larger, shaded, ..options[k] };
         forms[k + 1] = subject.with_leaves(&forms[k + 1], &options)?;
+        forms[k + 1].leaf_cover = whole * cover;
     }
     Ok(())
 }
@@ -180,17 +182,21 @@ fn key_of(subject: &Subject<'_>, options: &[MeshOptions], forms: &[TreeMesh]) ->
 struct Size {
     larger: [f32; HEIGHTS],
     shaded: f32,
+    /// What it covers over what the finest does: less than 1 where its twigs may be no larger.
+    cover: f32,
 }
 
 impl Size {
-    const NUMBERS: usize = HEIGHTS + 1;
+    const NUMBERS: usize = HEIGHTS + 2;
 
     fn to_array(&self) -> [f32; Size::NUMBERS] {
-        array::from_fn(|k| self.larger.get(k).copied().unwrap_or(self.shaded))
+        let rest = [self.shaded, self.cover];
+        array::from_fn(|k| self.larger.get(k).copied().unwrap_or_else(|| rest[k - HEIGHTS]))
     }
 
     fn from_array(numbers: &[f32; Size::NUMBERS]) -> Size {
-        Size { larger: array::from_fn(|k| numbers[k]), shaded: numbers[HEIGHTS] }
+        let [shaded, cover] = [numbers[HEIGHTS], numbers[HEIGHTS + 1]];
+        Size { larger: array::from_fn(|k| numbers[k]), shaded, cover }
     }
 }
 
@@ -233,11 +239,11 @@ fn sizes(
     let seen = tried(&open, &LADDER)?;
     let of_each = open.iter().zip(seen.as_chunks::<{ LADDER.len() }>().0);
     let size = |((k, larger), of): (&(usize, [f32; HEIGHTS]), &[Seen; LADDER.len()])| {
-        let factor = found(&of.each_ref().map(Seen::mean));
+        let (factor, cover) = found(&of.each_ref().map(Seen::mean));
         let larger = larger.map(|l| l * factor);
         let options = MeshOptions { larger, wind: None, ..options[*k] };
         let bright = subject.with_leaves(&coarser[*k], &options)?;
-        Ok(Size { larger, shaded: shaded((area(&bright) / area(finest)) as f32) })
+        Ok(Size { larger, shaded: shaded((area(&bright) / area(finest)) as f32), cover })
     };
     of_each.map(size).collect()
 }
@@ -278,18 +284,18 @@ fn between(covered: [f32; 2]) -> f32 {
 }
 
 /// The factor at which as much is covered as is to be, between two of [`LADDER`]; the nearest of them
-/// where that is beyond reach.
-fn found(covered: &[f32; LADDER.len()]) -> f32 {
+/// where that is beyond reach. With what is covered then.
+fn found(covered: &[f32; LADDER.len()]) -> (f32, f32) {
     let pair = covered.windows(2).position(|w| w[0] <= 1.0 && w[1] >= 1.0);
     let off = |k: &usize| (covered[*k] - 1.0).abs();
     match pair {
         Some(k) => {
             let t = (1.0 - covered[k]) / (covered[k + 1] - covered[k]).max(1e-6);
-            LADDER[k] + (LADDER[k + 1] - LADDER[k]) * t
+            (LADDER[k] + (LADDER[k + 1] - LADDER[k]) * t, 1.0)
         }
         None => {
             let nearest = (0..LADDER.len()).min_by(|a, b| off(a).total_cmp(&off(b)));
-            nearest.map_or(1.0, |k| LADDER[k])
+            nearest.map_or((1.0, 1.0), |k| (LADDER[k], covered[k]))
         }
     }
 }
@@ -386,6 +392,7 @@ impl Wanted {
 mod tests {
     use super::super::detail::{WoodJob, detail};
     use super::super::levels::{self, SHARES};
+    use super::super::told;
     use super::*;
     use crate::mesh::FoliageLevel;
     use crate::skeleton::{self, Target};
@@ -496,6 +503,32 @@ mod tests {
                 assert!((of.mean() - 1.0).abs() < 0.1, "{name} LOD{}: {}", k + 1, of.mean());
             }
         }
+    }
+
+    /// Few of a model of many triangles can't fill a crown.
+    #[test]
+    fn thin_coarser_forms_are_told() {
+        let warned = |name: &str| {
+            let grown = Grown::new(name, None, 20_000, 64);
+            let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
+            let all = levels::meshes(&grown.subject(), &options, SHARES.len(), None, &Cache::off());
+            let mut warned = Vec::new();
+            told::thin_levels([&all.unwrap()[..]].into_iter(), &mut warned);
+            warned
+        };
+        assert_eq!(warned("betula_pendula"), [""; 0]);
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("fan.toml");
+        let rule = "extends = 'betula_pendula'\nname = 'Fan'\n[foliage]\nmodel = 'fan.obj'\n";
+        std::fs::write(&file, rule).unwrap();
+        let corners: String = (0..=20)
+            .map(|k| (k as f32 * 0.15).sin_cos())
+            .map(|(y, x)| format!("v {} {} 0\n", 0.2 * x, y))
+            .collect();
+        let faces: String = (2..=20).map(|k| format!("f 1 {k} {}\n", k + 1)).collect();
+        std::fs::write(folder.path().join("fan.obj"), corners + &faces).unwrap();
+        let warned = warned(file.to_str().unwrap());
+        assert!(warned.len() == 1 && warned[0].starts_with("LOD3 covers "), "{warned:?}");
     }
 
     /// A tree of few triangles, grown for itself, covers what one of 20,000 does within 30 %, and

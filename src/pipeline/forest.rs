@@ -433,6 +433,7 @@ fn build_meshes(
         let of_model =
             || models.iter().filter(|m| textures[m.species].is_some()).zip(finest.clone());
         told::thin(of_model().map(|(m, mesh)| (&looks[m.species], mesh)), warnings);
+        told::thin_levels(meshes.iter().map(|of_model| &of_model[..]), warnings);
         for (k, species) in looks.iter().enumerate() {
             let its = of_model().filter(|(m, _)| m.species == k).map(|(_, mesh)| mesh);
             told::fruitless(species, job.foliage, its, warnings);

@@ -131,7 +131,11 @@ pub fn table(told: &Told<'_>) -> Vec<Saved> {
         let unseen = all - shown as u64;
         line("trees the camera does not see", unseen, "trees", unseen * PLACE, 0.0);
         let bytes = chosen.spared_bytes;
-        line("triangles in place the camera can't tell", spared, "triangles", bytes, 0.0);
+        let what = match chosen.off_px {
+            more if more > 1.0 => format!("triangles in place, off by up to {more:.1} pixels"),
+            _ => "triangles in place the camera can't tell".to_owned(),
+        };
+        line(&what, spared, "triangles", bytes, 0.0);
         // Forms were made to choose among.
         if let Some(line) = lines.last_mut().filter(|_| spared > 0) {
             line.cost_seconds = ["camera", "levels", "choice"].map(seconds).iter().sum();

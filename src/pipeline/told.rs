@@ -115,6 +115,15 @@ pub fn thin<'a>(
         );
         return;
     }
+    if !mesh.twigs.is_empty() {
+        let places: usize = mesh.twigs.iter().map(|twigs| twigs.places.len()).sum();
+        warnings.push(format!(
+            "twigs at {places} places hide {:.0} % of what the species' leaves do; give more `twigs_per_m`, or a \
+             larger `twig_length_m`",
+            100.0 * mesh.leaf_cover
+        ));
+        return;
+    }
     let needed = mesh.triangles() as f32 / mesh.leaf_cover.max(1e-6);
     let (what, or) = match (mesh.stand_in, &species.own_model) {
         (Some(_), _) => ("--foliage geometry: leaves", ", or take --foliage cards"),
@@ -127,6 +136,23 @@ pub fn thin<'a>(
         100.0 * mesh.leaf_cover,
         rounded_up(needed),
     ));
+}
+
+/// Warns of a model's coarser meshes that cover much less than its finest does: of the model whose are thinnest.
+pub fn thin_levels<'a>(models: impl Iterator<Item = &'a [TreeMesh]>, warnings: &mut Vec<String>) {
+    let share = |of: &[TreeMesh], k: usize| of[k].leaf_cover / of[0].leaf_cover.max(1e-6);
+    let is_thin = |of: &&[TreeMesh], k: usize| !of[k].foliage.is_empty() && share(of, k) < THIN;
+    let levels = models.flat_map(|of| (1..of.len()).map(move |k| (of, k)));
+    let thinnest = levels
+        .filter(|(of, k)| is_thin(of, *k))
+        .min_by(|a, b| share(a.0, a.1).total_cmp(&share(b.0, b.1)));
+    if let Some((of, k)) = thinnest {
+        warnings.push(format!(
+            "LOD{k} covers {:.0} % of what LOD0 does, for leaves may be no larger; give more --triangles, or \
+             fewer --lods",
+            100.0 * share(of, k)
+        ));
+    }
 }
 
 /// Warns where a species has cones of the user's own and no tree of it bears any, for want of triangles.

@@ -329,6 +329,7 @@ fn stand(
         let what = if species.foliage.is_bare() { "buds" } else { "leaves or needles" };
         let outcome = told::leaves(meshes.first().into_iter(), what, instead, outcome);
         told::thin(meshes.first().map(|mesh| (species, mesh)).into_iter(), warnings);
+        told::thin_levels([&meshes[..]].into_iter(), warnings);
         told::fruitless(species, job.foliage, meshes.first().into_iter(), warnings);
         Ok((meshes, outcome))
     })?;

@@ -18,7 +18,7 @@ const SECTORS: usize = 16;
 /// The thinnest crown or thinnest part of one, metres.
 const LEAST_RADIUS_M: f32 = 0.02;
 
-/// Crown radius of a young tree over its height, at most.
+/// Crown radius of a young tree over its height, at most; of one half as high as it grows and higher, less and less so.
 const YOUNG_WIDTH: f32 = 0.26;
 
 /// Tree-local metres, root at the origin, Z up.
@@ -45,7 +45,10 @@ impl Envelope {
         let scale = (height_m / size.height_m.max(0.1)).powf(0.9);
         let grown_m = 0.5 * size.crown_diameter_m * scale;
         let slender_m = grown_m.min(YOUNG_WIDTH * height_m);
-        let radius_m = (grown_m + (slender_m - grown_m) * youth(height_m)).max(LEAST_RADIUS_M);
+        // A shrub is grown however low it is.
+        let grows = (2.0 - 2.0 * height_m / size.height_m.max(0.1)).clamp(0.0, 1.0);
+        let radius_m = grown_m + (slender_m - grown_m) * youth(height_m) * grows;
+        let radius_m = radius_m.max(LEAST_RADIUS_M);
         let base_m = height_m * size.crown_base.clamp(0.0, 0.9);
         let noise = Noise::new(seed);
         let mut radius = vec![[0.0; SECTORS]; ROWS];
@@ -343,6 +346,17 @@ mod tests {
         assert_eq!(at(0.0, 25.0), 1.0);
         let (top, edge, inside) = (at(0.0, 19.8), at(2.9, 11.0), at(0.0, 8.0));
         assert!(top > 0.9 && edge > inside + 0.1 && inside < 0.5, "{top} {edge} {inside}");
+    }
+
+    /// Saplings of a tree are slender, a low shrub that is grown is as wide as it says.
+    #[test]
+    fn low_shrubs_are_as_wide_as_they_say() {
+        let wide_m = |grown_m: f32, height_m: f32| {
+            let size = Size { height_m: grown_m, crown_diameter_m: 3.0 * grown_m, ..size() };
+            2.0 * Envelope::of_species(&size, 0.0, height_m, Seed::new(1)).radius_m
+        };
+        assert!((wide_m(1.0, 1.0) - 3.0).abs() < 1e-4, "{}", wide_m(1.0, 1.0));
+        assert!((wide_m(20.0, 1.0) - 2.0 * YOUNG_WIDTH).abs() < 1e-4, "{}", wide_m(20.0, 1.0));
     }
 
     #[test]

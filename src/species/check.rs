@@ -107,7 +107,7 @@ pub const RANGES: &[(&str, Range)] = &[
     ("foliage.cluster", Within(1.0, 200.0)),
     ("foliage.variation", Within(0.0, 1.0)),
     ("foliage.twig_length_m", Within(0.01, 10.0)),
-    ("foliage.twigs_per_m", Within(0.0, 1000.0)),
+    ("foliage.twigs_per_m", AboveZero(1000.0)),
     ("foliage.droop", Within(-1.0, 1.0)),
     ("foliage.cover", Within(0.0, 1.0)),
     ("foliage.bearing_radius_m", Within(0.0, 10.0)),
