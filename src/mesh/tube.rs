@@ -516,7 +516,7 @@ impl<'a> Bark<'a> {
             );
             let sum = base.corners.iter().map(|corner| Vec3A::from(corner.0)).sum::<Vec3A>();
             base.centre = sum / sides.max(1) as f32;
-            let beyond = clear(base, shape.rings[1].centre.into());
+            let beyond = clear(base, shape.rings[0].radius_m, shape.rings[1].centre.into());
             shape.rings[1].centre = beyond.into();
             base.axis = (beyond - base.centre).normalize_or(shape.rings[0].tangent.into());
         }
@@ -529,11 +529,13 @@ impl<'a> Bark<'a> {
     }
 }
 
-/// A place beyond a hole, raised where it would be within the bark: the facets about a hole lie within the
-/// parent's circles and may face another way, and out of one that faces away a tube would be inside out.
-fn clear(base: &Base, beyond: Vec3A) -> Vec3A {
-    /// Sine of the slope at which it leaves the facets, at least.
-    const LEAST_RISE: f32 = 0.1;
+/// A place beyond a hole, raised where it would be within the bark about it: the facets about a hole lie within the
+/// parent's circles and may face another way, and out of one that faces away a tube would be inside out. It keeps
+/// near its skeleton.
+fn clear(base: &Base, radius_m: f32, beyond: Vec3A) -> Vec3A {
+    /// Sine of the slope at which it is to leave the facets; and how far it may move for that, beside a radius.
+    const RISE: f32 = 0.1;
+    const MOST_M: f32 = 0.055;
     let Some(last) = base.corners.last() else { return beyond };
     let mut before = Vec3A::from(last.0) - base.centre;
     // Twice the area, as a vector.
@@ -545,12 +547,13 @@ fn clear(base: &Base, beyond: Vec3A) -> Vec3A {
     }
     let way = beyond - base.centre;
     let rise = area.dot(way);
-    let least_sq = LEAST_RISE * LEAST_RISE * area.length_squared() * way.length_squared();
-    if rise > 0.0 && rise * rise >= least_sq {
+    let enough_sq = RISE * RISE * area.length_squared() * way.length_squared();
+    if rise > 0.0 && rise * rise >= enough_sq {
         return beyond;
     }
     let out = area.normalize_or_zero();
-    beyond + out * (LEAST_RISE * way.length() - out.dot(way))
+    let by_m = RISE * way.length() - out.dot(way);
+    beyond + out * by_m.min(MOST_M + radius_m)
 }
 
 /// What a tube is made of.
