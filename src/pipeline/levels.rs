@@ -35,7 +35,7 @@ pub struct LevelsJob {
 }
 
 /// Triangles of LOD1, LOD2, LOD3 over those of the finest form: 20,000 give 8,000, 3,000 and 500.
-/// Of small trees [`share`] gives more; of leaves one by one [`levels_fall_from`] tells.
+/// Of small trees [`share`] gives more; of trees with every leaf [`triangles_of`] tells.
 pub const SHARES: [f32; 3] = [0.4, 0.15, 0.025];
 
 /// Triangles below which a crown of cards falls into pieces, and two cones and a cylinder are closer to it.
