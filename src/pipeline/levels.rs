@@ -824,6 +824,10 @@ pub(super) mod tests {
         let of = |most: usize| [0, 1, 2].map(|k| (most as f32 * share(most, k)) as usize);
         assert_eq!(of(20_000), [8_000, 3_000, 500]);
         assert_eq!(of(5_000), [2_000, 750, 250]);
+        let of_leaves =
+            |most: usize| [0, 1, 2].map(|k| triangles_of(most, FoliageLevel::Geometry, k));
+        assert_eq!(of_leaves(1_000_000), [40_000, 15_000, 2_500]);
+        assert_eq!(of_leaves(20_000), of(20_000));
         for most in (100..20_000).step_by(7) {
             let fall = [most].into_iter().chain(of(most)).collect::<Vec<_>>();
             assert!(fall.is_sorted_by(|a, b| *b as f32 <= 0.61 * *a as f32), "{fall:?}");
