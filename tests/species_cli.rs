@@ -215,6 +215,13 @@ fn a_check_warns_of_what_a_run_would() {
         text(&larix_in(dir.path(), &tree).stderr)
             .contains(json[0]["warnings"][0].as_str().unwrap())
     );
+    // Nothing of it is transparent.
+    let file = fs::read(dir.path().join("own.glb")).unwrap();
+    let length = u32::from_le_bytes(file[12..16].try_into().unwrap()) as usize;
+    let scene: Value = serde_json::from_slice(&file[20..20 + length]).unwrap();
+    let materials = scene["materials"].as_array().unwrap();
+    let leaf = materials.iter().find(|m| m["name"].as_str().unwrap().contains("_leaf")).unwrap();
+    assert!(leaf["alphaMode"].is_null() && leaf["doubleSided"] == true, "{leaf}");
 }
 
 #[test]

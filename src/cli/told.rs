@@ -9,8 +9,9 @@ use super::jobs::{formats, level, levels_job};
 use crate::diagnostic::{Error, Result};
 use crate::export::OutputFile;
 use crate::mesh::FoliageLevel;
+use crate::pipeline::Forest;
 use crate::pipeline::left_out::{self, Saved};
-use crate::pipeline::{Forest, levels};
+use crate::pipeline::level_table::Row;
 use crate::report::{self, Recorder};
 use crate::scene::ValidScene;
 
@@ -52,7 +53,7 @@ pub(super) fn notes(run: &Recorder, stage: &str) -> Vec<String> {
 
 /// Triangles and silhouette error of each level: the mean triangles and the worst error of all
 /// models.
-pub(super) fn level_lines(rows: &[levels::Row]) -> Vec<String> {
+pub(super) fn level_lines(rows: &[Row]) -> Vec<String> {
     let mut names: Vec<&str> = Vec::new();
     for r in rows {
         if !names.contains(&r.level.as_str()) {
@@ -114,11 +115,12 @@ pub(super) fn forest_lines(
     lines.extend(["mesh", "export"].iter().flat_map(|stage| notes(run, stage)));
     lines.extend(left_out::lines(&forest_left_out(forest, typed, run)));
     lines.push(format!(
-        "{} trees of {} models, {} triangles in place, {} unique; {:.1} s, {} MB at most",
+        "{} trees of {} models, {} triangles in place, {} unique, {} of both the terrain's; {:.1} s, {} MB at most",
         stats.trees,
         stats.prototypes,
         stats.instanced_triangles,
         stats.unique_triangles,
+        stats.terrain_triangles,
         run.seconds(),
         run.peak_bytes() / 1_000_000
     ));

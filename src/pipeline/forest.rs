@@ -11,6 +11,7 @@ use super::detail::WoodJob;
 use super::fit;
 use super::floor::add_terrain;
 use super::hung::Hung;
+use super::level_table::{self, Row};
 use super::levels::{self, LevelsJob};
 use super::light;
 use super::model::{Look, add_materials, prototype, tinted};
@@ -137,7 +138,7 @@ const CHOSEN_SHEET_PX: u32 = 256;
 pub struct Forest {
     pub scene: ValidScene,
     /// What the forms of every model are.
-    pub rows: Vec<levels::Row>,
+    pub rows: Vec<Row>,
     /// What the camera made of it.
     pub chosen: Option<Chosen>,
     /// Trees outside the box that was asked for.
@@ -241,8 +242,8 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
             let told_m = |p: usize| told_m.as_ref().map_or(Some(f32::INFINITY), |told| told[p]);
             let (sheet_px, cache) = (job.sheet_px(), &job.cache);
             levels::add(&mut scene, coarse, &materials, &forms, sheet_px, cache, told_m)?;
-            rows = levels::rows(&scene);
-            Ok(((), levels::outcome(&rows, scene.prototypes.len(), warnings)))
+            rows = level_table::rows(&scene);
+            Ok(((), level_table::outcome(&rows, scene.prototypes.len(), warnings)))
         })?;
     }
     let mut chosen = None;

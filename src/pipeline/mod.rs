@@ -18,6 +18,7 @@ mod impostors;
 mod kept;
 pub mod landscape;
 pub mod left_out;
+pub mod level_table;
 pub mod levels;
 mod light;
 pub mod measure;

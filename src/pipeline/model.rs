@@ -50,7 +50,9 @@ pub(super) fn add_materials(scene: &mut Scene, species: &Species, textures: Tree
     });
     let crown_variants = crown_variants.collect();
     let (base_color, leaf) = colour(scene, &name, textures.leaf);
-    let alpha = if leaf.is_some() { Alpha::Mask { cutoff: 0.5 } } else { Alpha::Opaque };
+    let is_cut = species.own_model.as_ref().is_none_or(|model| model.picture.is_cut());
+    let is_masked = is_cut && leaf.is_some();
+    let alpha = if is_masked { Alpha::Mask { cutoff: 0.5 } } else { Alpha::Opaque };
     let normals = textures.leaf_normal;
     let normal_texture =
         normals.map(|i| add_texture(scene, &format!("{name}_normal"), i, Colorspace::Raw));
@@ -102,7 +104,7 @@ fn own_name(stem: &str, what: &str, model: Option<&own::Model>) -> String {
 /// The material of a user's own cones; `is_plain`: in their mean colour.
 fn add_fruit(scene: &mut Scene, name: &str, model: &own::Model, is_plain: bool) -> u32 {
     let picture = &model.picture;
-    let is_cut = picture.data.iter().any(|p| p[3] < 128);
+    let is_cut = picture.is_cut();
     let picture = match is_plain {
         true => Picture::filled(1, 1, picture.mean_colour()),
         false => picture.clone(),

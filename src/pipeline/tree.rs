@@ -7,6 +7,7 @@ use glam::{DVec3, Vec2, Vec3};
 
 use super::cover::Subject;
 use super::detail::{self, WoodJob};
+use super::level_table::{self, Row};
 use super::levels::{self, LevelsJob};
 use super::light;
 use super::model::{add_materials, prototype};
@@ -64,7 +65,7 @@ pub struct Grown {
     /// The tree at the origin.
     pub scene: ValidScene,
     /// What these forms are.
-    pub rows: Vec<levels::Row>,
+    pub rows: Vec<Row>,
     pub pruned: LeftOut,
     /// How the tree fits the scan, where there is one.
     pub fit: Option<cloud::Report>,
@@ -212,12 +213,12 @@ fn in_leaf(job: &TreeJob, height_m: f32) -> Species {
 fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
     let species = &job.species;
     run.stage("skeleton", |warnings| {
-        warnings.extend(job.size.warning(species));
         let wanted = job.height_m();
         let target = Target::FromSpecies { height_m: Some(wanted) };
         let around = surroundings(job);
         let detail = job.detail();
         let skeleton = skeleton::grow_among(species, target, detail, &around, job.seed)?;
+        warnings.extend(job.size.warning(species));
         let off = f64::from((skeleton.height_m() - wanted).abs());
         let skeleton = match job.stage {
             Some(stage) => skeleton::at_stage(&skeleton, species, stage)?,
@@ -364,8 +365,8 @@ fn stand(
                 &job.cache,
                 told_m,
             )?;
-            rows = levels::rows(&scene);
-            Ok(((), levels::outcome(&rows, 1, warnings)))
+            rows = level_table::rows(&scene);
+            Ok(((), level_table::outcome(&rows, 1, warnings)))
         })?;
     }
     if let Some(side_px) = job.levels.lightmap_px {

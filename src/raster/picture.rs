@@ -41,6 +41,11 @@ impl Picture {
         Picture { width, height, data: vec![colour; width as usize * height as usize] }
     }
 
+    /// Whether a mask hides some of it.
+    pub fn is_cut(&self) -> bool {
+        self.data.iter().any(|p| p[3] < 128)
+    }
+
     /// Of the opaque pixels.
     pub fn mean_colour(&self) -> [u8; 4] {
         let opaque = || self.data.iter().filter(|p| p[3] >= 128);

@@ -9,8 +9,7 @@ use super::material::{Colours, TexturePaths, material};
 use super::stage::extent;
 use crate::raster::linear_from_srgb;
 use crate::scene::{
-    Alpha, Collider, Level, Material, OWN_LOOK, Octahedral, Part, Prototype, SpeciesGroup,
-    ValidScene,
+    Collider, Level, Material, OWN_LOOK, Octahedral, Part, Prototype, SpeciesGroup, ValidScene,
 };
 
 /// The name of the variant that shows the finest form.
@@ -247,7 +246,7 @@ pub(super) fn shown_colour(scene: &ValidScene, group: &SpeciesGroup) -> Vec3 {
     let parts = group.prototypes.iter().flat_map(|&p| &scene.prototypes()[p as usize].parts);
     let materials: BTreeSet<u32> = parts.map(|part| part.material).collect();
     let mut of = materials.iter().map(|&m| &scene.materials()[m as usize]);
-    let is_leaf = |m: &&Material| matches!(m.alpha, Alpha::Mask { .. });
+    let is_leaf = |m: &&Material| m.double_sided;
     let Some(material) = of.clone().find(is_leaf).or_else(|| of.next()) else { return Vec3::ONE };
     let base = Vec3::from(material.base_color);
     let Some(texture) = material.base_color_texture else { return base };
