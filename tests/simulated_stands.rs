@@ -43,7 +43,7 @@ fn survey(mix: &[&str], options: &StandOptions, seed: u64, dir: &Path) -> (Stand
 
 fn found_in(mix: &[&str], options: &StandOptions, seed: u64, dir: &Path) -> Comparison {
     let (stand, survey) = survey(mix, options, seed, dir);
-    pipeline::demo::compare(&stand, &survey)
+    pipeline::demo::compare(&stand, &survey, None)
 }
 
 #[test]

@@ -31,7 +31,7 @@ fn stand(names: &[&str], seed: u64, with_photo: bool, by: SpeciesBy) -> Comparis
         effort: Effort::Normal,
         seed,
     };
-    demo::compare(&made.stand, &survey::inventory(&job, &mut run).unwrap())
+    demo::compare(&made.stand, &survey::inventory(&job, &mut run).unwrap(), None)
 }
 
 /// Share of the matched trees whose kind, conifer or not, is right.

@@ -431,7 +431,7 @@ fn demo(a: &args::Demo, cache: Cache, run: &mut Recorder) -> Result<Told> {
         cache,
     );
     let forest = pipeline::forest::forest(&job, run)?;
-    let truth = pipeline::demo::compare(&survey.stand, &forest.survey);
+    let truth = pipeline::demo::compare(&survey.stand, &forest.survey, job.clip.as_ref());
     let mut staged = Staged::new(&a.output)?;
     stage_forest(&forest, &a.scene, &job.cache, &mut staged, run)?;
     let mut summary = forest_summary("demo", a.seed, &forest, &a.scene, run);

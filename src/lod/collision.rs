@@ -4,7 +4,7 @@
 //! *Capsule*: one a stem, about the straight line from root to top, as thick as the stem is where one walks
 //! into it. *Convex*: a stack of frusta whose
 //! rings are level octagons, each a convex body; a curved stem takes more of them. The octagons
-//! hold the stem's circles, so that nothing of it sticks out; one more holds the flare of its foot, and what
+//! hold the stem's circles, so that nothing of it sticks out; two more hold the flare of its foot, and what
 //! of it is below ground.
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
@@ -38,8 +38,8 @@ struct Place {
     radius_m: f32,
 }
 
-/// Height of the body about a stem's foot, of its flare's.
-const FLARE_HELD: f32 = 0.75;
+/// Heights of the bodies about a stem's foot, of its flare's.
+const FLARE_HELD: [f32; 2] = [0.28, 0.75];
 
 /// How high above its foot a stem is met, and share of its height at most.
 const MET_M: f32 = 1.3;
@@ -55,7 +55,7 @@ pub fn collision(skeleton: &Skeleton, shape: ColliderShape) -> Vec<Collider> {
     let bodies = stems.iter().enumerate().flat_map(|(k, stem)| match shape {
         ColliderShape::Capsule => capsule_about(stem, is_flared(k)).into_iter().collect(),
         ColliderShape::Convex => {
-            let foot = is_flared(k).then(|| flare(stem, height_m)).flatten();
+            let foot = if is_flared(k) { flare(stem, height_m) } else { Vec::new() };
             let kept = straightened(stem);
             foot.into_iter().chain(kept.windows(2).map(|w| frustum(w[0], w[1]))).collect::<Vec<_>>()
         }
@@ -74,19 +74,25 @@ fn flared(up: f32) -> [f32; 2] {
     [wider, wider * (1.0 + LOBED * up * up)]
 }
 
-/// What holds the flare of a stem that stands in the ground: it narrows faster than a frustum does.
-fn flare(stem: &[Place], height_m: f32) -> Option<Surface> {
-    let [foot, .., top] = stem else { return None };
-    let held_m = FLARE_HELD * FLARE * foot.radius_m;
-    let above = *stem.iter().find(|p| p.at.z > foot.at.z + held_m).unwrap_or(top);
-    let at = foot.at.lerp(above.at, (held_m / (above.at.z - foot.at.z).max(1e-6)).min(1.0));
-    let high = Place { at, radius_m: foot.radius_m * flared(1.0 - FLARE_HELD)[1] };
+/// What holds the flare of a stem that stands in the ground: it narrows faster the nearer to that.
+fn flare(stem: &[Place], height_m: f32) -> Vec<Surface> {
+    let [foot, .., top] = stem else { return Vec::new() };
+    let [middle, high] = FLARE_HELD.map(|share| {
+        let held_m = share * FLARE * foot.radius_m;
+        let above = *stem.iter().find(|p| p.at.z > foot.at.z + held_m).unwrap_or(top);
+        let at = foot.at.lerp(above.at, (held_m / (above.at.z - foot.at.z).max(1e-6)).min(1.0));
+        Place { at, radius_m: foot.radius_m * flared(1.0 - share)[1] }
+    });
     let depth_m = BELOW_GROUND_M.min(0.1 * height_m);
+    // As wide at the ground as there.
+    let narrows =
+        (foot.radius_m * flared(1.0)[1] - middle.radius_m) / (middle.at.z - foot.at.z).max(1e-6);
+    let buried_m = foot.radius_m * flared(1.0)[1] * BURIED;
     let below = Place {
         at: foot.at - Vec3::Z * depth_m,
-        radius_m: foot.radius_m * flared(1.0)[1] * BURIED,
+        radius_m: buried_m.max(middle.radius_m + narrows * (middle.at.z - foot.at.z + depth_m)),
     };
-    Some(frustum(below, high))
+    vec![frustum(below, middle), frustum(middle, high)]
 }
 
 fn capsule_about(stem: &[Place], is_flared: bool) -> Option<Surface> {
@@ -287,7 +293,7 @@ mod tests {
             let s = stem(bend);
             for shape in [ColliderShape::Capsule, ColliderShape::Convex] {
                 let bodies = collision(&s, shape);
-                assert!(!bodies.is_empty() && bodies.len() <= 1 + MOST_PIECES);
+                assert!(!bodies.is_empty() && bodies.len() <= 2 + MOST_PIECES);
                 for b in &bodies {
                     assert!(is_convex(&b.body), "{shape:?} {bend}");
                     assert!(b.body.volume_m3() > 0.0);
@@ -295,11 +301,31 @@ mod tests {
             }
         }
         let straight = collision(&stem(0.0), ColliderShape::Convex);
-        assert_eq!(straight.len(), 2, "a straight stem is one body beside its foot's");
-        let volume = straight[1].body.volume_m3();
+        assert_eq!(straight.len(), 3, "a straight stem is one body beside its foot's");
+        let volume = straight[2].body.volume_m3();
         let cones = std::f64::consts::PI * 9.5 / 3.0 * (0.09 + 0.3 * 0.11 + 0.11f64.powi(2));
         assert!(volume > cones && volume < 1.12 * cones, "{volume} {cones}");
-        assert!(collision(&stem(1.5), ColliderShape::Convex).len() > 2, "a bent one is several");
+        assert!(collision(&stem(1.5), ColliderShape::Convex).len() > 3, "a bent one is several");
+    }
+
+    /// Whoever walks into a flare is stopped by its bark.
+    #[test]
+    fn the_bodies_of_a_foot_are_little_wider_than_its_flare() {
+        let bodies = collision(&stem(0.0), ColliderShape::Convex);
+        // Frusta: a level ring of corners, and another.
+        let wide_m = |s: &Surface, z: f32| {
+            let [low, high] = [s.position[0], s.position[SIDES]];
+            let t = (z - low.z) / (high.z - low.z);
+            let across_m = low.x + (high.x - low.x) * t;
+            if (0.0..=1.0).contains(&t) { across_m * (PI / SIDES as f32).cos() } else { 0.0 }
+        };
+        for k in 0..40 {
+            let up = 1.0 - 0.02 * k as f32;
+            let z = (1.0 - up) * FLARE * 0.3;
+            let bark_m = 0.3 * flared(up)[1];
+            let held_m = bodies.iter().map(|b| wide_m(&b.body, z)).fold(0.0, f32::max);
+            assert!(held_m < 1.1 * bark_m, "{held_m} about {bark_m} at {z}");
+        }
     }
 
     /// A player is to be stopped by the bark, not within it: at the height of a chest, flare and all.
@@ -369,7 +395,7 @@ mod tests {
             let bodies = collision(&s, shape);
             let bounds: Vec<_> = bodies.iter().map(|b| b.body.bounds()).collect();
             let [feet @ .., first, second] = &bounds[..] else { panic!("{shape:?}") };
-            assert_eq!(feet.len(), usize::from(shape == ColliderShape::Convex));
+            assert_eq!(feet.len(), if shape == ColliderShape::Convex { 2 } else { 0 });
             assert!(first.1.x < 0.1 && second.0.x > 0.2, "{shape:?} {bounds:?}");
             assert!(feet.iter().all(|foot| foot.1.x < 0.2), "{shape:?} {bounds:?}");
         }

@@ -46,6 +46,13 @@ pub enum FoliageLevel {
     Geometry,
 }
 
+impl FoliageLevel {
+    /// As the leaves of a species are meshed: pictures and models of a user's own hold no single ones.
+    pub fn of(self, species: &Species) -> FoliageLevel {
+        if species.has_own_leaves() { self.min(FoliageLevel::Cards) } else { self }
+    }
+}
+
 /// Triangles of foliage where no budget says less.
 const MOST_TRIANGLES: usize = 40_000_000;
 /// Cards of the sparse level, and triangles of a shell, at most.
@@ -406,9 +413,8 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
     let fine = Relief { shape: Shape::of(f, true), share: 1.0 };
     let is_fine = order.detail && relief.share == 1.0 && fits(&fine);
     let relief = if is_fine { fine } else { relief };
-    // A picture of the user's has no leaves to tell apart.
     let model = species.own_model.as_deref();
-    let is_leaf_by_leaf = level == FoliageLevel::Geometry && !species.has_own_leaves();
+    let is_leaf_by_leaf = level.of(species) == FoliageLevel::Geometry;
     // As many of a model as hide what the species' leaves do.
     let of_models = model.map(|m| self::enough(hull, f, m.shown(), all, share).max(1.0));
     // Then the budget is for the forms alone.

@@ -22,14 +22,39 @@ pub(super) struct Plan {
     pub is_rough: bool,
     /// Two cones and a cylinder stand for it.
     pub is_coarsest: bool,
+    pub bound: Bound,
+}
+
+/// What says how many triangles a tree may have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Bound {
+    Triangles,
+    Scene,
+    Tolerance,
+}
+
+impl Bound {
+    /// What to do for more than a tree has; `needed`: about as many as are wanted.
+    pub fn remedy(self, needed: f32) -> String {
+        match self {
+            Bound::Triangles => format!("give about {needed} --triangles"),
+            Bound::Scene => "give more --scene-triangles".to_owned(),
+            Bound::Tolerance => "give a smaller --tolerance".to_owned(),
+        }
+    }
 }
 
 impl Plan {
     pub fn of(triangles: usize) -> Plan {
-        Plan { triangles, is_rough: false, is_coarsest: false }
+        Plan { triangles, is_rough: false, is_coarsest: false, bound: Bound::Triangles }
     }
 
-    const COARSEST: Plan = Plan { triangles: LEAST_TRIANGLES, is_rough: false, is_coarsest: true };
+    const COARSEST: Plan = Plan {
+        triangles: LEAST_TRIANGLES,
+        is_rough: false,
+        is_coarsest: true,
+        bound: Bound::Scene,
+    };
 }
 
 /// How each model is meshed by the triangles that are given.
@@ -69,7 +94,8 @@ fn shared_out(
     let given = view::shared_budget(&of, total.saturating_sub(held), [LEAST_TRIANGLES, most]);
     let mut plans = vec![Plan::COARSEST; sizes.len()];
     for (&k, triangles) in rest.iter().zip(given) {
-        plans[k] = Plan::of(triangles);
+        let bound = if triangles < most { Bound::Scene } else { Bound::Triangles };
+        plans[k] = Plan { bound, ..Plan::of(triangles) };
     }
     plans
 }

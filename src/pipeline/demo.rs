@@ -3,6 +3,7 @@
 use glam::{DVec3, Vec2};
 
 use super::survey::Survey;
+use super::view::Clip;
 use crate::crown::Crown;
 use crate::diagnostic::Result;
 use crate::frame::Frame;
@@ -11,7 +12,7 @@ use crate::report::{Outcome, Recorder, significant};
 use crate::scan;
 use crate::seed::Seed;
 use crate::simulate::{
-    self, Comparison, FoundTree, PhotoOptions, ScannerOptions, Stand, StandOptions,
+    self, Comparison, FoundTree, PhotoOptions, ScannerOptions, Stand, StandOptions, Window,
 };
 use crate::species::Species;
 use crate::terrain::Terrain;
@@ -47,10 +48,16 @@ pub fn survey_of_stand(
     })
 }
 
-/// The survey beside the stand it was made of.
-pub fn compare(stand: &Stand, survey: &Survey) -> Comparison {
+/// The survey beside the stand it was made of, or the part that both were cut to.
+pub fn compare(stand: &Stand, survey: &Survey, clip: Option<&Clip>) -> Comparison {
     let trees = survey.trees.iter().map(|t| (&t.crown, t.species.as_str()));
-    compare_crowns(stand, &survey.frame, &survey.terrain, trees)
+    let local = |x, y| stand.frame.local_from_world(stand.frame.origin.with_x(x).with_y(y));
+    let window = |c: &Clip| Window {
+        low: local(c.west, c.south).truncate().as_dvec2(),
+        high: local(c.east, c.north).truncate().as_dvec2(),
+    };
+    let within = clip.map_or(Window::ALL, window);
+    compare_within(stand, &survey.frame, &survey.terrain, trees, &within)
 }
 
 /// Crowns, each with its species, and terrain in a frame beside the stand that they were found in.
@@ -59,6 +66,16 @@ pub fn compare_crowns<'a>(
     frame: &Frame,
     terrain: &Terrain,
     crowns: impl IntoIterator<Item = (&'a Crown, &'a str)>,
+) -> Comparison {
+    compare_within(stand, frame, terrain, crowns, &Window::ALL)
+}
+
+fn compare_within<'a>(
+    stand: &Stand,
+    frame: &Frame,
+    terrain: &Terrain,
+    crowns: impl IntoIterator<Item = (&'a Crown, &'a str)>,
+    within: &Window,
 ) -> Comparison {
     let found = |(crown, species): (&Crown, &str)| {
         let p = stand.frame.local_from_world(frame.world_from_local(crown.root));
@@ -72,7 +89,7 @@ pub fn compare_crowns<'a>(
     };
     let found: Vec<FoundTree> = crowns.into_iter().map(found).collect();
     let shift = frame.origin - stand.frame.origin;
-    simulate::compare(stand, &found, |x, y| {
+    simulate::compare(stand, &found, within, |x, y| {
         let p = DVec3::new(x, y, 0.0) - shift;
         f64::from(terrain.height_at(Vec2::new(p.x as f32, p.y as f32))) + shift.z
     })

@@ -4,7 +4,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::budget::{Plan, off_budget, plans};
+use super::budget::{Bound, Plan, off_budget, plans};
 use super::coarsest;
 use super::cover::Subject;
 use super::detail::WoodJob;
@@ -376,7 +376,9 @@ fn within(
                 tolerance::fewest(&subject, &options, plan.triangles, told_m)
             })
             .collect::<Result<_>>()?;
-        let outcome = tolerance::outcome(&reached, warnings);
+        let is_shared = plans.iter().any(|plan| plan.bound == Bound::Scene);
+        let bound = if is_shared { Bound::Scene } else { Bound::Triangles };
+        let outcome = tolerance::outcome(&reached, bound, warnings);
         let coarsest = plans.iter().filter(|plan| plan.is_coarsest).count();
         if coarsest > 0 {
             warnings.push(format!(
@@ -387,7 +389,8 @@ fn within(
         }
         let mut plans = plans.to_vec();
         for (plan, r) in plans.iter_mut().filter(|plan| !plan.is_coarsest).zip(&reached) {
-            *plan = Plan { is_rough: r.is_rough, ..Plan::of(r.triangles) };
+            let bound = if r.is_within() { Bound::Tolerance } else { plan.bound };
+            *plan = Plan { is_rough: r.is_rough, bound, ..Plan::of(r.triangles) };
         }
         Ok((plans, outcome))
     })
@@ -433,7 +436,11 @@ fn build_meshes(
         let outcome = told::leaves(finest.clone(), what, "", outcome);
         let of_model =
             || models.iter().filter(|m| textures[m.species].is_some()).zip(finest.clone());
-        told::thin(of_model().map(|(m, mesh)| (&looks[m.species], mesh)), warnings);
+        let planned = models.iter().zip(plans).filter(|(m, _)| textures[m.species].is_some());
+        let with_bound = planned
+            .zip(finest.clone())
+            .map(|((m, plan), mesh)| (&looks[m.species], mesh, plan.bound));
+        told::thin(with_bound, warnings);
         told::thin_levels(meshes.iter().map(|of_model| &of_model[..]), warnings);
         for (k, species) in looks.iter().enumerate() {
             let its = of_model().filter(|(m, _)| m.species == k).map(|(_, mesh)| mesh);

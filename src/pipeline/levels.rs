@@ -78,11 +78,12 @@ pub fn meshes(
     let mut out = vec![subject.mesh(options)?];
     let mut forms: Vec<MeshOptions> = Vec::new();
     let mut is_full = true;
+    let foliage = options.foliage.of(subject.species);
     for k in 0..meshed.min(SHARES.len()) {
         let form = match (options.triangle_budget, out.last()) {
             (Some(most), Some(finer)) => {
-                let even = triangles_of(most, options.foliage, k);
-                let most = levels_fall_from(most, options.foliage);
+                let even = triangles_of(most, foliage, k);
+                let most = levels_fall_from(most, foliage);
                 let used = finer.triangles().min(most);
                 let given = forms.last().and_then(|form| form.triangle_budget).unwrap_or(most);
                 is_full &= used as f32 > FULL * given as f32;

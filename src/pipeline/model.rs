@@ -191,6 +191,7 @@ pub(super) fn prototype(
         scattered,
         levels: Vec::new(),
         colliders: Vec::new(),
+        silhouette: None,
         octahedral: None,
     }
 }

@@ -37,7 +37,8 @@ pub(super) fn grow(
             .zip(plans)
             .map(|(m, plan)| {
                 let seed = job.survey.seed.derive("tree", survey.trees[m.exemplar].crown.key);
-                let detail = job.wood.detail(plan.triangles, job.foliage);
+                let foliage = job.foliage.of(&job.survey.species[m.species]);
+                let detail = job.wood.detail(plan.triangles, foliage);
                 let whole = grow_one(job, survey, &roots, widest_m, m, detail, seed)?;
                 let kind = job.survey.species[m.species].kind;
                 let left = decline::in_condition(&whole, kind, job.state.condition, seed);

@@ -1,6 +1,7 @@
 //! What reports and warnings say of meshes: branches without one or unwelded, leaves that stand for others,
 //! crowns that are thin, cones that are not borne.
 
+use super::budget::Bound;
 use crate::mesh::{FoliageLevel, TreeMesh};
 use crate::report::Outcome;
 use crate::species::Species;
@@ -99,20 +100,23 @@ fn rounded_up(number: f32) -> f32 {
 const THIN: f32 = 0.75;
 
 /// Warns where so few leaves, cards or models of the user's stand for a crown that one sees through it.
-pub fn thin<'a>(
-    meshes: impl Iterator<Item = (&'a Species, &'a TreeMesh)>,
+pub(super) fn thin<'a>(
+    meshes: impl Iterator<Item = (&'a Species, &'a TreeMesh, Bound)>,
     warnings: &mut Vec<String>,
 ) {
-    let thinnest = meshes.min_by(|(_, a), (_, b)| a.leaf_cover.total_cmp(&b.leaf_cover));
-    let Some((species, mesh)) = thinnest.filter(|(_, mesh)| mesh.leaf_cover < THIN) else {
+    let thinnest = meshes.min_by(|(_, a, _), (_, b, _)| a.leaf_cover.total_cmp(&b.leaf_cover));
+    let Some((species, mesh, bound)) = thinnest.filter(|(_, mesh, _)| mesh.leaf_cover < THIN)
+    else {
         return;
     };
     if mesh.leaf_cover == 0.0 {
-        warnings.push(
-            "--foliage geometry: there are too few triangles for any leaf; give more --triangles, or take \
-             --foliage cards"
-                .to_owned(),
-        );
+        let remedy = match bound {
+            Bound::Triangles => "give more --triangles".to_owned(),
+            _ => bound.remedy(0.0),
+        };
+        warnings.push(format!(
+            "--foliage geometry: there are too few triangles for any leaf; {remedy}, or take --foliage cards"
+        ));
         return;
     }
     if !mesh.twigs.is_empty() {
@@ -131,10 +135,10 @@ pub fn thin<'a>(
         (None, None) => ("cards", ""),
     };
     warnings.push(format!(
-        "{what} of {} triangles hide {:.0} % of what the species' leaves do; give about {} --triangles{or}",
+        "{what} of {} triangles hide {:.0} % of what the species' leaves do; {}{or}",
         mesh.foliage.triangles(),
         100.0 * mesh.leaf_cover,
-        rounded_up(needed),
+        bound.remedy(rounded_up(needed)),
     ));
 }
 

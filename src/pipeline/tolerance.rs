@@ -9,6 +9,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::budget::Bound;
 use super::cover::Subject;
 use super::model::model_scene;
 use crate::diagnostic::Result;
@@ -103,7 +104,7 @@ struct Finest<'a> {
 
 impl<'a> Finest<'a> {
     fn of(subject: &'a Subject<'a>, options: Options<'_>, most: usize) -> Result<Finest<'a>> {
-        let triangles = reference(most, options(most).foliage);
+        let triangles = reference(most, options(most).foliage.of(subject.species));
         let mesh = subject.mesh(&options(triangles))?;
         let (low, high) = mesh.bounds();
         let room = (high - low) * ROOM;
@@ -145,8 +146,9 @@ fn silhouettes(
         .collect()
 }
 
-/// What a report says of the trees; a warning where any is not within its tolerance.
-pub fn outcome(reached: &[Reached], warnings: &mut Vec<String>) -> Outcome {
+/// What a report says of the trees; a warning where any is not within its tolerance. `bound`: what said how many
+/// triangles they may have.
+pub(super) fn outcome(reached: &[Reached], bound: Bound, warnings: &mut Vec<String>) -> Outcome {
     let triangles = reached.iter().map(|r| r.triangles).sum();
     let rms_m = reached.iter().map(|r| r.rms_m).fold(0.0, f32::max);
     let worst_m = reached.iter().map(|r| r.worst_m).fold(0.0, f32::max);
@@ -154,9 +156,10 @@ pub fn outcome(reached: &[Reached], warnings: &mut Vec<String>) -> Outcome {
     if let Some(most) = beyond.iter().map(|r| r.triangles).max() {
         warnings.push(format!(
             "--tolerance: {} of {} models would take more than {most} triangles each; their \
-             silhouettes are off by up to {rms_m:.3} m (RMS); give more --triangles",
+             silhouettes are off by up to {rms_m:.3} m (RMS); give more {}",
             beyond.len(),
-            reached.len()
+            reached.len(),
+            if bound == Bound::Scene { "--scene-triangles" } else { "--triangles" }
         ));
     }
     let untold = || reached.iter().filter(|r| r.is_within() && r.is_untold());
@@ -243,7 +246,7 @@ mod tests {
         let mut warnings = Vec::new();
         let got = fewest(300, 0.01).unwrap();
         assert_eq!((got.triangles, got.is_within()), (300, false));
-        outcome(&[got], &mut warnings);
+        outcome(&[got], Bound::Triangles, &mut warnings);
         assert!(warnings[0].contains("1 of 1 models would take more than 300"), "{warnings:?}");
         // However round wood is to be.
         let round =
@@ -252,7 +255,7 @@ mod tests {
         assert!(got.is_rough && got.made <= 300 && got.rms_m < 0.5, "{got:?}");
         let mut warnings = Vec::new();
         let got = fewest(100_000, 0.001).unwrap();
-        outcome(&[got], &mut warnings);
+        outcome(&[got], Bound::Triangles, &mut warnings);
         assert!(
             warnings[0].contains("of the 100000 triangles that they are measured against"),
             "{warnings:?}"

@@ -5,6 +5,7 @@ use std::thread;
 
 use glam::{DVec3, Vec2, Vec3};
 
+use super::budget::Bound;
 use super::cover::Subject;
 use super::detail::{self, WoodJob};
 use super::level_table::{self, Row};
@@ -122,7 +123,7 @@ impl TreeJob {
             TwigsAs::Instanced => self.triangles.max(INSTANCED),
             TwigsAs::Merged => self.triangles,
         };
-        self.wood.detail(triangles, self.foliage)
+        self.wood.detail(triangles, self.foliage.of(&self.species))
     }
 }
 
@@ -299,13 +300,14 @@ fn stand(
         let twigs = job.twigs;
         MeshOptions { leaf_share, twigs, ..job.wood.options(n, job.foliage) }
     };
-    let (mut triangles, mut is_rough) = (job.triangles, false);
+    let (mut triangles, mut is_rough, mut bound) = (job.triangles, false, Bound::Triangles);
     if let Some(tolerance_m) = job.wood.tolerance_m {
-        (triangles, is_rough) = run.stage("tolerance", |warnings| {
+        (triangles, is_rough, bound) = run.stage("tolerance", |warnings| {
             let subject = Subject { skeleton, species, textures: &textures, seed };
             let reached = tolerance::fewest(&subject, &options, job.triangles, tolerance_m)?;
-            let found = (reached.triangles, reached.is_rough);
-            Ok((found, tolerance::outcome(&[reached], warnings)))
+            let bound = if reached.is_within() { Bound::Tolerance } else { Bound::Triangles };
+            let found = (reached.triangles, reached.is_rough, bound);
+            Ok((found, tolerance::outcome(&[reached], Bound::Triangles, warnings)))
         })?;
     }
     let mut meshes = run.stage("mesh", |warnings| {
@@ -329,7 +331,7 @@ fn stand(
         let instead = "; --twigs instance stores them in a few forms";
         let what = if species.foliage.is_bare() { "buds" } else { "leaves or needles" };
         let outcome = told::leaves(meshes.first().into_iter(), what, instead, outcome);
-        told::thin(meshes.first().map(|mesh| (species, mesh)).into_iter(), warnings);
+        told::thin(meshes.first().map(|mesh| (species, mesh, bound)).into_iter(), warnings);
         told::thin_levels([&meshes[..]].into_iter(), warnings);
         told::fruitless(species, job.foliage, meshes.first().into_iter(), warnings);
         Ok((meshes, outcome))

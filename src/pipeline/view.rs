@@ -167,6 +167,7 @@ pub fn choose(scene: &mut Scene, seen: &Seen, tolerance_m: f32, most: Option<usi
                 parts: level.parts.clone(),
                 levels: Vec::new(),
                 colliders: of.colliders.clone(),
+                silhouette: Some(level.silhouette),
                 octahedral: level.octahedral,
             }
         })
@@ -471,7 +472,9 @@ mod tests {
         assert_eq!(chosen(Some(free.triangles)).0, free);
         let (_, coarsest) = chosen(Some(0));
         let least = chosen(Some(0)).0.triangles;
-        assert!(coarsest.prototypes.iter().all(|p| p.name.ends_with("LOD4")));
+        let is_lod4 =
+            |p: &Prototype| p.name.ends_with("LOD4") && p.silhouette == Some(levels[3].silhouette);
+        assert!(coarsest.prototypes.iter().all(is_lod4));
         assert!(least < free.triangles / 3, "{least} {}", free.triangles);
         let mut before = f32::INFINITY;
         for share in 1..8 {

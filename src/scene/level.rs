@@ -32,6 +32,10 @@ pub struct Apart {
     pub rms_m: f32,
 }
 
+impl Apart {
+    pub const NONE: Apart = Apart { worst_m: 0.0, rms_m: 0.0 };
+}
+
 /// How a shader finds the views of an octahedral impostor: that from direction d (unit, towards
 /// the eye, z ≥ 0) is in column and row (frames − 1)(e + 1)/2, where e = (p.x + p.y, p.x − p.y)
 /// and p = d.xy / (|d.x| + |d.y| + d.z); row 0 is at the bottom of the picture.

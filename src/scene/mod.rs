@@ -135,6 +135,8 @@ pub struct Prototype {
     /// Coarser forms, from fine to coarse.
     pub levels: Vec<Level>,
     pub colliders: Vec<Collider>,
+    /// How far its finest form is from one that the scene has done without.
+    pub silhouette: Option<Apart>,
     /// Where the parts show views of an octahedral impostor.
     pub octahedral: Option<Octahedral>,
 }

@@ -99,6 +99,7 @@ fn add_species(scene: &mut Scene, species: &str, number: usize, trees: usize, si
             scattered: Vec::new(),
             levels: Vec::new(),
             colliders: Vec::new(),
+            silhouette: None,
             octahedral: None,
         });
     }

@@ -234,7 +234,7 @@ fn model(prototype: &super::Prototype, forms: Forms) -> Model<'_> {
     let finest = Form {
         name: FINEST,
         parts: &prototype.parts,
-        silhouette: Apart { worst_m: 0.0, rms_m: 0.0 },
+        silhouette: prototype.silhouette.unwrap_or(Apart::NONE),
         octahedral: prototype.octahedral,
     };
     let coarser = prototype.levels.iter().map(|level| Form {

@@ -16,4 +16,4 @@ pub use camera::{PhotoOptions, photo};
 pub use planting::{Stand, StandOptions, TrueTree, stand};
 pub use relief::{Landform, Relief};
 pub use scanner::{ScannerOptions, scan};
-pub use truth::{Comparison, FoundTree, compare};
+pub use truth::{Comparison, FoundTree, Window, compare};

@@ -1,5 +1,6 @@
 //! What was found beside what is there.
 
+use glam::DVec2;
 use serde::Serialize;
 
 use super::planting::{Stand, TrueTree};
@@ -60,13 +61,30 @@ pub struct Comparison {
 /// A match may be this far off, or half a crown's radius if that is more.
 const REACH_M: f64 = 2.0;
 
+/// Part of a stand, the stand's local metres: its south-west and its north-east corner.
+#[derive(Debug, Clone, Copy)]
+pub struct Window {
+    pub low: DVec2,
+    pub high: DVec2,
+}
+
+impl Window {
+    pub const ALL: Window = Window { low: DVec2::NEG_INFINITY, high: DVec2::INFINITY };
+
+    fn holds(&self, x: f64, y: f64) -> bool {
+        let p = DVec2::new(x, y);
+        p.cmpge(self.low).all() && p.cmplt(self.high).all()
+    }
+}
+
 /// Sets found trees beside a stand. A true and a found tree may match within 2 m or half the true
 /// crown's radius; pairs are taken greedily from the nearest on, each tree once, a metre of height
-/// counting as a third of a metre of distance. `height_at` is the terrain as found, sampled every
-/// metre inside the stand.
+/// counting as a third of a metre of distance. True trees that nobody found count `within` the part of
+/// the stand that was looked at. `height_at` is the terrain as found, sampled every metre there.
 pub fn compare(
     stand: &Stand,
     found: &[FoundTree],
+    within: &Window,
     height_at: impl Fn(f64, f64) -> f64,
 ) -> Comparison {
     let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
@@ -98,29 +116,33 @@ pub fn compare(
     }
     let right: usize = (0..stand.species.len()).map(|i| confusion[i][i]).sum();
     let matched = matches.len();
+    let looked_at = stand.trees.iter().zip(&is_taken.0);
+    let missed = looked_at.filter(|(t, is_taken)| !**is_taken && within.holds(t.x, t.y)).count();
+    let trees = matched + missed;
     Comparison {
-        trees: stand.trees.len(),
+        trees,
         found: found.len(),
         matched,
-        missed: stand.trees.len() - matched,
+        missed,
         invented: found.len() - matched,
-        f1: 2.0 * matched as f64 / (stand.trees.len() + found.len()).max(1) as f64,
+        f1: 2.0 * matched as f64 / (trees + found.len()).max(1) as f64,
         position_rmse_m: Difference::of(&all(&|t, m| (t.x - m.x).hypot(t.y - m.y))).rmse_m,
         height: Difference::of(&all(&|t, m| f64::from(m.height_m - t.height_m))),
         crown_diameter: Difference::of(&all(&|t, m| {
             f64::from(m.crown_diameter_m - t.crown_diameter_m)
         })),
-        terrain: terrain(stand, height_at),
+        terrain: terrain(stand, within, height_at),
         species_accuracy: right as f64 / matched.max(1) as f64,
         confusion,
         species: stand.species.clone(),
     }
 }
 
-fn terrain(stand: &Stand, height_at: impl Fn(f64, f64) -> f64) -> Difference {
+fn terrain(stand: &Stand, within: &Window, height_at: impl Fn(f64, f64) -> f64) -> Difference {
     let n = stand.side_m.floor() as u32;
     let off: Vec<f64> = (0..n)
         .flat_map(|i| (0..n).map(move |j| (f64::from(i) + 0.5, f64::from(j) + 0.5)))
+        .filter(|&(x, y)| within.holds(x, y))
         .map(|(x, y)| height_at(x, y) - stand.relief.height_at(x, y))
         .collect();
     Difference::of(&off)
@@ -170,7 +192,7 @@ mod tests {
             found(1.0, 1.0, 10.0, "Quercus"),
             found(5.0, 9.0, 10.0, "Abies alba"),
         ];
-        let c = compare(&stand, &found, |_, _| 5.1);
+        let c = compare(&stand, &found, &Window::ALL, |_, _| 5.1);
         assert_eq!((c.matched, c.missed, c.invented), (2, 1, 1));
         assert!((c.position_rmse_m - (0.25f64 / 2.0).sqrt()).abs() < 1e-9);
         assert!((c.height.bias_m - 0.5).abs() < 1e-6);
@@ -183,9 +205,21 @@ mod tests {
     #[test]
     fn one_found_tree_matches_one_true_tree() {
         let stand = stand(vec![tree(1.0, 1.0, 10.0), tree(1.5, 1.0, 10.0)]);
-        let c = compare(&stand, &[found(1.4, 1.0, 10.0, "")], |_, _| 5.0);
+        let c = compare(&stand, &[found(1.4, 1.0, 10.0, "")], &Window::ALL, |_, _| 5.0);
         assert_eq!((c.matched, c.missed, c.invented), (1, 1, 0));
         assert!((c.position_rmse_m - 0.1).abs() < 1e-9);
-        assert_eq!(compare(&stand, &[], |_, _| 5.0).f1, 0.0);
+        assert_eq!(compare(&stand, &[], &Window::ALL, |_, _| 5.0).f1, 0.0);
+    }
+
+    /// A tree found within may stand without.
+    #[test]
+    fn what_nobody_looked_at_is_not_missed() {
+        let stand = stand(vec![tree(1.0, 1.0, 10.0), tree(4.9, 5.0, 12.0), tree(9.0, 9.0, 8.0)]);
+        let within = Window { low: DVec2::splat(5.0), high: DVec2::splat(10.0) };
+        let found = [found(5.1, 5.0, 12.0, "")];
+        let is_within = |x: f64, y: f64| x > 5.0 && y > 5.0;
+        let c = compare(&stand, &found, &within, |x, y| if is_within(x, y) { 5.1 } else { 0.0 });
+        assert_eq!((c.trees, c.matched, c.missed, c.invented), (2, 1, 1, 0));
+        assert!((c.terrain.rmse_m - 0.1).abs() < 1e-9, "{}", c.terrain.rmse_m);
     }
 }

@@ -15,7 +15,7 @@ use super::{Profile, Recipe, Square, WindAs, variants, y_up};
 use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::mesh::Surface;
-use crate::scene::{self, Alpha, Form, Model, Part, Selection, TreeFacts, Wrap};
+use crate::scene::{self, Alpha, Apart, Form, Model, Part, Selection, TreeFacts, Wrap};
 
 /// Terrain keeps its 32-bit positions where 16 bits would move it farther than this, metres.
 pub(super) const MOST_TERRAIN_ERROR_M: f32 = 0.001;
@@ -493,7 +493,8 @@ fn extras_of(form: &Form<'_>) -> Option<MeshExtras> {
                e = (p.x - p.z, p.x + p.z); the view is in column, row (from below) \
                (frames - 1) (e + 1) / 2",
     };
-    (!form.is_finest()).then(|| MeshExtras {
+    let is_coarser = !form.is_finest() || form.silhouette != Apart::NONE;
+    is_coarser.then(|| MeshExtras {
         silhouette_worst_m: form.silhouette.worst_m,
         silhouette_rms_m: form.silhouette.rms_m,
         octahedral: form.octahedral.map(octahedral),

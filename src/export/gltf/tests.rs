@@ -396,6 +396,23 @@ fn at_most(scene: &ValidScene, profile: Profile, most_glb_bytes: u64) -> Result<
     Ok((value.into_iter().map(read).collect(), warnings))
 }
 
+/// A form that a camera chose is the only one, and yet not the finest there is.
+#[test]
+fn the_only_form_tells_how_far_it_is_from_one_that_is_gone() {
+    let mut scene = forest(&["Larix sibirica"], 12, 100.0);
+    scene.prototypes[0].silhouette = Some(Apart { worst_m: 0.5, rms_m: 0.25 });
+    let scene = scene.validate().unwrap();
+    for profile in [Profile::Dcc, Profile::Engine] {
+        let (_, read) = written(&scene, profile).remove(0);
+        for mesh in read.json["meshes"].as_array().unwrap() {
+            let of = |p: &crate::scene::Prototype| mesh["name"] == p.name.as_str();
+            let Some(k) = scene.prototypes().iter().position(of) else { continue };
+            let told = &mesh["extras"]["silhouette_rms_m"];
+            assert_eq!(told.as_f64(), (k == 0).then_some(0.25), "{profile:?} {k}");
+        }
+    }
+}
+
 /// The nodes of trees or cells: those with extras, by name; without the numbers of this file.
 fn trees_of(read: &Read) -> BTreeMap<&str, Value> {
     let nodes = read.json["nodes"].as_array().unwrap().iter().filter(|n| n["extras"].is_object());

@@ -9,7 +9,8 @@ use super::material::{Colours, TexturePaths, material};
 use super::stage::extent;
 use crate::raster::linear_from_srgb;
 use crate::scene::{
-    Collider, Level, Material, OWN_LOOK, Octahedral, Part, Prototype, SpeciesGroup, ValidScene,
+    Apart, Collider, Level, Material, OWN_LOOK, Octahedral, Part, Prototype, SpeciesGroup,
+    ValidScene,
 };
 
 /// The name of the variant that shows the finest form.
@@ -34,8 +35,8 @@ pub(super) fn prototype<'a>(
     let mut prim = Prim::def("Xform", one.name.as_str())
         .kind("component")
         .meta("apiSchemas", Value::Prepended(vec!["GeomModelAPI"]));
-    if let Some(octahedral) = &one.octahedral {
-        prim = prim.meta("customData", Value::Dictionary(vec![views(octahedral)]));
+    if let Some(silhouette) = &one.silhouette {
+        prim = prim.meta("customData", told(silhouette, one.octahedral.as_ref()));
     }
     let proxy = coarsest(one);
     let chosen = |mut variant: Prim<'a>, parts: &'a [Part]| {
@@ -79,7 +80,8 @@ pub(super) fn prototype<'a>(
     } else {
         let finest = chosen(Prim::variant(FINEST), &one.parts);
         let coarser = one.levels.iter().map(|level| {
-            let variant = Prim::variant(level.name.as_str()).meta("customData", told(level));
+            let variant = Prim::variant(level.name.as_str())
+                .meta("customData", told(&level.silhouette, level.octahedral.as_ref()));
             chosen(variant, &level.parts)
         });
         let variants = [finest].into_iter().chain(coarser).collect();
@@ -154,13 +156,13 @@ fn coarsest(one: &Prototype) -> Option<&Level> {
 }
 
 /// How far a coarser form is from the finest, and how its views are found.
-fn told(level: &Level) -> Value<'_> {
+fn told<'a>(silhouette: &Apart, octahedral: Option<&Octahedral>) -> Value<'a> {
     let float = |name: &'static str, value| (name.into(), Value::Float(value));
     let mut entries = vec![
-        float("silhouette_rms_m", level.silhouette.rms_m),
-        float("silhouette_worst_m", level.silhouette.worst_m),
+        float("silhouette_rms_m", silhouette.rms_m),
+        float("silhouette_worst_m", silhouette.worst_m),
     ];
-    entries.extend(level.octahedral.as_ref().map(views));
+    entries.extend(octahedral.map(views));
     Value::Dictionary(entries)
 }
 

@@ -57,7 +57,7 @@ pub(super) fn facts(bench: &mut Bench<'_>) -> Result<Vec<Fact>> {
         facts.push(fact("terrain_held_out", "terrain RMSE", &e.unit, e.value, Truth::HeldOut));
     }
     if let Some(stand) = &bench.place.stand {
-        let c = demo::compare(stand, &bench.place.survey);
+        let c = demo::compare(stand, &bench.place.survey, None);
         let known =
             |id: &str, name: &str, unit: &str, value| fact(id, name, unit, value, Truth::Simulated);
         facts.extend([
