@@ -531,6 +531,11 @@ fn a_tree_has_stages_and_an_age() {
     refused(&["tree", "picea_obovata", "--stage", "13", "-o", &o], &["13 is not in 1..=12"]);
     refused(&["tree", "picea_obovata", "--age", "-4", "-o", &o], &["--age"]);
     refused(
+        &["tree", "picea_obovata", "--age", "0.01", "-o", &o],
+        &["--age 0.01: Picea obovata is lower than 0.1 m then", "years or more"],
+    );
+    refused(&["tree", "picea_obovata", "--height", "500", "-o", &o], &["can't be grown"]);
+    refused(
         &["tree", "picea_obovata", "--age", "9", "--height", "3", "-o", &o],
         &["cannot be used with"],
     );

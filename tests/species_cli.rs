@@ -215,6 +215,12 @@ fn a_check_warns_of_what_a_run_would() {
         text(&larix_in(dir.path(), &tree).stderr)
             .contains(json[0]["warnings"][0].as_str().unwrap())
     );
+    // But where the model is not used.
+    for foliage in ["none", "shell"] {
+        let out = larix_in(dir.path(), &[&tree[..], &["--foliage", foliage]].concat());
+        assert!(!text(&out.stderr).contains("stalk"), "{foliage}: {}", text(&out.stderr));
+    }
+    larix_in(dir.path(), &tree);
     // Nothing of it is transparent.
     let file = fs::read(dir.path().join("own.glb")).unwrap();
     let length = u32::from_le_bytes(file[12..16].try_into().unwrap()) as usize;

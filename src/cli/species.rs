@@ -165,7 +165,7 @@ fn check(a: &args::Check, cli: &Cli) -> Result<()> {
 /// Tells what a run would warn of.
 pub(super) fn warn(sound: &Sound, cli: &Cli) {
     if !cli.json && !cli.quiet {
-        sound.species.remarks.iter().for_each(|remark| tell!("warning: {remark}"));
+        sound.species.remarks.iter().for_each(|remark| tell!("warning: {}", remark.text));
     }
 }
 
@@ -189,7 +189,7 @@ pub(super) fn checked_json(path: &Path, checked: &Result<Sound>) -> Value {
             "name": sound.species.name,
             "derived": sound.stats,
             "tree": { "height_m": sound.height_m, "nodes": sound.nodes },
-            "warnings": sound.species.remarks,
+            "warnings": sound.species.remarks.iter().map(|r| &r.text).collect::<Vec<_>>(),
         }),
         Err(error) => {
             let one = |e: &Error| {

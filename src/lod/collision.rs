@@ -4,7 +4,7 @@
 //! *Capsule*: one a stem, about the straight line from root to top, as thick as the stem is where one walks
 //! into it. *Convex*: a stack of frusta whose
 //! rings are level octagons, each a convex body; a curved stem takes more of them. The octagons
-//! hold the stem's circles, so that nothing of it sticks out; two more hold the flare of its foot, and what
+//! hold the stem's circles, so that nothing of it sticks out; three more hold the flare of its foot, and what
 //! of it is below ground.
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
@@ -38,8 +38,8 @@ struct Place {
     radius_m: f32,
 }
 
-/// Heights of the bodies about a stem's foot, of its flare's.
-const FLARE_HELD: [f32; 2] = [0.28, 0.75];
+/// Where bodies about a stem's foot meet and end, share of its flare's height.
+const FLARE_HELD: [f32; 3] = [0.0, 0.28, 0.75];
 
 /// How high above its foot a stem is met, and share of its height at most.
 const MET_M: f32 = 1.3;
@@ -77,22 +77,18 @@ fn flared(up: f32) -> [f32; 2] {
 /// What holds the flare of a stem that stands in the ground: it narrows faster the nearer to that.
 fn flare(stem: &[Place], height_m: f32) -> Vec<Surface> {
     let [foot, .., top] = stem else { return Vec::new() };
-    let [middle, high] = FLARE_HELD.map(|share| {
+    let above = |share: f32| {
         let held_m = share * FLARE * foot.radius_m;
         let above = *stem.iter().find(|p| p.at.z > foot.at.z + held_m).unwrap_or(top);
         let at = foot.at.lerp(above.at, (held_m / (above.at.z - foot.at.z).max(1e-6)).min(1.0));
         Place { at, radius_m: foot.radius_m * flared(1.0 - share)[1] }
-    });
-    let depth_m = BELOW_GROUND_M.min(0.1 * height_m);
-    // As wide at the ground as there.
-    let narrows =
-        (foot.radius_m * flared(1.0)[1] - middle.radius_m) / (middle.at.z - foot.at.z).max(1e-6);
-    let buried_m = foot.radius_m * flared(1.0)[1] * BURIED;
-    let below = Place {
-        at: foot.at - Vec3::Z * depth_m,
-        radius_m: buried_m.max(middle.radius_m + narrows * (middle.at.z - foot.at.z + depth_m)),
     };
-    vec![frustum(below, middle), frustum(middle, high)]
+    let [ground, middle, high] = FLARE_HELD.map(above);
+    let below = Place {
+        at: foot.at - Vec3::Z * BELOW_GROUND_M.min(0.1 * height_m),
+        radius_m: ground.radius_m * BURIED,
+    };
+    [below, ground, middle, high].windows(2).map(|w| frustum(w[0], w[1])).collect()
 }
 
 fn capsule_about(stem: &[Place], is_flared: bool) -> Option<Surface> {
@@ -293,7 +289,7 @@ mod tests {
             let s = stem(bend);
             for shape in [ColliderShape::Capsule, ColliderShape::Convex] {
                 let bodies = collision(&s, shape);
-                assert!(!bodies.is_empty() && bodies.len() <= 2 + MOST_PIECES);
+                assert!(!bodies.is_empty() && bodies.len() <= 3 + MOST_PIECES);
                 for b in &bodies {
                     assert!(is_convex(&b.body), "{shape:?} {bend}");
                     assert!(b.body.volume_m3() > 0.0);
@@ -301,11 +297,11 @@ mod tests {
             }
         }
         let straight = collision(&stem(0.0), ColliderShape::Convex);
-        assert_eq!(straight.len(), 3, "a straight stem is one body beside its foot's");
-        let volume = straight[2].body.volume_m3();
+        assert_eq!(straight.len(), 4, "a straight stem is one body beside its foot's");
+        let volume = straight[3].body.volume_m3();
         let cones = std::f64::consts::PI * 9.5 / 3.0 * (0.09 + 0.3 * 0.11 + 0.11f64.powi(2));
         assert!(volume > cones && volume < 1.12 * cones, "{volume} {cones}");
-        assert!(collision(&stem(1.5), ColliderShape::Convex).len() > 3, "a bent one is several");
+        assert!(collision(&stem(1.5), ColliderShape::Convex).len() > 4, "a bent one is several");
     }
 
     /// Whoever walks into a flare is stopped by its bark.
@@ -395,7 +391,7 @@ mod tests {
             let bodies = collision(&s, shape);
             let bounds: Vec<_> = bodies.iter().map(|b| b.body.bounds()).collect();
             let [feet @ .., first, second] = &bounds[..] else { panic!("{shape:?}") };
-            assert_eq!(feet.len(), if shape == ColliderShape::Convex { 2 } else { 0 });
+            assert_eq!(feet.len(), if shape == ColliderShape::Convex { 3 } else { 0 });
             assert!(first.1.x < 0.1 && second.0.x > 0.2, "{shape:?} {bounds:?}");
             assert!(feet.iter().all(|foot| foot.1.x < 0.2), "{shape:?} {bounds:?}");
         }

@@ -495,11 +495,13 @@ fn paint_all(
                 tell_no_variants(species, warnings);
             }
         }
-        for (s, _) in species.iter().zip(&is_used).filter(|(_, used)| **used) {
-            warnings.extend(s.remarks.iter().cloned());
+        for (look, _) in looks.iter().zip(&is_used).filter(|(_, used)| **used) {
+            told::remarks(look, job.foliage, size_px, warnings);
         }
-        let used = is_used.iter().filter(|&&u| u).count();
-        Ok((textures, Outcome::items(used, "species", used * 3, "pictures")))
+        let used = textures.iter().flatten();
+        let pictures = used.clone().map(TreeTextures::pictures).sum();
+        let outcome = Outcome::items(used.count(), "species", pictures, "pictures");
+        Ok((textures, outcome))
     })
 }
 

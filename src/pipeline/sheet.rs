@@ -11,6 +11,7 @@ use super::detail::{detail, mesh_options};
 use super::figure::{self, figure};
 use super::model::model_scene;
 use super::paint::paint;
+use super::told;
 use crate::cache::Cache;
 use crate::diagnostic::Result;
 use crate::mesh::{self, FoliageLevel, MeshOptions};
@@ -101,9 +102,10 @@ pub fn sheet(job: &SheetJob, run: &mut Recorder) -> Result<Sheet> {
         Ok((skeletons, Outcome::items(job.seeds.len(), "seeds", nodes, "nodes")))
     })?;
     let textures = run.stage("texture", |warnings| {
-        warnings.extend(species.remarks.iter().cloned());
+        told::remarks(species, FoliageLevel::Cards, job.texture_px, warnings);
         let textures = paint(species, job.texture_px, &job.cache)?;
-        Ok((textures, Outcome::items(1, "species", 3, "pictures")))
+        let outcome = Outcome::items(1, "species", textures.pictures(), "pictures");
+        Ok((textures, outcome))
     })?;
     let mut wanted = Vec::new();
     for (seed, skeleton) in job.seeds.iter().zip(&skeletons) {

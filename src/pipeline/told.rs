@@ -5,6 +5,7 @@ use super::budget::Bound;
 use crate::mesh::{FoliageLevel, TreeMesh};
 use crate::report::Outcome;
 use crate::species::Species;
+use crate::species::model::{OwnPart, Remark};
 
 /// Share of the axes thick enough for a mesh above which it is worth a warning that they have none.
 const MANY: f32 = 0.05;
@@ -99,6 +100,16 @@ fn rounded_up(number: f32) -> f32 {
 /// Share of what the species' leaves hide below which a crown is worth a warning.
 const THIN: f32 = 0.75;
 
+/// Passes on what is to be known of a user's own files, as far as a tree is made of them.
+pub fn remarks(look: &Species, foliage: FoliageLevel, texture_px: u32, warnings: &mut Vec<String>) {
+    let is_used = |remark: &&Remark| match remark.on {
+        OwnPart::Bark => texture_px > 0,
+        OwnPart::Leaves => foliage > FoliageLevel::Shell && look.own_model.is_some(),
+        OwnPart::Fruit => foliage >= FoliageLevel::Cards,
+    };
+    warnings.extend(look.remarks.iter().filter(is_used).map(|remark| remark.text.clone()));
+}
+
 /// Warns where so few leaves, cards or models of the user's stand for a crown that one sees through it.
 pub(super) fn thin<'a>(
     meshes: impl Iterator<Item = (&'a Species, &'a TreeMesh, Bound)>,
@@ -180,7 +191,7 @@ pub fn fruitless<'a>(
     let is_fruitless = in_leaf.peek().is_some() && in_leaf.all(|m| m.fruit.is_empty());
     if is_fruitless {
         warnings.push(format!(
-            "{}: no {} is borne: one has {} triangles, and all of them may take a quarter of the leaves'; \
+            "{}: no {} is borne: one has {} triangles, and all of them may take a quarter of the crown's; \
              give more --triangles, or the model fewer",
             species.name,
             model.name.display(),

@@ -16,7 +16,7 @@ use super::paint::{Kept, leaf_variants, paint_unless_found, tell_no_variants};
 use super::told;
 use super::tolerance;
 use crate::cache::Cache;
-use crate::diagnostic::Result;
+use crate::diagnostic::{Error, Result};
 use crate::frame::Frame;
 use crate::lod::collision::collision;
 use crate::mesh::{FoliageLevel, MeshOptions, TwigsAs};
@@ -27,6 +27,7 @@ use crate::scan;
 use crate::scene::{Instance, LeftOut, Scene, TreeFacts, ValidScene, identifier};
 use crate::seed::Seed;
 use crate::skeleton::envelope::Envelope;
+use crate::skeleton::grow::HEIGHTS_M;
 use crate::skeleton::surroundings::{Neighbour, Surroundings, Wall};
 use crate::skeleton::{self, Detail, STAGES, Skeleton, Target, cloud, decline};
 use crate::species::Species;
@@ -88,6 +89,23 @@ const GIANT: f32 = 2.5;
 const ANCIENT: f32 = 4.0;
 
 impl Asked {
+    /// # Errors
+    /// An age at which a tree is too low to be one.
+    fn check(self, species: &Species) -> Result<()> {
+        let (size, least_m) = (&species.size, *HEIGHTS_M.start());
+        match self {
+            Asked::AgeYears(years) if size.height_at(years) < least_m => {
+                let least = (100.0 * size.age_at(least_m)).ceil() / 100.0;
+                Err(Error::new(format!(
+                    "--age {years}: {} is lower than {least_m} m then, too low to be grown",
+                    species.name
+                ))
+                .remedy(format!("give {least} years or more")))
+            }
+            _ => Ok(()),
+        }
+    }
+
     fn warning(self, species: &Species) -> Option<String> {
         let (name, size) = (&species.name, &species.size);
         match self {
@@ -215,6 +233,7 @@ fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
     let species = &job.species;
     run.stage("skeleton", |warnings| {
         let wanted = job.height_m();
+        job.size.check(species)?;
         let target = Target::FromSpecies { height_m: Some(wanted) };
         let around = surroundings(job);
         let detail = job.detail();
@@ -279,7 +298,7 @@ fn stand(
     let species = &job.state.look(&own, job.seed);
     let leaf_share = job.state.leaf_share(&job.species);
     let textures = run.stage("texture", |warnings| {
-        warnings.extend(species.remarks.iter().cloned());
+        told::remarks(species, job.foliage, job.texture_px, warnings);
         let mut textures = paint_unless_found(species, job.texture_px, &job.cache, kept)?;
         if job.has_variants {
             if job.foliage != FoliageLevel::None {
@@ -293,7 +312,8 @@ fn stand(
         if !job.has_height_maps {
             textures.forget_heights();
         }
-        Ok((textures, Outcome::items(1, "species", 3, "pictures")))
+        let outcome = Outcome::items(1, "species", textures.pictures(), "pictures");
+        Ok((textures, outcome))
     })?;
     let seed = job.seed.derive("mesh", 0);
     let options = |n: usize| {

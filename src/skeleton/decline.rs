@@ -21,8 +21,10 @@ pub fn in_condition(s: &Skeleton, kind: Kind, condition: Condition, seed: Seed) 
         Condition::StronglyWeakened => dried(s, 0.42, wood, seed),
         Condition::Dying => dried(s, 0.75, wood, seed),
         // What died this year was killed within it, as by beetles, more often than it had been dying for long: its
-        // leaves hang, dry, on more of the crown.
-        Condition::FreshDead => dried(s, 0.5, wood, seed),
+        // leaves hang, dry, on more of the crown, and fall all over it.
+        Condition::FreshDead => {
+            dried(s, 0.5, &Decline { later: AT_ONCE * wood.later, ..*wood }, seed)
+        }
         Condition::OldDead => broken(s, wood, seed),
     }
 }
@@ -59,6 +61,8 @@ const BROADLEAF: Decline = Decline {
     side: [0.2, 0.8],
 };
 
+/// By how much less than that of one that weakens for years the crown of a tree killed at once dries in order.
+const AT_ONCE: f32 = 0.35;
 /// Share of a dry branch's twigs that have fallen.
 const DRY_TWIGS_LOST: f32 = 0.45;
 
@@ -242,6 +246,26 @@ mod tests {
             let bears = s.bears_leaves(0.01);
             assert!((0..s.len()).all(|i| !(s.dead[i] && bears[i])), "dry branches are bare");
             assert!(bears.iter().any(|b| *b), "some live");
+        }
+    }
+
+    /// Killed within a year it holds no line between what is in needles and what is bare.
+    #[test]
+    fn a_fresh_dead_conifer_is_bare_in_places_all_over() {
+        for name in ["picea_obovata", "pinus_sibirica"] {
+            let (healthy, kind) = grown(name);
+            let s = in_condition(&healthy, kind, Condition::FreshDead, Seed::new(1));
+            let is_stem = s.is_stem();
+            let mut roots: Vec<usize> =
+                (1..s.len()).filter(|&i| !is_stem[i] && is_stem[s.parent[i] as usize]).collect();
+            roots.sort_by(|&a, &b| s.position[a].z.total_cmp(&s.position[b].z));
+            let (low, high) = roots.split_at(roots.len() / 2);
+            let [low, high] = [low, high]
+                .map(|half| half.iter().filter(|&&i| s.dead[i]).count() as f32 / half.len() as f32);
+            assert!(
+                (0.4..0.9).contains(&low) && (0.1..0.6).contains(&high),
+                "{name}: {low} {high}"
+            );
         }
     }
 

@@ -8,7 +8,8 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::model::{
-    Bark, Branching, DecayBy, Foliage, Fruit, Growth, Habit, Kind, Seasons, Size, Species, Young,
+    Bark, Branching, DecayBy, Foliage, Fruit, Growth, Habit, Kind, OwnPart, Remark, Seasons, Size,
+    Species, Young,
 };
 use super::near::suggest;
 use super::node::{self, Node, Source, Sources, Value};
@@ -305,11 +306,21 @@ fn build_reporting(
     let own_picture = own_file(places, ["foliage", "picture"], own::twig_picture, errors);
     let own_fruit = own_file(places, ["fruit", "model"], own::model, errors);
     let read = own_bark::read(merged.get("bark")?, &sources, errors);
-    let (own_bark, mut remarks) =
+    let (own_bark, of_bark) =
         read.map_or((None, Vec::new()), |own| (Some(own.value), own.warnings));
-    let models = [&own_model, &own_fruit].into_iter().flatten();
-    remarks.extend(models.flat_map(|model| model.remarks.clone()));
-    remarks.extend(modelless(merged.get("fruit")?, &sources));
+    let of_model = |model: &Option<Arc<own::Model>>| {
+        model.as_ref().map_or_else(Vec::new, |model| model.remarks.clone())
+    };
+    let mut of_fruit = of_model(&own_fruit);
+    of_fruit.extend(modelless(merged.get("fruit")?, &sources));
+    let all = [
+        (OwnPart::Bark, of_bark),
+        (OwnPart::Leaves, of_model(&own_model)),
+        (OwnPart::Fruit, of_fruit),
+    ];
+    let remarks =
+        all.into_iter().flat_map(|(on, of)| of.into_iter().map(move |text| Remark { on, text }));
+    let remarks = remarks.collect();
     let name = name.unwrap_or_else(|| id.to_owned());
     let mut species = Species {
         id: id.to_owned(),

@@ -355,6 +355,9 @@ pub struct Foliage {
     /// Whether some branches are dry beside others in leaf. The condition's, not the rule file's.
     #[serde(skip)]
     pub has_dry: bool,
+    /// Colour from which leaves turn to their own in autumn, each so far. The season's, not the rule file's.
+    #[serde(skip)]
+    pub turns_from: Option<[u8; 3]>,
 }
 
 fn all() -> f32 {
@@ -370,7 +373,7 @@ impl Foliage {
     /// That of dry branches, which bear twigs alone.
     #[must_use]
     pub fn dry(&self) -> Foliage {
-        Foliage { kept: 0.0, has_dry: false, ..self.clone() }
+        Foliage { kept: 0.0, has_dry: false, turns_from: None, ..self.clone() }
     }
 
     /// Whether twigs are seen without most of their leaves: they hide no crown.
@@ -549,10 +552,24 @@ pub struct Species {
     pub season: Seasons,
     /// Where `bark.picture` names one.
     pub own_bark: Option<OwnBark>,
-    /// What the author may want to know, though nothing is wrong.
-    pub remarks: Vec<String>,
+    pub remarks: Vec<Remark>,
     /// How it branches.
     pub rule: crate::species::rule::Rule,
+}
+
+/// What the author of a file may want to know, though nothing is wrong.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Remark {
+    pub on: OwnPart,
+    pub text: String,
+}
+
+/// What of a tree may be made of a user's own files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OwnPart {
+    Bark,
+    Leaves,
+    Fruit,
 }
 
 impl Species {

@@ -185,7 +185,11 @@ mod tests {
         assert_eq!(own.colour.data[0], [90, 80, 70, 255]);
         assert!(own.normal.is_none() && own.roughness.is_some());
         assert_eq!(species.remarks.len(), 1);
-        assert!(species.remarks[0].contains("rough.png is not square"), "{:?}", species.remarks);
+        assert!(
+            species.remarks[0].text.contains("rough.png is not square"),
+            "{:?}",
+            species.remarks
+        );
     }
 
     #[test]
@@ -199,7 +203,10 @@ mod tests {
             let path = file(folder.path(), "picture = 'bark.png'\nnormal = 'n.png'");
             let remarks = load(&path).unwrap().remarks;
             assert_eq!(remarks.len(), usize::from(is_told), "{remarks:?}");
-            assert!(!is_told || remarks[0].contains("n.png hardly holds normals"), "{remarks:?}");
+            assert!(
+                !is_told || remarks[0].text.contains("n.png hardly holds normals"),
+                "{remarks:?}"
+            );
         }
     }
 

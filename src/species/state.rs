@@ -117,7 +117,7 @@ impl State {
             Condition::Weakened => 0.8,
             Condition::StronglyWeakened => 0.6,
             Condition::Dying => 0.45,
-            Condition::FreshDead => 0.4,
+            Condition::FreshDead => 0.33,
             Condition::OldDead => 0.0,
         };
         of_season * of_condition
@@ -143,13 +143,13 @@ impl State {
     /// The species as it looks in this state: colour of its leaves, loss of its bark. `seed` tells
     /// the autumn colours of one tree from those of another.
     pub fn look(self, species: &Species, seed: Seed) -> Species {
-        self.look_by(species, |colours| between(colours, seed))
+        self.look_by(species, |colours, summer| turned(colours, summer, seed))
     }
 
     /// The same for many trees that share their pictures, each with a [`State::tint`] of its own.
     pub fn look_of_many(self, species: &Species) -> Species {
         let most = |a: [u8; 3], b: &[u8; 3]| std::array::from_fn(|c| a[c].max(b[c]));
-        self.look_by(species, |colours| colours.iter().fold([0; 3], most))
+        self.look_by(species, |colours, summer| [summer, colours.iter().fold([0; 3], most)])
     }
 
     /// What the leaves of one of many trees are multiplied by, linear, at most 1: no two trees turn
@@ -160,7 +160,7 @@ impl State {
             return [1.0; 3];
         }
         let colours = species.season.autumn.as_deref().filter(|c| !c.is_empty());
-        let goal = between(colours.unwrap_or(&[AUTUMN]), seed);
+        let [_, goal] = turned(colours.unwrap_or(&[AUTUMN]), species.foliage.colour, seed);
         let mut draws = seed.derive("turned", 0).draws();
         let (left, light) = (draws.unit(), draws.between(0.88, 1.0));
         let colour = mixed(goal, species.foliage.colour, 0.55 * left * left);
@@ -170,7 +170,12 @@ impl State {
         })
     }
 
-    fn look_by(self, species: &Species, pick: impl Fn(&[[u8; 3]]) -> [u8; 3]) -> Species {
+    /// `pick`: of the colours of autumn and that of summer, the one from which leaves turn and the one to which.
+    fn look_by(
+        self,
+        species: &Species,
+        pick: impl Fn(&[[u8; 3]], [u8; 3]) -> [[u8; 3]; 2],
+    ) -> Species {
         let mut out = species.clone();
         let summer = species.foliage.colour;
         let winter = winter_share(species);
@@ -189,6 +194,7 @@ impl State {
             }
             (out.own_model, out.own_picture) = (None, None);
         }
+        let is_gone = self.condition >= Condition::FreshDead;
         let of_season = match self.season {
             Season::Summer => summer,
             Season::Spring => {
@@ -196,7 +202,11 @@ impl State {
                 own.unwrap_or_else(|| mixed(summer, YOUNG, 0.15 + 0.5 * sheds))
             }
             Season::Autumn => match species.season.autumn.as_deref() {
-                Some(colours) if !colours.is_empty() => pick(colours),
+                Some(colours) if !colours.is_empty() => {
+                    let [from, to] = pick(colours, summer);
+                    out.foliage.turns_from = Some(from).filter(|_| !is_gone);
+                    to
+                }
                 _ => mixed(summer, AUTUMN, sheds),
             },
             // What hangs on through the winter on a tree that sheds is dry.
@@ -242,12 +252,14 @@ fn mixed(a: [u8; 3], b: [u8; 3], share: f32) -> [u8; 3] {
     })
 }
 
-/// A place on the way through several colours.
-fn between(colours: &[[u8; 3]], seed: Seed) -> [u8; 3] {
-    let Some(last) = colours.len().checked_sub(1) else { return AUTUMN };
+/// A place on the way through several colours; before it, one colour back, summer's before the first.
+fn turned(colours: &[[u8; 3]], summer: [u8; 3], seed: Seed) -> [[u8; 3]; 2] {
+    let Some(last) = colours.len().checked_sub(1) else { return [summer, AUTUMN] };
     let at = seed.derive("autumn", 0).draws().unit() * last as f32;
     let i = at as usize;
-    mixed(colours[i.min(last)], colours[(i + 1).min(last)], at.fract())
+    let before = i.checked_sub(1).map_or(summer, |k| colours[k]);
+    let [here, next] = [i, i + 1].map(|k| colours[k.min(last)]);
+    [mixed(before, here, at.fract()), mixed(here, next, at.fract())]
 }
 
 #[cfg(test)]
@@ -348,6 +360,18 @@ mod tests {
             assert!(autumn("sorbus_aucuparia", seed) < 25.0);
             assert!((20.0..45.0).contains(&autumn("quercus_robur", seed)));
             assert!(autumn("picea_abies", seed) > 90.0);
+        }
+        // Some leaves are behind the others: green yet, or yellow where those are red.
+        let from = |name: &str, seed, condition| {
+            let look = state(condition, "autumn").look(&load(name).unwrap(), Seed::new(seed));
+            look.foliage.turns_from.map(hue)
+        };
+        for seed in 1..9 {
+            assert!(from("betula_pendula", seed, "I").unwrap() > 75.0);
+            let aspen = autumn("populus_tremula", seed);
+            assert!(from("populus_tremula", seed, "I").unwrap() > aspen + 2.0);
+            assert_eq!(from("picea_abies", seed, "I"), None);
+            assert_eq!(from("betula_pendula", seed, "V"), None);
         }
         let aspens: Vec<f32> = (1..30).map(|seed| autumn("populus_tremula", seed)).collect();
         assert!(aspens.iter().any(|h| *h > 42.0) && aspens.iter().any(|h| *h < 25.0), "{aspens:?}");

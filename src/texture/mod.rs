@@ -88,6 +88,20 @@ pub struct BarkTextures {
 }
 
 impl TreeTextures {
+    /// How many there are; one of a single pixel is a colour.
+    pub fn pictures(&self) -> usize {
+        let barks = [&self.bark_upper, &self.bark_transition, &self.bark_twig];
+        let barks = std::iter::once(&self.bark).chain(barks.into_iter().flatten());
+        let of_bark = |bark: &'_ BarkTextures| {
+            let reliefs = [&bark.normal, &bark.orm, &bark.height];
+            let all = std::iter::once(&bark.colour).chain(reliefs.into_iter().flatten());
+            all.filter(|image| image.width() > 1).count()
+        };
+        let variants = self.leaf_variants.iter().map(|variant| &variant.leaf);
+        let leaves = std::iter::once(&self.leaf).chain(&self.leaf_normal).chain(variants);
+        barks.map(of_bark).sum::<usize>() + leaves.filter(|image| image.width() > 1).count()
+    }
+
     /// For who writes none.
     pub fn forget_heights(&mut self) {
         let more = [&mut self.bark_upper, &mut self.bark_transition, &mut self.bark_twig];

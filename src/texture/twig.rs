@@ -39,6 +39,8 @@ const LEAF_FROM: f32 = 0.02;
 const UNEVEN: [f32; 3] = [0.6, 1.6, 1.0];
 /// Strokes and leaves a cell may take.
 const PAINT_LIMIT: usize = 60_000;
+/// How far behind the others the last leaves to turn are.
+const TURNS_LATE: f32 = 0.6;
 
 /// Alpha from which on a leaf is seen.
 pub const CUTOFF: f32 = 0.5;
@@ -411,8 +413,14 @@ impl Painter<'_> {
         let f = &self.species.foliage;
         let v = f.variation.clamp(0.0, 1.0);
         let light = (0.58 + 0.5 * depth) * (1.0 + v * self.draws.between(-0.5, 0.5));
-        let warm = v * self.draws.between(-0.4, 0.6);
-        let colour = f.colour.map(f32::from);
+        let warmth = self.draws.between(-0.4, 0.6);
+        let warm = v * warmth;
+        let mut colour = f.colour.map(f32::from);
+        // No draw of its own: leaves lie as in summer.
+        if let Some(from) = f.turns_from {
+            let left = TURNS_LATE * (0.6 - warmth).powi(2);
+            colour = [0, 1, 2].map(|c| colour[c] + (f32::from(from[c]) - colour[c]) * left);
+        }
         ([colour[0] * (1.0 + 0.5 * warm), colour[1] * (1.0 + 0.12 * warm), colour[2]], light)
     }
 

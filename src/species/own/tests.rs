@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::species::{files, load, load_text};
+use crate::species::{Species, files, load, load_text};
 
 const TWIG: &str = "mtllib twig.mtl\no twig\nv -1 0 0\nv 1 0 0\nv 1 4 0\nv -1 4 0\n\
                     vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvn 0 0 1\nusemtl leaf\n\
@@ -79,11 +79,15 @@ fn colours_that_no_face_shows_are_not_those_of_leaves() {
     assert_eq!(species.foliage.colour, srgb([0.1, 0.3, 0.05]));
 }
 
+fn remarked(species: &Species) -> Vec<String> {
+    species.remarks.iter().map(|remark| remark.text.clone()).collect()
+}
+
 #[test]
 fn what_a_material_says_in_vain_is_told() {
     let remarks = |more: &str| {
         let folder = folder(RULE, TWIG, &format!("{MATERIAL}{more}"));
-        load(&rule(&folder)).unwrap().remarks
+        remarked(&load(&rule(&folder)).unwrap())
     };
     let as_exported = "Ns 250\nKs 0.5 0.5 0.5\nKe 0 0 0\nNi 1.45\nd 1\nillum 2\nmap_d leaf.png\n";
     assert_eq!(remarks(as_exported), [""; 0]);
@@ -99,7 +103,7 @@ fn what_a_material_says_in_vain_is_told() {
 fn a_model_that_lacks_its_material_or_hangs_in_the_air_is_told_of() {
     let remarks = |obj: &str| {
         let folder = folder(RULE, obj, MATERIAL);
-        let remarks = load(&rule(&folder)).unwrap().remarks;
+        let remarks = remarked(&load(&rule(&folder)).unwrap());
         let place = format!("{}{}", folder.path().display(), std::path::MAIN_SEPARATOR);
         remarks.into_iter().map(|r| r.replace(&place, "")).collect::<Vec<_>>()
     };
@@ -132,7 +136,7 @@ fn a_model_that_lacks_its_material_or_hangs_in_the_air_is_told_of() {
 fn fruit_that_names_no_model_is_told_of() {
     let remarks = |fruit: &str| {
         let folder = folder(&format!("{RULE}\n[fruit]\n{fruit}\n"), TWIG, MATERIAL);
-        load(&rule(&folder)).unwrap().remarks
+        remarked(&load(&rule(&folder)).unwrap())
     };
     let told = remarks("per_m = 3");
     assert_eq!(told.len(), 1);
