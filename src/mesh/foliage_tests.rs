@@ -29,7 +29,7 @@ fn grown_with(
     let s = species::load(name).unwrap();
     let detail = Detail { max_nodes, attractor_spacing_m: None };
     let skeleton = grow(&s, Target::FromSpecies { height_m }, detail, Seed::new(seed)).unwrap();
-    let atlas = crate::texture::for_species(&s, 64, Seed::new(1)).atlas;
+    let atlas = crate::texture::tests::leafy(&s, 64, Seed::new(1)).atlas;
     (skeleton, s, atlas)
 }
 
@@ -515,7 +515,7 @@ fn twigs_leaf_by_leaf_begin_on_wood() {
         let detail = Detail { max_nodes: 8_000, attractor_spacing_m: None };
         let target = Target::FromSpecies { height_m: None };
         let skeleton = grow(&species, target, detail, Seed::new(1)).unwrap();
-        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
         let options = MeshOptions {
             foliage: FoliageLevel::Geometry,
             twigs: TwigsAs::Instanced,
@@ -549,7 +549,7 @@ fn twigs_leaf_by_leaf_begin_on_wood() {
 fn a_user_s_model_is_stored_once() {
     let (skeleton, mut species, _) = grown("quercus_robur");
     species.own_model = Some(triangle("twig.obj"));
-    let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+    let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
     let tree = (skeleton, species, atlas);
     let copies = leaves(&tree, FoliageLevel::Cards, None);
     let once = order(&tree, FoliageLevel::Cards, Some(1));
@@ -569,7 +569,7 @@ fn leaves_are_as_large_without_pictures() {
     for name in ["quercus_robur", "betula_pendula", "sorbus_aucuparia"] {
         let (skeleton, species, _) = grown_to(name, Some(3.0));
         // The smallest pictures there are: coarser ones blur the edge of a leaf.
-        let atlas = crate::texture::for_species(&species, 512, Seed::new(1)).atlas;
+        let atlas = crate::texture::tests::leafy(&species, 512, Seed::new(1)).atlas;
         let plain = crate::texture::plain(&species).atlas;
         let area = |atlas: Atlas| {
             let tree = (skeleton.clone(), species.clone(), atlas);
@@ -596,7 +596,7 @@ fn few_leaves_hang_on_through_the_winter() {
         let detail = Detail { max_nodes: 16_000, attractor_spacing_m: None };
         let target = Target::FromSpecies { height_m: None };
         let skeleton = grow(&species, target, detail, Seed::new(3)).unwrap();
-        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
         let wood = atlas.wood();
         let mut tree = (skeleton, species, atlas);
         let mut blades = |kept: f32| {
@@ -623,7 +623,7 @@ fn leaves_on_cards_are_of_one_size() {
         let species = species::load(name).unwrap();
         let target = Target::FromSpecies { height_m: None };
         let skeleton = grow(&species, target, Detail::HERO, Seed::new(1)).unwrap();
-        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
         let tree = build(&skeleton, &species, &atlas, &MeshOptions::HERO, Seed::new(1)).unwrap();
         let s = &tree.foliage;
         // Of every triangle, over the size that leaves have in nature.
@@ -658,7 +658,7 @@ fn leafy_twigs_hang_near_wood() {
         let species = species::load(name).unwrap();
         let target = Target::FromSpecies { height_m: None };
         let skeleton = grow(&species, target, Detail::HERO, Seed::new(1)).unwrap();
-        let atlas = crate::texture::for_species(&species, 512, Seed::new(1)).atlas;
+        let atlas = crate::texture::tests::leafy(&species, 512, Seed::new(1)).atlas;
         let tree = build(&skeleton, &species, &atlas, &MeshOptions::HERO, Seed::new(1)).unwrap();
         let mut wood = Vec::new();
         for s in tree.woods() {
@@ -700,7 +700,7 @@ fn wood_has_what_cards_leave_over() {
         let target = Target::FromSpecies { height_m: None };
         let detail = Detail { max_nodes: 30_000, attractor_spacing_m: None };
         let skeleton = grow(&species, target, detail, Seed::new(1)).unwrap();
-        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
         let options = MeshOptions { triangle_budget: Some(80_000), ..MeshOptions::HERO };
         let tree = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
         let [wood, all] = [tree.wood_triangles(), tree.triangles()];
@@ -809,7 +809,7 @@ fn dry_branches_bear_bare_twigs() {
             let state = State { condition, season };
             let species = state.look(&own, Seed::new(1));
             let s = in_condition(&skeleton, own.kind, condition, Seed::new(1));
-            let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+            let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
             let options = MeshOptions {
                 triangle_budget: Some(budget),
                 leaf_share: state.leaf_share(&own),

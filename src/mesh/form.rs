@@ -318,7 +318,7 @@ mod tests {
         let mut draws = Seed::new(3).draws();
         for name in ["larix_sibirica", "picea_abies", "pinus_sylvestris", "quercus_robur"] {
             let species = crate::species::load(name).unwrap();
-            let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+            let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
             for budget in [usize::MAX, 200_000] {
                 let twig = Twig::new(&species.foliage, &atlas, [2_000; 2], 150.0, budget);
                 let kind = Kind { down: 7, sag: 1, size: -6 };

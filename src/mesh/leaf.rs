@@ -772,7 +772,7 @@ mod tests {
     fn no_twig_counts_for_more_than_its_square() {
         for name in crate::species::builtin_names() {
             let species = load(name).unwrap();
-            let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+            let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
             let own = &species.foliage;
             let long = Foliage { leaf_length_m: 2.0 * own.twig_length_m, ..own.clone() };
             for f in [own, &long] {
@@ -786,7 +786,7 @@ mod tests {
     fn every_leafy_shoot_ends_in_a_leaf() {
         for name in ["corylus_avellana", "tilia_cordata", "sorbus_aucuparia"] {
             let species = load(name).unwrap();
-            let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+            let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
             let twig = Twig::new(&species.foliage, &atlas, [10; 2], 1.0, usize::MAX);
             let pose = Pose::measured(&species.foliage);
             let emit = |_, out: &mut Piece| twig.emit(&pose, &mut Seed::new(5).draws(), out);
@@ -814,7 +814,7 @@ mod tests {
     fn plain_twigs_have_every_leaf_there_is_room_for() {
         for name in ["quercus_robur", "tilia_cordata", "populus_tremula", "salix_caprea"] {
             let species = load(name).unwrap();
-            let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+            let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
             let made = |budget| Twig::new(&species.foliage, &atlas, [10; 2], 1e-6, budget);
             let full = made(usize::MAX);
             let plain = made(10 * full.room().triangles - 1);
@@ -828,7 +828,7 @@ mod tests {
     fn leaves_are_as_large_as_the_species_where_they_say_so() {
         for name in ["quercus_robur", "larix_sibirica", "picea_abies", "sorbus_aucuparia"] {
             let species = load(name).unwrap();
-            let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+            let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
             let made = |budget| Twig::new(&species.foliage, &atlas, [2_000; 2], 150.0, budget);
             let whole = made(usize::MAX).stands_in().whole;
             let size = |budget| made(budget).stands_in().size;
@@ -842,7 +842,7 @@ mod tests {
     fn leaves_are_no_wider_than_it_takes() {
         for name in ["quercus_robur", "larix_sibirica", "picea_abies", "sorbus_aucuparia"] {
             let species = load(name).unwrap();
-            let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+            let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
             let of = |budget| Twig::new(&species.foliage, &atlas, [2_000; 2], 150.0, budget);
             let whole = of(usize::MAX).stands_in().whole;
             let mut wider = 0;

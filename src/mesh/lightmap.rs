@@ -174,7 +174,7 @@ mod tests {
 
     fn tree(name: &str) -> TreeMesh {
         let s = species::load(name).unwrap();
-        let atlas = texture::for_species(&s, 64, Seed::new(1)).atlas;
+        let atlas = texture::tests::leafy(&s, 64, Seed::new(1)).atlas;
         let target = Target::FromSpecies { height_m: Some(6.0) };
         let skeleton = grow(&s, target, Detail::FOREST, Seed::new(1)).unwrap();
         let options = MeshOptions { triangle_budget: Some(1_500), ..MeshOptions::FOREST };

@@ -40,7 +40,7 @@ fn stalks_that_spring_from_each_other_do_not_end_in_points() {
         species.foliage.kept = season;
         let target = Target::FromSpecies { height_m: None };
         let skeleton = grow(&species, target, Detail::HERO, Seed::new(1)).unwrap();
-        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
         let tree = build(&skeleton, &species, &atlas, &MeshOptions::HERO, Seed::new(1)).unwrap();
         let stalks = stalks_of(&tree.foliage, atlas.wood());
         let mut joints = 0;
@@ -74,7 +74,7 @@ fn bare_twigs_have_stalks_from_wood_that_is_meshed() {
         let target = Target::FromSpecies { height_m: None };
         let skeleton = grow(&species, target, detail, Seed::new(3)).unwrap();
         species.foliage.kept = 0.0;
-        let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+        let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
         let options = MeshOptions { triangle_budget: Some(12_000), ..MeshOptions::FOREST };
         let tree = build(&skeleton, &species, &atlas, &options, Seed::new(1)).unwrap();
         tree.check().unwrap();
@@ -151,7 +151,7 @@ fn no_card_of_a_large_tree_hangs_in_the_air() {
     let detail = Detail { max_nodes: 6_000, attractor_spacing_m: None };
     let target = Target::FromSpecies { height_m: Some(45.0) };
     let skeleton = grow(&species, target, detail, Seed::new(3)).unwrap();
-    let atlas = crate::texture::for_species(&species, 64, Seed::new(1)).atlas;
+    let atlas = crate::texture::tests::leafy(&species, 64, Seed::new(1)).atlas;
     let options = MeshOptions {
         triangle_budget: Some(20_000),
         wind: Some(WindProfile::Unity),

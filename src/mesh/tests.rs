@@ -239,7 +239,7 @@ fn seams_repeat_whole_tiles_and_a_taper_does_not_stretch_the_bark() {
 fn grown_trees_are_sound_closed_and_within_budget() {
     for name in SPECIES {
         let s = species::load(name).unwrap();
-        let atlas = texture::for_species(&s, 64, Seed::new(1)).atlas;
+        let atlas = texture::tests::leafy(&s, 64, Seed::new(1)).atlas;
         for (detail, options) in
             [(Detail::FOREST, MeshOptions::FOREST), (Detail::HERO, MeshOptions::HERO)]
         {
@@ -681,7 +681,7 @@ fn speed() {
         start.elapsed(),
         rate(wood.triangles(), start.elapsed())
     );
-    let atlas = texture::for_species(&s, 128, Seed::new(1)).atlas;
+    let atlas = texture::tests::leafy(&s, 128, Seed::new(1)).atlas;
     let start = std::time::Instant::now();
     let level = FoliageLevel::Cards;
     let seed = Seed::new(1);
@@ -754,7 +754,7 @@ fn the_crown_of_a_disc_of_leaves_is_as_wide_as_the_disc() {
 #[test]
 fn every_vertex_knows_the_wind_where_it_is_asked_for() {
     let s = species::load("pinus_sylvestris").unwrap();
-    let atlas = texture::for_species(&s, 64, Seed::new(1)).atlas;
+    let atlas = texture::tests::leafy(&s, 64, Seed::new(1)).atlas;
     let target = Target::FromSpecies { height_m: None };
     let skeleton = grow(&s, target, Detail::FOREST, Seed::new(3)).unwrap();
     let still = build(&skeleton, &s, &atlas, &MeshOptions::FOREST, Seed::new(3)).unwrap();

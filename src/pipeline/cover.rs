@@ -396,8 +396,9 @@ mod tests {
     use super::*;
     use crate::mesh::FoliageLevel;
     use crate::skeleton::{self, Target};
+    use crate::species;
     use crate::species::state::{Condition, State};
-    use crate::{species, texture};
+    use crate::texture::tests::leafy;
     use glam::Vec2;
 
     /// Sides and samples of the test: others than those of the search.
@@ -418,7 +419,7 @@ mod tests {
             let target = Target::FromSpecies { height_m };
             let detail = detail(triangles, FoliageLevel::Cards);
             let skeleton = skeleton::grow(&species, target, detail, Seed::new(1)).unwrap();
-            let textures = texture::for_species(&species, picture_px, Seed::new(1));
+            let textures = leafy(&species, picture_px, Seed::new(1));
             Grown { skeleton, species, textures }
         }
 
@@ -486,7 +487,7 @@ mod tests {
             let Grown { skeleton, species, .. } = &grown;
             let skeleton =
                 skeleton::decline::in_condition(skeleton, species.kind, state.condition, seed);
-            let textures = texture::for_species(species, 256, seed);
+            let textures = leafy(species, 256, seed);
             let subject = Subject { skeleton: &skeleton, species, textures: &textures, seed };
             let options = MeshOptions {
                 leaf_share: state.leaf_share(species),

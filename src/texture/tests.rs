@@ -264,6 +264,12 @@ fn smaller_versions_keep_the_leaves() {
     }
 }
 
+/// The leaves alone, for tests that see no bark.
+pub(crate) fn leafy(species: &Species, size_px: u32, seed: Seed) -> TreeTextures {
+    let (leaf, atlas) = leaves(species, size_px, seed.derive("texture", 0));
+    TreeTextures { leaf: leaf.into(), atlas, ..plain(species) }
+}
+
 /// Twigs thinner than a pixel are thinned, not thickened.
 #[test]
 fn bare_twigs_show_as_much_in_small_pictures() {
