@@ -414,7 +414,7 @@ fn plan<'a>(order: &Order<'a>, f: &'a Leaves, hull: &Hull, all: usize) -> Result
     let is_fine = order.detail && relief.share == 1.0 && fits(&fine);
     let relief = if is_fine { fine } else { relief };
     let model = species.own_model.as_deref();
-    let is_leaf_by_leaf = level.of(species) == FoliageLevel::Geometry;
+    let is_leaf_by_leaf = level == FoliageLevel::Geometry;
     // As many of a model as hide what the species' leaves do.
     let of_models = model.map(|m| self::enough(hull, f, m.shown(), all, share).max(1.0));
     // Then the budget is for the forms alone.

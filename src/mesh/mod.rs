@@ -417,10 +417,11 @@ impl MeshOptions {
     /// Without leaves where none is borne, when shoots are the crown, and where cards without a picture would show
     /// bare twigs.
     fn as_borne(&self, species: &Species, atlas: &Atlas) -> MeshOptions {
+        let foliage = self.foliage.of(species);
         let are_blank =
-            self.foliage != FoliageLevel::Geometry && species.foliage.is_bare() && atlas.is_plain();
+            foliage != FoliageLevel::Geometry && species.foliage.is_bare() && atlas.is_plain();
         let is_bare = self.leaf_share <= 0.0 || are_blank;
-        let foliage = if is_bare { FoliageLevel::None } else { self.foliage };
+        let foliage = if is_bare { FoliageLevel::None } else { foliage };
         MeshOptions { foliage, ..*self }
     }
 

@@ -62,7 +62,7 @@ const BROADLEAF: Decline = Decline {
 };
 
 /// By how much less than that of one that weakens for years the crown of a tree killed at once dries in order.
-const AT_ONCE: f32 = 0.35;
+const AT_ONCE: f32 = 0.5;
 /// Share of a dry branch's twigs that have fallen.
 const DRY_TWIGS_LOST: f32 = 0.45;
 

@@ -117,7 +117,7 @@ impl State {
             Condition::Weakened => 0.8,
             Condition::StronglyWeakened => 0.6,
             Condition::Dying => 0.45,
-            Condition::FreshDead => 0.28,
+            Condition::FreshDead => 0.25,
             Condition::OldDead => 0.0,
         };
         of_season * of_condition
