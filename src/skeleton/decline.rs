@@ -23,7 +23,7 @@ pub fn in_condition(s: &Skeleton, kind: Kind, condition: Condition, seed: Seed) 
         // What died this year was killed within it, as by beetles, more often than it had been dying for long: its
         // leaves hang, dry, on more of the crown, and fall all over it.
         Condition::FreshDead => {
-            dried(s, 0.5, &Decline { later: AT_ONCE * wood.later, ..*wood }, seed)
+            dried(s, 0.55, &Decline { later: AT_ONCE * wood.later, ..*wood }, seed)
         }
         Condition::OldDead => broken(s, wood, seed),
     }
