@@ -108,6 +108,7 @@ pub enum Stalks {
 pub struct Order<'a> {
     pub species: &'a Species,
     pub atlas: &'a Atlas,
+    /// One [`FoliageLevel::of`] the species.
     pub level: FoliageLevel,
     /// Triangles it may take.
     pub budget: Option<usize>,

@@ -49,7 +49,7 @@ fn order(
     Order {
         species,
         atlas,
-        level,
+        level: level.of(species),
         is_meshed: &[],
         stalks: Stalks::None,
         nearness: 1.0,
