@@ -374,7 +374,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     );
     let mut lines = vec![line];
     lines.extend(level_lines(&rows));
-    lines.extend(a.triangles.and_then(|most| spare_line(most, stats.unique_triangles, foliage)));
+    lines.extend(a.triangles.and_then(|most| spare_line(most, stats.unique_triangles, &job)));
     lines.extend(["mesh", "export"].iter().flat_map(|stage| notes(run, stage)));
     let mut summary = summary("tree", Some(a.seed), run, Some(&scene));
     summary["levels"] = json!(rows);

@@ -9,9 +9,9 @@ use super::jobs::{formats, level, levels_job};
 use crate::diagnostic::{Error, Result};
 use crate::export::OutputFile;
 use crate::mesh::FoliageLevel;
-use crate::pipeline::Forest;
 use crate::pipeline::left_out::{self, Saved};
 use crate::pipeline::level_table::Row;
+use crate::pipeline::{Forest, TreeJob};
 use crate::report::{self, Recorder};
 use crate::scene::ValidScene;
 
@@ -37,10 +37,13 @@ pub(super) fn print(lines: &[String]) -> Result<bool> {
 const SPARE: f32 = 0.5;
 
 /// That a tree takes far fewer triangles than were asked for, and what would take more.
-pub(super) fn spare_line(most: u32, taken: u64, foliage: FoliageLevel) -> Option<String> {
-    let finer = match foliage {
-        FoliageLevel::Geometry => "this is its finest form",
-        _ => "--foliage geometry has every leaf and takes more",
+pub(super) fn spare_line(most: u32, taken: u64, job: &TreeJob) -> Option<String> {
+    let species = &job.species;
+    let has_leaves = species.foliage.cover > 0.0 && job.state.leaf_share(species) > 0.0;
+    let finest = FoliageLevel::Geometry.of(species);
+    let finer = match job.foliage < finest && finest == FoliageLevel::Geometry && has_leaves {
+        true => "--foliage geometry has every leaf and takes more",
+        false => "this is its finest form",
     };
     let is_spare = (taken as f32) < SPARE * most as f32;
     is_spare.then(|| format!("{most} triangles were allowed, it needs no more than these; {finer}"))
