@@ -90,7 +90,7 @@ fn a_crown_of_too_few_cards_is_told_thin() {
     };
     assert!(own("geometry") == own("cards"), "the same tree");
     let more = ["--height", "1", "--triangles", "1000000", "-o", out.to_str().unwrap()];
-    let spare = text(&larix(&[&args[..2], &more, &["--texture", "64"]].concat()).stdout);
+    let spare = text(&larix(&[&args[..2], &more, &["--texture", "64"]].concat()).stderr);
     assert!(spare.contains("no more than these; this is its finest form"), "{spare}");
 }
 
