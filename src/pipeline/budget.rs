@@ -34,12 +34,13 @@ pub(super) enum Bound {
 }
 
 impl Bound {
-    /// What to do for more than a tree has; `needed`: about as many as are wanted.
-    pub fn remedy(self, needed: f32) -> String {
-        match self {
-            Bound::Triangles => format!("give about {needed} --triangles"),
-            Bound::Scene => "give more --scene-triangles".to_owned(),
-            Bound::Tolerance => "give a smaller --tolerance".to_owned(),
+    /// What to do for more than a tree has; `needed`: about as many as are wanted, where that is known.
+    pub fn remedy(self, needed: Option<f32>) -> String {
+        match (self, needed) {
+            (Bound::Triangles, Some(needed)) => format!("give about {needed} --triangles"),
+            (Bound::Triangles, None) => "give more --triangles".to_owned(),
+            (Bound::Scene, _) => "give more --scene-triangles".to_owned(),
+            (Bound::Tolerance, _) => "give a smaller --tolerance".to_owned(),
         }
     }
 }

@@ -434,16 +434,14 @@ fn build_meshes(
         let is_bare = models.iter().any(|m| looks[m.species].foliage.is_bare());
         let what = if is_bare { "leaves, needles or buds" } else { "leaves or needles" };
         let outcome = told::leaves(finest.clone(), what, "", outcome);
-        let of_model =
-            || models.iter().filter(|m| textures[m.species].is_some()).zip(finest.clone());
-        let planned = models.iter().zip(plans).filter(|(m, _)| textures[m.species].is_some());
-        let with_bound = planned
-            .zip(finest.clone())
-            .map(|((m, plan), mesh)| (&looks[m.species], mesh, plan.bound));
-        told::thin(with_bound, warnings);
+        let planned = || {
+            let planned = models.iter().zip(plans).filter(|(m, _)| textures[m.species].is_some());
+            planned.zip(finest.clone()).map(|((m, plan), mesh)| (m.species, mesh, plan.bound))
+        };
+        told::thin(planned().map(|(k, mesh, bound)| (&looks[k], mesh, bound)), warnings);
         told::thin_levels(meshes.iter().map(|of_model| &of_model[..]), warnings);
         for (k, species) in looks.iter().enumerate() {
-            let its = of_model().filter(|(m, _)| m.species == k).map(|(_, mesh)| mesh);
+            let its = planned().filter(|its| its.0 == k).map(|its| its.1);
             told::fruitless(species, job.foliage, its, warnings);
         }
         let mut outcome = told::unmeshed(finest, outcome, warnings);

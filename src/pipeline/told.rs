@@ -121,12 +121,9 @@ pub(super) fn thin<'a>(
         return;
     };
     if mesh.leaf_cover == 0.0 {
-        let remedy = match bound {
-            Bound::Triangles => "give more --triangles".to_owned(),
-            _ => bound.remedy(0.0),
-        };
         warnings.push(format!(
-            "--foliage geometry: there are too few triangles for any leaf; {remedy}, or take --foliage cards"
+            "--foliage geometry: there are too few triangles for any leaf; {}, or take --foliage cards",
+            bound.remedy(None)
         ));
         return;
     }
@@ -149,7 +146,7 @@ pub(super) fn thin<'a>(
         "{what} of {} triangles hide {:.0} % of what the species' leaves do; {}{or}",
         mesh.foliage.triangles(),
         100.0 * mesh.leaf_cover,
-        bound.remedy(rounded_up(needed)),
+        bound.remedy(Some(rounded_up(needed))),
     ));
 }
 

@@ -156,10 +156,10 @@ pub(super) fn outcome(reached: &[Reached], bound: Bound, warnings: &mut Vec<Stri
     if let Some(most) = beyond.iter().map(|r| r.triangles).max() {
         warnings.push(format!(
             "--tolerance: {} of {} models would take more than {most} triangles each; their \
-             silhouettes are off by up to {rms_m:.3} m (RMS); give more {}",
+             silhouettes are off by up to {rms_m:.3} m (RMS); {}",
             beyond.len(),
             reached.len(),
-            if bound == Bound::Scene { "--scene-triangles" } else { "--triangles" }
+            bound.remedy(None)
         ));
     }
     let untold = || reached.iter().filter(|r| r.is_within() && r.is_untold());

@@ -248,6 +248,7 @@ pub(super) fn shown_colour(scene: &ValidScene, group: &SpeciesGroup) -> Vec3 {
     let parts = group.prototypes.iter().flat_map(|&p| &scene.prototypes()[p as usize].parts);
     let materials: BTreeSet<u32> = parts.map(|part| part.material).collect();
     let mut of = materials.iter().map(|&m| &scene.materials()[m as usize]);
+    // Wood is closed.
     let is_leaf = |m: &&Material| m.double_sided;
     let Some(material) = of.clone().find(is_leaf).or_else(|| of.next()) else { return Vec3::ONE };
     let base = Vec3::from(material.base_color);
