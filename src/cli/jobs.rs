@@ -339,7 +339,7 @@ pub(super) fn check_held(asked: &[&str], formats: &[Format]) -> Result<Option<St
 pub(super) fn check_pictures(texture_px: u32, height_maps: bool) -> Result<()> {
     if height_maps && texture_px == 0 {
         return Err(Error::new("--height-maps asks for pictures, and --texture 0 for none")
-            .remedy("give --texture 512 or more, or leave out --height-maps"));
+            .remedy("give --texture a size, or leave out --height-maps"));
     }
     Ok(())
 }

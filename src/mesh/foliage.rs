@@ -22,7 +22,7 @@ use super::piece::{Piece, Room, fill};
 use super::spot::{Hull, Pose, Spot, spots, thinned};
 use super::twigs::Twigs;
 use super::wind::Wind;
-use super::{MeshOptions, Surface, TwigsAs, form, shell, stalk, stamp};
+use super::{MeshOptions, Surface, TwigsAs, form, middle, shell, stalk, stamp};
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
 use crate::skeleton::Skeleton;
@@ -213,10 +213,16 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
         let hold = (reach_m / away_m.max(reach_m)).powi(2).max(AFLOAT);
         1.0 + (hold - 1.0) * order.nearness
     };
+    let is_cards = twig.is_none() && model.is_none();
+    // From afar one does not see what cards hang from.
+    let moves = match order.is_meshed.is_empty() && is_cards {
+        true => middle::share(enlarge, spots.len(), most),
+        false => 0.0,
+    };
+    let sample = (moves > 0.0).then(|| middle::sample(&spots, &hull, most));
     let (mut kept, evenness) =
         thinned(spots, &hull, most, enlarge, f.twig_length_m, keeps_tips, hold);
     let clumped = evenness.map(|even| (1.0 + CLUMPED * (even.recip() - 1.0)).sqrt());
-    let is_cards = twig.is_none() && model.is_none();
     let larger: [f32; HEIGHTS] =
         array::from_fn(|k| order.larger[k] * if is_cards { clumped[k] } else { 1.0 });
     let larger_at = |s: &Spot| {
@@ -260,6 +266,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
             leave_out(&mut kept, (over as f32 / each).ceil() as usize);
         }
     }
+    let middles = sample.map(|sample| middle::middles(&kept, &sample));
     let wind = order.wind.map(|wind| (wind, kept.as_slice()));
     let cards = seed.stage("card");
     let stand = |k: usize| {
@@ -273,6 +280,9 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
             [enlarge, larger],
             &mut draws,
         );
+        if let Some(middles) = &middles {
+            pose.base += (middles[k] - kept[k].at) * moves;
+        }
         if twig.is_some() || model.is_some() {
             pose.begin_on_shoot();
         }

@@ -15,6 +15,7 @@ mod junction;
 mod leaf;
 mod leave;
 pub mod lightmap;
+mod middle;
 pub mod p18;
 mod patch;
 mod path;

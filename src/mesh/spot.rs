@@ -153,6 +153,11 @@ impl Hull {
         ((p - self.centre) * self.per_half).length()
     }
 
+    /// What a place counts, inside the crown less; not of a young one, which casts no shade.
+    pub fn weight(&self, p: Vec3) -> f32 {
+        self.depth(p).clamp(LEAST_WEIGHT + (1.0 - LEAST_WEIGHT) * self.young, 1.0)
+    }
+
     /// Size of a twig at a place over its usual length: less towards the top, where shoots are
     /// young. `enlarge` makes up for twigs left out.
     pub fn scale(&self, p: Vec3, enlarge: f32) -> f32 {
@@ -387,7 +392,6 @@ pub fn thinned(
     if spots.len() <= most {
         return (spots, [1.0; HEIGHTS]);
     }
-    let least = LEAST_WEIGHT + (1.0 - LEAST_WEIGHT) * hull.young;
     let usual_m = twig_m * hull.scale(Vec3::ZERO, enlarge);
     // Lengths change with height alone.
     let at_height: [_; STEPS] = std::array::from_fn(|step| {
@@ -408,7 +412,7 @@ pub fn thinned(
             *less += f64::from(1.0 - hold);
             *less_sq += f64::from(1.0 - hold * hold);
         }
-        hold * tip * hull.depth(s.at).clamp(least, 1.0) * small
+        hold * tip * hull.weight(s.at) * small
     };
     let places = Places::new(most);
     let mut total = 0.0;
@@ -482,8 +486,14 @@ const BOUGH_FROM: f32 = 2.4;
 const INWARD: f32 = 0.75;
 /// How far beyond a twig's end one that stands for more may reach, share of the crown's half width.
 const OUT: f32 = 0.15;
-/// … and from where on they turn from the light above to that from outside.
+/// … and from where on they turn from the light above to that from outside, and go where their twigs are.
 const TURN_FROM: f32 = 1.6;
+
+/// Whether cards enlarged so much stand for many twigs, 0…1.
+pub fn stands_for_many(enlarge: f32) -> f32 {
+    ((enlarge - TURN_FROM) / TURN_FROM).clamp(0.0, 1.0)
+}
+
 /// How far before its shoot a card begins, share of its length.
 const STALK: f32 = 0.04;
 /// The highest twig begins so much of its length below its place, or the shoot under it is bare; not of a
@@ -634,7 +644,7 @@ impl Pose {
             heading = heading.with_z(lowest).try_normalize().unwrap_or(Vec3::Z);
         }
         // Large cards turn to the side from where the tree is seen.
-        let turned = ((enlarge - TURN_FROM) / TURN_FROM).clamp(0.0, 1.0);
+        let turned = stands_for_many(enlarge);
         let from_above = stance.from_above * (1.0 - 0.7 * turned);
         let light = Vec3::Z * from_above + outward * (1.0 - from_above);
         let facing = light - heading * light.dot(heading);

@@ -6,6 +6,9 @@ use super::model;
 use crate::report::{ErrorMeasure, Outcome};
 use crate::scene::{Part, Scene};
 
+/// The last mesh that a model may have.
+const PLAINEST: &str = "LOD4";
+
 /// What is told of one form of one model.
 #[derive(Debug, Clone, serde::Serialize)]
 pub struct Row {
@@ -77,7 +80,7 @@ fn warn(rows: &[Row], faulty: fn(&[Row]) -> Vec<&Row>, fault: &str, warnings: &m
     ));
 }
 
-/// The meshes of a model from fine to coarse. Impostors, which are pictures, are nearer than most of them.
+/// The meshes of a model from fine to coarse.
 fn meshed(of: &[Row]) -> impl Iterator<Item = &Row> + Clone {
     of.iter().filter(|row| row.level != IMPOSTOR)
 }
@@ -94,14 +97,19 @@ fn as_heavy(of: &[Row]) -> Vec<&Row> {
     pairs.filter(|(finer, row)| row.triangles >= finer.triangles).map(|(_, row)| row).collect()
 }
 
-/// Those that are much farther from the finest than a coarser one, and at no place nearer.
+/// Those that are much farther from the finest than a coarser one, and at no place nearer. An impostor is a
+/// picture, and nearer than the plain shapes of [`PLAINEST`] as a rule.
 fn overtaken(of: &[Row]) -> Vec<&Row> {
     const MUCH: f32 = 0.8;
+    let is_nearer = |coarser: &Row, row: &Row| {
+        coarser.silhouette_worst_m <= row.silhouette_worst_m
+            && coarser.silhouette_rms_m < MUCH * row.silhouette_rms_m
+    };
+    let impostor = of.iter().find(|row| row.level == IMPOSTOR);
     let is_overtaken = |(k, row): (usize, &Row)| {
-        meshed(of).skip(k + 1).any(|coarser| {
-            coarser.silhouette_worst_m <= row.silhouette_worst_m
-                && coarser.silhouette_rms_m < MUCH * row.silhouette_rms_m
-        })
+        let mut coarser = meshed(of).skip(k + 1);
+        coarser.any(|coarser| is_nearer(coarser, row))
+            || row.level != PLAINEST && impostor.is_some_and(|impostor| is_nearer(impostor, row))
     };
     meshed(of).enumerate().filter(|&of| is_overtaken(of)).map(|(_, row)| row).collect()
 }
@@ -124,7 +132,8 @@ mod tests {
             row("oak_02", "LOD0", 0.0, 0.0),
             row("oak_02", "LOD1", 1.0, 0.1),
             row("oak_02", "LOD2", 0.9, 0.2),
-            row("oak_02", IMPOSTOR, 0.1, 0.01),
+            row("oak_02", "LOD4", 3.2, 0.7),
+            row("oak_02", IMPOSTOR, 1.1, 0.21),
         ];
         let mut told = Vec::new();
         outcome(&sound, 1, &mut told);
@@ -136,6 +145,9 @@ mod tests {
             row("oak_01", "LOD3", 8.7, 3.1),
             row("oak_01", "LOD4", 3.2, 0.7),
         ];
+        let pictured = [&sound[..4], &[row("oak_02", IMPOSTOR, 0.9, 0.1)]].concat();
+        outcome(&pictured, 1, &mut told);
+        assert!(told.pop().is_some_and(|t| t.starts_with("oak_02") && t.contains("than LOD2;")));
         outcome(&[&rows[..], &sound].concat(), 2, &mut told);
         assert_eq!(
             told,

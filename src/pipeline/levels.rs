@@ -171,8 +171,8 @@ pub fn add(
         });
         let variants = variants.collect();
         let stem = scene.prototypes[p].name.clone();
-        let shown = scene.prototypes[p].parts.iter().map(|part| part.material as usize);
-        let shown = shown.map(|m| &scene.materials[m]);
+        let shown = scene.prototypes[p].parts.iter().filter(|part| !part.surface.is_empty());
+        let shown = shown.map(|part| &scene.materials[part.material as usize]);
         let translucency = shown.clone().map(|m| m.translucency).fold(0.0, f32::max);
         let specular = shown.map(|m| m.specular).fold(1.0, f32::min);
         scene.materials.push(Material {

@@ -62,8 +62,7 @@ pub fn leaves<'a>(
     outcome: Outcome,
 ) -> Outcome {
     let each = meshes.filter(|mesh| mesh.leaf_cover >= THIN).filter_map(|mesh| {
-        let beside = mesh.triangles() - mesh.foliage.triangles();
-        mesh.stand_in.map(|of| (of.size, beside + of.whole))
+        mesh.stand_in.map(|of| (of.size, whole(mesh, of.whole)))
     });
     let area = |[long, wide]: [f32; 2]| long * wide;
     let largest = each.max_by(|a, b| area(a.0).total_cmp(&area(b.0)));
@@ -71,7 +70,7 @@ pub fn leaves<'a>(
         Some(([long, wide], whole)) if long.max(wide) > 1.05 => outcome.note(format!(
             "{what} {long:.1} times as long and {wide:.1} times as wide as the species', to hide \
              as much as all of them, which would take about {} --triangles{instead}",
-            rounded_up(whole as f32),
+            rounded_up(whole),
         )),
         _ => outcome,
     }
@@ -89,6 +88,16 @@ pub fn twigs<'a>(meshes: impl Iterator<Item = &'a TreeMesh>, mut outcome: Outcom
         ));
     }
     outcome
+}
+
+/// About how many triangles a tree takes all of whose leaves take so many.
+fn whole(mesh: &TreeMesh, leaves: usize) -> f32 {
+    let [made, dry] = [&mesh.foliage, &mesh.dry].map(|s| s.triangles() as f32);
+    let twigs = leaves as f32 * (1.0 + dry / made.max(1.0));
+    // Where there are more triangles, wood takes more, but of them a smaller share.
+    let wood = mesh.triangles() as f32 - made - dry;
+    let times = (wood + twigs) / mesh.triangles().max(1) as f32;
+    twigs + wood * times.max(1.0).sqrt()
 }
 
 /// To two digits.

@@ -40,6 +40,7 @@ pub(super) fn prototype<'a>(
     }
     let proxy = coarsest(one);
     let chosen = |mut variant: Prim<'a>, parts: &'a [Part]| {
+        variant = variant.with(hints_of(one, around(parts.iter().map(|p| p.surface.bounds()))));
         for part in parts {
             let mut shown = mesh(scene, part, &materials);
             if proxy.is_some() {
@@ -61,7 +62,7 @@ pub(super) fn prototype<'a>(
         }
         library
     };
-    prim = prim.with(hints(one)).child(library(&|m| m.variants.is_empty(), OWN_LOOK));
+    prim = prim.child(library(&|m| m.variants.is_empty(), OWN_LOOK));
     if !looks.is_empty() {
         // Whole materials: what stood outside of the variants would be stronger than they.
         let look =
@@ -176,25 +177,33 @@ fn views<'a>(octahedral: &Octahedral) -> (std::borrow::Cow<'a, str>, Value<'a>) 
     ("octahedral".into(), Value::Dictionary(entries))
 }
 
-/// The bounds of a prototype whose layer need not be loaded for them: of what has no purpose, then
-/// for `render`, `proxy` and `guide`, as far as there is something.
+/// The bounds of a prototype in all its forms, whose layer need not be loaded for them: of what has no purpose,
+/// then for `render`, `proxy` and `guide`, as far as there is something.
 pub(super) fn hints<'a>(one: &Prototype) -> Property<'a> {
-    let nothing = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
-    let around = |bounds: &mut dyn Iterator<Item = (Vec3, Vec3)>| {
-        bounds.fold(nothing, |(lo, hi), (low, high)| (lo.min(low), hi.max(high)))
-    };
-    let of_parts = |parts: &[Part]| around(&mut parts.iter().map(|p| p.surface.bounds()));
+    let coarser = one.levels.iter().flat_map(|level| &level.parts);
+    hints_of(one, around(one.parts.iter().chain(coarser).map(|p| p.surface.bounds())))
+}
+
+/// The same of one form; `bounds`: its own.
+fn hints_of<'a>(one: &Prototype, bounds: (Vec3, Vec3)) -> Property<'a> {
     let [default, render, proxy] = match coarsest(one) {
-        Some(level) => [nothing, of_parts(&one.parts), of_parts(&level.parts)],
-        None => [one.bounds(), nothing, nothing],
+        Some(level) => [NOTHING, bounds, around(level.parts.iter().map(|p| p.surface.bounds()))],
+        None if one.levels.is_empty() => [one.bounds(), NOTHING, NOTHING],
+        None => [bounds, NOTHING, NOTHING],
     };
-    let guide = around(&mut one.colliders.iter().map(|c| c.body.bounds()));
+    let guide = around(one.colliders.iter().map(|c| c.body.bounds()));
     let mut hints: Vec<Vec3> =
         [default, render, proxy, guide].into_iter().flat_map(|(lo, hi)| [lo, hi]).collect();
-    while hints.len() > 2 && hints.ends_with(&[nothing.0, nothing.1]) {
+    while hints.len() > 2 && hints.ends_with(&[NOTHING.0, NOTHING.1]) {
         hints.truncate(hints.len() - 2);
     }
     Property::attribute("float3[]", "extentsHint", Some(Value::Float3s(hints.into())))
+}
+
+const NOTHING: (Vec3, Vec3) = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
+
+fn around(bounds: impl Iterator<Item = (Vec3, Vec3)>) -> (Vec3, Vec3) {
+    bounds.fold(NOTHING, |(lo, hi), (low, high)| (lo.min(low), hi.max(high)))
 }
 
 /// `materials`: the path of what its material is in.
