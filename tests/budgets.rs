@@ -45,3 +45,20 @@ fn each_coarser_level_is_farther_off() {
         assert!(rms_m.is_sorted_by(|a, b| a < b), "{name}: {rms_m:?}");
     }
 }
+
+/// Cards that stand for many twigs stand in the middle of them.
+#[test]
+fn the_outline_of_a_coarse_crown_is_near() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("lime.glb");
+    let args =
+        ["tree", "tilia_cordata", "--lods", "3", "--texture", "64", "--json", "--quiet", "-o"];
+    let args = args.into_iter().chain(out.to_str());
+    let run = Command::cargo_bin("larix").unwrap().args(args).output().unwrap();
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let report: Value = serde_json::from_slice(&run.stdout).unwrap();
+    let last = report["levels"].as_array().unwrap().last().unwrap();
+    assert!(last["triangles"].as_u64().unwrap() <= 500);
+    let rms_m = last["silhouette_rms_m"].as_f64().unwrap();
+    assert!(rms_m < 0.07, "{rms_m}");
+}

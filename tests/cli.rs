@@ -758,6 +758,42 @@ fn an_octahedral_impostor_is_measured_as_its_shader_shows_it() {
     assert!(octahedral_m < cross_m, "{octahedral_m} {cross_m}");
 }
 
+/// What a run says all leaves would take is enough for them, though wood and dry twigs then take more, too.
+#[test]
+fn as_many_triangles_as_told_are_enough_for_all_leaves() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("tree.glb");
+    let told = |triangles: &str| {
+        let of = ["tree", "quercus_robur", "--height", "4", "--condition", "IV", "--texture", "64"];
+        let asked = ["--foliage", "geometry", "--triangles", triangles, "-o"];
+        let out = larix(&[&of[..], &asked, &[file.to_str().unwrap()]].concat());
+        assert!(out.status.success(), "{}", text(&out.stderr));
+        let words = text(&out.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+        let (_, more) = words.split_once("which would take about ")?;
+        Some(more.split_whitespace().next().unwrap().to_owned())
+    };
+    let enough = told("15000").unwrap();
+    assert_eq!(told(&enough), None, "{enough}");
+}
+
+/// What looks through an impostor of leaves looks at bark where there are none; and of bare branches a picture
+/// shows more than the few that a coarse mesh has.
+#[test]
+fn an_impostor_of_bare_wood_is_opaque_and_nearer_than_its_coarse_meshes() {
+    let dir = tempfile::tempdir().unwrap();
+    let made = |name: &str, more: &[&str]| {
+        let file = dir.path().join(name).join("tree.glb");
+        let of = ["tree", "quercus_robur", "--texture", "64", "--lods", "3", "--impostor", "cross"];
+        let out = larix(&[&of[..], more, &["-o", file.to_str().unwrap()]].concat());
+        assert!(out.status.success(), "{}", text(&out.stderr));
+        let impostor = fs::read(file.with_file_name("tree_impostor.glb")).unwrap();
+        let is_translucent = text(&impostor).contains("KHR_materials_diffuse_transmission");
+        (is_translucent, text(&out.stderr).contains("much nearer to the finest than LOD3"))
+    };
+    assert_eq!(made("leaf", &[]), (true, false));
+    assert_eq!(made("bare", &["--bare"]), (false, true));
+}
+
 /// Few leaves leave triangles over, and show what branches there are.
 #[test]
 fn coarser_forms_of_a_dying_tree_keep_its_branches() {

@@ -61,9 +61,9 @@ pub fn leaves<'a>(
     instead: &str,
     outcome: Outcome,
 ) -> Outcome {
-    let each = meshes.filter(|mesh| mesh.leaf_cover >= THIN).filter_map(|mesh| {
-        mesh.stand_in.map(|of| (of.size, whole(mesh, of.whole)))
-    });
+    let each = meshes
+        .filter(|mesh| mesh.leaf_cover >= THIN)
+        .filter_map(|mesh| mesh.stand_in.map(|of| (of.size, whole(mesh, of.whole))));
     let area = |[long, wide]: [f32; 2]| long * wide;
     let largest = each.max_by(|a, b| area(a.0).total_cmp(&area(b.0)));
     match largest {
