@@ -158,14 +158,18 @@ fn species<'a>(
             .iter()
             .map(|&p| {
                 let one = &scene.prototypes()[p as usize];
-                match asset {
+                let prim = match asset {
                     None => prototype(scene, one, path, false, textures),
                     Some(asset) => {
                         let prim = format!("/{}", one.name);
                         Prim::def("Xform", one.name.as_str())
                             .meta("payload", Value::Arc(Arc { asset: asset(&one.name), prim }))
-                            .with(hints(one))
                     }
+                };
+                // One that is held here tells those of its only form itself.
+                match asset.is_none() && one.levels.is_empty() {
+                    true => prim,
+                    false => prim.with(hints(one)),
                 }
             })
             .collect()
