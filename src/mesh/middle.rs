@@ -23,8 +23,9 @@ pub fn share(enlarge: f32, twigs: usize, cards: usize) -> f32 {
     const FEW_TWIGS: f32 = 2.0;
     const MANY_CARDS: f32 = 800.0;
     let each = twigs as f32 / cards.max(1) as f32;
-    let count = (2.0 - 2.0 * cards as f32 / MANY_CARDS).clamp(0.0, 1.0);
-    stands_for_many(enlarge) * (each / FEW_TWIGS - 1.0).clamp(0.0, 1.0) * count
+    let by_twigs = (each / FEW_TWIGS - 1.0).clamp(0.0, 1.0);
+    let by_cards = (2.0 - 2.0 * cards as f32 / MANY_CARDS).clamp(0.0, 1.0);
+    stands_for_many(enlarge) * by_twigs * by_cards
 }
 
 /// Twigs of a crown, evenly many, as place and weight: what is deep inside is hidden.

@@ -143,11 +143,12 @@ pub fn keep(
 /// Everything that decides [`sizes`].
 fn key_of(subject: &Subject<'_>, options: &[MeshOptions], forms: &[TreeMesh]) -> Result<Key> {
     /// What sets leaves of another size.
-    const SOURCES: [&str; 6] = [
+    const SOURCES: [&str; 7] = [
         include_str!("cover.rs"),
         include_str!("../mesh/card.rs"),
         include_str!("../mesh/cards.rs"),
         include_str!("../mesh/foliage.rs"),
+        include_str!("../mesh/middle.rs"),
         include_str!("../mesh/spot.rs"),
         include_str!("../mesh/stalk.rs"),
     ];
