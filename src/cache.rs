@@ -4,17 +4,20 @@
 //! An entry is written to a temporary name and renamed; it carries a checksum (BLAKE3), and one
 //! that does not hold is as good as none. Nothing here is an error: without a folder, or with a
 //! full disk, everything is made anew. When the entries outgrow a gigabyte, those longest not
-//! used go first.
+//! used go first; a temporary file that a killed run left goes after a day.
 
 use std::fs;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use bytes::Bytes;
 
 /// Bytes kept at most.
 const MOST_BYTES: u64 = 1 << 30;
+/// What names of temporary files begin with, and how old one is that nobody will rename any more.
+const TEMPORARY: &str = ".tmp";
+const LEFT_AFTER: Duration = Duration::from_secs(24 * 3600);
 /// Parts of one entry at most.
 const MOST_PARTS: usize = 64;
 const HASH_BYTES: usize = 32;
@@ -88,11 +91,15 @@ impl Cache {
     fn write(&self, path: &Path, parts: &[Bytes]) -> std::io::Result<()> {
         let Some(folder) = &self.folder else { return Ok(()) };
         fs::create_dir_all(folder)?;
+        let bytes: usize = parts.iter().map(Bytes::len).sum();
+        if bytes as u64 > MOST_BYTES {
+            return Ok(());
+        }
         let mut body = (parts.len() as u64).to_le_bytes().to_vec();
         parts.iter().for_each(|p| body.extend((p.len() as u64).to_le_bytes()));
         parts.iter().for_each(|p| body.extend_from_slice(p));
         make_room(folder, MOST_BYTES.saturating_sub(body.len() as u64))?;
-        let mut file = tempfile::NamedTempFile::new_in(folder)?;
+        let mut file = tempfile::Builder::new().prefix(TEMPORARY).tempfile_in(folder)?;
         file.write_all(blake3::hash(&body).as_bytes())?;
         file.write_all(&body)?;
         file.persist(path)?;
@@ -126,10 +133,12 @@ fn make_room(folder: &Path, most: u64) -> std::io::Result<()> {
     let mut entries = Vec::new();
     for entry in fs::read_dir(folder)?.flatten() {
         let path = entry.path();
-        if let (true, Ok(about)) = (path.extension().is_some_and(|e| e == "bin"), entry.metadata())
-        {
-            let used = about.modified().unwrap_or(SystemTime::UNIX_EPOCH);
+        let Ok(about) = entry.metadata() else { continue };
+        let used = about.modified().unwrap_or(SystemTime::UNIX_EPOCH);
+        if path.extension().is_some_and(|e| e == "bin") {
             entries.push((used, about.len(), path));
+        } else if is_temporary(&path) && used.elapsed().is_ok_and(|age| age > LEFT_AFTER) {
+            remove(&path)?;
         }
     }
     let mut total: u64 = entries.iter().map(|e| e.1).sum();
@@ -138,10 +147,23 @@ fn make_room(folder: &Path, most: u64) -> std::io::Result<()> {
         if total <= most {
             break;
         }
-        fs::remove_file(path)?;
+        remove(&path)?;
         total -= bytes;
     }
     Ok(())
+}
+
+/// As [`Cache::put`] names what it has not finished.
+fn is_temporary(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(TEMPORARY))
+}
+
+/// Another thread or run may be quicker.
+fn remove(path: &Path) -> std::io::Result<()> {
+    match fs::remove_file(path) {
+        Err(e) if e.kind() == ErrorKind::NotFound => Ok(()),
+        done => done,
+    }
 }
 
 #[cfg(test)]
@@ -200,13 +222,35 @@ mod tests {
         for (age_s, name) in [(30, "old"), (20, "middle"), (10, "new")] {
             cache.put(key(name), &some([&[0; 1000]]));
             let file = fs::File::options().append(true).open(cache.path(key(name)).unwrap());
-            let then = SystemTime::now() - std::time::Duration::from_secs(age_s);
+            let then = SystemTime::now() - Duration::from_secs(age_s);
             file.unwrap().set_modified(then).unwrap();
         }
         assert!(cache.get(key("old")).is_some(), "and is now the last used");
         make_room(folder.path(), 2200).unwrap();
         let kept = ["old", "middle", "new"].map(|n| cache.get(key(n)).is_some());
         assert_eq!(kept, [true, false, true]);
+    }
+
+    #[test]
+    fn what_a_killed_run_left_goes_after_a_day() {
+        let folder = tempfile::tempdir().unwrap();
+        let left = |name: &str, age_s: u64| {
+            let path = folder.path().join(name);
+            fs::write(&path, [0; 100]).unwrap();
+            let file = fs::File::options().append(true).open(&path).unwrap();
+            file.set_modified(SystemTime::now() - Duration::from_secs(age_s)).unwrap();
+            path
+        };
+        let (old, new) = (left(".tmpOld", 100_000), left(".tmpNew", 1000));
+        make_room(folder.path(), 1 << 20).unwrap();
+        assert!(!old.exists() && new.exists());
+    }
+
+    /// Whoever makes room for the same entry at the same time.
+    #[test]
+    fn what_another_has_removed_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        remove(&folder.path().join("gone.bin")).unwrap();
     }
 
     #[test]

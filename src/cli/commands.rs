@@ -348,7 +348,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     };
     let (dir, name) = place(&a.output)?;
     export::check_writable(&dir)?;
-    let Grown { scene, rows, pruned, fit } = pipeline::tree::tree(&job, run)?;
+    let Grown { scene, rows, pruned, is_thin, fit } = pipeline::tree::tree(&job, run)?;
     let stem = stem(&a.output);
     let mut staged = Staged::new(&dir)?;
     match format {
@@ -374,7 +374,8 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
     );
     let mut lines = vec![line];
     lines.extend(level_lines(&rows));
-    lines.extend(a.triangles.and_then(|most| spare_line(most, stats.unique_triangles, &job)));
+    let spare = |most| spare_line(most, stats.unique_triangles, is_thin, &job);
+    lines.extend(a.triangles.and_then(spare));
     lines.extend(["mesh", "export"].iter().flat_map(|stage| notes(run, stage)));
     let mut summary = summary("tree", Some(a.seed), run, Some(&scene));
     summary["levels"] = json!(rows);

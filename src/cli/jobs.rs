@@ -266,6 +266,16 @@ pub(super) fn check_scene(scene: &SceneArgs, run: &mut Recorder) -> Result<()> {
     run.warnings.extend(check_held(&extras(&scene.levels, &scene.state), &formats)?);
     run.warnings.extend(not_held(&scene.levels, &formats));
     let levels = levels_job(&scene.levels, &formats);
+    let plain = extensions(formats.iter().filter(|f| !f.holds_extras()));
+    if scene.camera.is_some()
+        && scene.levels.impostor == Some(args::Impostor::Octahedral)
+        && !plain.is_empty()
+    {
+        let error = format!(
+            "--camera may show a tree by its impostor alone, and {plain} files hold no octahedral one"
+        );
+        return Err(Error::new(error).remedy("take --impostor cross, or write other files"));
+    }
     if scene.camera.is_some() && (levels.meshed > 0 || levels.impostor.is_some()) {
         run.warnings.push(
             "--camera shows each tree in the one form that serves its distance: no other levels or impostors \

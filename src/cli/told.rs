@@ -37,12 +37,14 @@ pub(super) fn print(lines: &[String]) -> Result<bool> {
 const SPARE: f32 = 0.5;
 
 /// That a tree takes far fewer triangles than were asked for, and what would take more.
-pub(super) fn spare_line(most: u32, taken: u64, job: &TreeJob) -> Option<String> {
+pub(super) fn spare_line(most: u32, taken: u64, is_thin: bool, job: &TreeJob) -> Option<String> {
     let species = &job.species;
     let has_leaves = species.foliage.cover > 0.0 && job.state.leaf_share(species) > 0.0;
     let finest = FoliageLevel::Geometry.of(species);
     let finer = match job.foliage < finest && finest == FoliageLevel::Geometry && has_leaves {
         true => "--foliage geometry has every leaf and takes more",
+        // It would take more, as a warning has said.
+        false if is_thin => return None,
         false => "this is its finest form",
     };
     let is_spare = (taken as f32) < SPARE * most as f32;

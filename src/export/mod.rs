@@ -253,7 +253,11 @@ pub fn files<'a>(
         let files_of = pictures.files(scene, stem, kind);
         files.extend(files_of.filter(|file| paths.insert(file.path.clone())));
     }
-    for (name, relief) in scene.materials().iter().filter_map(Material::relief) {
+    // A package holds its own.
+    let has_loose = formats.iter().any(|&format| format != Format::Usdz);
+    for (name, relief) in
+        scene.materials().iter().filter(|_| has_loose).filter_map(Material::relief)
+    {
         let path = pictures::texture_path(stem, &name, PictureFormat::Png);
         files.push(OutputFile::new(path, relief.image.png()?));
     }

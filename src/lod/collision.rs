@@ -2,10 +2,10 @@
 //! Beside the main one these are the thickest that spring near the ground and rise.
 //!
 //! *Capsule*: one a stem, about the straight line from root to top, as thick as the stem is where one walks
-//! into it. *Convex*: a stack of frusta whose
-//! rings are level octagons, each a convex body; a curved stem takes more of them. The octagons
-//! hold the stem's circles, so that nothing of it sticks out; three more hold the flare of its foot, and what
-//! of it is below ground.
+//! into it. *Convex*: a stack of frusta whose rings are level octagons about the stem's circles, each a convex
+//! body; the more it bends and the less it tapers evenly, the more of them, up to eight. Between their rings the
+//! stem is off their axes by up to half its radius. Three more hold the flare of its foot, and what of it is
+//! below ground.
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
@@ -25,8 +25,10 @@ const STEEP: f32 = 0.5;
 const MOST_STEMS: usize = 6;
 /// Stems beside the main one that are thinner at the foot give way.
 const LEAST_RADIUS_M: f32 = 0.025;
-/// What a stem may be off its frusta where that is more than half its radius.
-const MINDED_M: f32 = 0.05;
+/// What a stem's axis may be off that of its frusta, share of its radius and metres, whichever is more; and its
+/// radius off theirs.
+const ASIDE: (f32, f32) = (0.5, 0.05);
+const THICKER: (f32, f32) = (0.08, 0.01);
 /// Frusta of a stem at most.
 const MOST_PIECES: usize = 8;
 const SIDES: usize = 8;
@@ -123,7 +125,7 @@ fn stems(skeleton: &Skeleton) -> Vec<Vec<Place>> {
         main.first().map_or(0.0, |foot| foot.radius_m)
     };
     let mut found = vec![(main, f32::INFINITY)];
-    let mut bears = vec![false; skeleton.axis.iter().max().map_or(0, |&a| a as usize + 1)];
+    let mut bears = vec![false; skeleton.axis.iter().max().map_or(1, |&a| a as usize + 1)];
     bears[0] = true;
     for i in shoots {
         let axis = skeleton.axis[i as usize];
@@ -170,9 +172,10 @@ fn stem(skeleton: &Skeleton, axis: u32) -> Vec<Place> {
     out
 }
 
-/// The fewest places between which the stem is straight within half its radius, or what nobody who
-/// walks into it minds (Ramer 1972).
+/// The fewest places between which the stem is straight enough that nobody who walks into it minds (Ramer 1972);
+/// none where it does not rise.
 fn straightened(stem: &[Place]) -> Vec<Place> {
+    let [_, .., _] = stem else { return Vec::new() };
     let mut kept = vec![0, stem.len() - 1];
     while kept.len() <= MOST_PIECES {
         let worst = kept
@@ -193,8 +196,9 @@ fn straightened(stem: &[Place]) -> Vec<Place> {
 fn off(p: &Place, a: &Place, b: &Place) -> f32 {
     let t = (p.at.z - a.at.z) / (b.at.z - a.at.z).max(1e-6);
     let radius_m = a.radius_m + (b.radius_m - a.radius_m) * t;
-    let off_m = p.at.distance(a.at.lerp(b.at, t)) + (p.radius_m - radius_m).abs();
-    off_m / (0.5 * p.radius_m).max(MINDED_M)
+    let over = |off_m: f32, (share, least_m): (f32, f32)| off_m / (share * p.radius_m).max(least_m);
+    let aside = over(p.at.distance(a.at.lerp(b.at, t)), ASIDE);
+    aside.max(over((p.radius_m - radius_m).abs(), THICKER))
 }
 
 fn frustum(a: Place, b: Place) -> Surface {
@@ -283,6 +287,47 @@ mod tests {
         })
     }
 
+    fn is_closed(s: &Surface) -> bool {
+        let edges = |t: &[u32; 3]| [0, 1, 2].map(|k| (t[k], t[(k + 1) % 3]));
+        let edges: Vec<_> = s.index.as_chunks::<3>().0.iter().flat_map(edges).collect();
+        edges.iter().all(|&(a, b)| edges.iter().filter(|e| **e == (b, a)).count() == 1)
+    }
+
+    /// How far a place is out of some convex bodies; negative within.
+    fn outside_m(bodies: &[Collider], p: Vec3) -> f32 {
+        let of = |s: &Surface| {
+            let planes = s.index.as_chunks::<3>().0.iter().map(|t| {
+                let [a, b, c] = t.map(|i| s.position[i as usize]);
+                (p - a).dot((b - a).cross(c - a).normalize_or_zero())
+            });
+            planes.fold(f32::NEG_INFINITY, f32::max)
+        };
+        bodies.iter().map(|b| of(&b.body)).fold(f32::INFINITY, f32::min)
+    }
+
+    /// A tapering stem whose foot swells, as an oak's does.
+    #[test]
+    fn a_stem_that_tapers_fast_at_its_foot_has_bodies_that_do() {
+        let mut s = stem(0.0);
+        s.radius_m.iter_mut().zip(&s.position).for_each(|(r, p)| *r *= 1.0 + 0.4 * (-p.z).exp());
+        let bodies = collision(&s, ColliderShape::Convex);
+        for (p, r) in s.position.iter().zip(&s.radius_m).filter(|(p, _)| p.z > 1.4 && p.z < 9.0) {
+            let beyond = *p + Vec3::X * (1.15 * r + 0.01);
+            assert!(outside_m(&bodies, beyond) > 0.0, "{} of {r}", p.z);
+            assert!(outside_m(&bodies, *p + Vec3::X * 0.9 * *r) < 0.0, "{}", p.z);
+        }
+    }
+
+    #[test]
+    fn a_stem_that_does_not_rise_has_no_body() {
+        let mut s = stem(0.0);
+        s.position.iter_mut().for_each(|p| *p = Vec3::X * p.z);
+        for shape in [ColliderShape::Capsule, ColliderShape::Convex] {
+            assert!(collision(&s, shape).is_empty(), "{shape:?}");
+            assert!(collision(&Skeleton::default(), shape).is_empty());
+        }
+    }
+
     #[test]
     fn every_body_is_convex_closed_and_holds_the_stem() {
         for bend in [0.0, 0.4, 1.5] {
@@ -292,8 +337,14 @@ mod tests {
                 assert!(!bodies.is_empty() && bodies.len() <= 3 + MOST_PIECES);
                 for b in &bodies {
                     assert!(is_convex(&b.body), "{shape:?} {bend}");
+                    assert!(is_closed(&b.body));
                     assert!(b.body.volume_m3() > 0.0);
                 }
+            }
+            let bodies = collision(&s, ColliderShape::Convex);
+            for place in &stems(&s)[0] {
+                let off_m = outside_m(&bodies, place.at);
+                assert!(off_m <= ASIDE.0 * place.radius_m - 0.9 * place.radius_m, "{off_m} {bend}");
             }
         }
         let straight = collision(&stem(0.0), ColliderShape::Convex);
@@ -448,18 +499,8 @@ mod tests {
             let atlas = crate::texture::Atlas::whole(0.3);
             let mesh = mesh::build(&tree, &species, &atlas, &options, seed).unwrap();
             let bodies = collision(&tree, ColliderShape::Convex);
-            let outside_m = |p: Vec3| {
-                let of = |s: &Surface| {
-                    let planes = s.index.as_chunks::<3>().0.iter().map(|t| {
-                        let [a, b, c] = t.map(|i| s.position[i as usize]);
-                        (p - a).dot((b - a).cross(c - a).normalize_or_zero())
-                    });
-                    planes.fold(f32::NEG_INFINITY, f32::max)
-                };
-                bodies.iter().map(|b| of(&b.body)).fold(f32::INFINITY, f32::min)
-            };
             let low = mesh.wood.position.iter().filter(|p| p.z < 1.0);
-            let worst_m = low.map(|p| outside_m(*p)).fold(0.0, f32::max);
+            let worst_m = low.map(|p| outside_m(&bodies, *p)).fold(0.0, f32::max);
             assert!(worst_m < 0.02, "{name}: {worst_m} m outside");
         }
     }

@@ -7,19 +7,20 @@ use crate::diagnostic::Result;
 use crate::mesh::{self, Around, MeshOptions, Surface, TreeMesh, p18};
 use crate::texture::BARK_REPEAT_M;
 
-/// A model as the scheme of P18 alone, of `height_m` where one is asked for.
+/// A model as the scheme of P18 alone, of `height_m` where one is asked for; and how many times as large as the
+/// skeleton it is.
 ///
 /// # Errors
-/// Those of [`meshes`].
+/// Those of [`mesh::build`].
 pub fn alone(
     subject: &Subject<'_>,
     options: &MeshOptions,
     height_m: Option<f32>,
-) -> Result<TreeMesh> {
+) -> Result<(TreeMesh, f32)> {
     let mut measured = subject.mesh(options)?;
     let factor = height_m.map_or(1.0, |h| measured.factor_to(h));
     measured.scale(factor);
-    of(&measured, factor, subject, options, p18::BOUGHS)
+    Ok((of(&measured, factor, subject, options, p18::BOUGHS)?, factor))
 }
 
 /// The scheme of a finest mesh, `factor` times as large as its skeleton, with the wind asked for, and so many

@@ -440,7 +440,7 @@ mod tests {
         let subject = grown.subject();
         let options = WoodJob::default().options(triangles, FoliageLevel::Cards);
         let mut all =
-            levels::meshes(&subject, &options, SHARES.len(), None, &Cache::off()).unwrap();
+            levels::meshes(&subject, &options, SHARES.len(), None, &Cache::off()).unwrap().0;
         let shares = (0..SHARES.len()).map(|k| levels::share(triangles, k));
         for (mesh, share) in all.iter().zip([1.0].into_iter().chain(shares)) {
             mesh.check().unwrap();
@@ -495,7 +495,7 @@ mod tests {
                 ..WoodJob::default().options(20_000, FoliageLevel::Cards)
             };
             let mut all =
-                levels::meshes(&subject, &options, SHARES.len(), None, &Cache::off()).unwrap();
+                levels::meshes(&subject, &options, SHARES.len(), None, &Cache::off()).unwrap().0;
             assert!(!all[0].dry.is_empty());
             all.iter_mut().for_each(|tree| tree.dry = Surface::default());
             let coarser = all.split_off(1);
@@ -513,9 +513,11 @@ mod tests {
         let warned = |name: &str| {
             let grown = Grown::new(name, None, 20_000, 64);
             let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
-            let all = levels::meshes(&grown.subject(), &options, SHARES.len(), None, &Cache::off());
+            let all = levels::meshes(&grown.subject(), &options, SHARES.len(), None, &Cache::off())
+                .unwrap()
+                .0;
             let mut warned = Vec::new();
-            told::thin_levels([&all.unwrap()[..]].into_iter(), &mut warned);
+            told::thin_levels([&all[..]].into_iter(), &mut warned);
             warned
         };
         assert_eq!(warned("betula_pendula"), [""; 0]);
@@ -577,7 +579,7 @@ mod tests {
         let grown = Grown::new("betula_pendula", Some(9.0), 3_000, 64);
         let made = |subject: &Subject, triangles: usize, cache: &Cache| {
             let options = WoodJob::default().options(triangles, FoliageLevel::Cards);
-            levels::meshes(subject, &options, SHARES.len(), None, cache).unwrap()
+            levels::meshes(subject, &options, SHARES.len(), None, cache).unwrap().0
         };
         let plain = made(&grown.subject(), 3_000, &Cache::off());
         for _ in 0..2 {
@@ -609,7 +611,8 @@ mod tests {
             let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
             let forms =
                 levels::meshes(&grown.subject(), &options, SHARES.len(), None, &Cache::off())
-                    .unwrap();
+                    .unwrap()
+                    .0;
             let is_shaded = |uv: &&Vec2| uv.cmpge(shade.min).all() && uv.cmple(shade.max).all();
             let share = |uv: &[Vec2]| uv.iter().filter(is_shaded).count() as f32 / uv.len() as f32;
             let shares: Vec<f32> = forms.iter().map(|form| share(&form.foliage.uv)).collect();

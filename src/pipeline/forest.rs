@@ -172,7 +172,7 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     let mut models = models(job, &survey);
     let unmade = job.eye.as_ref().map_or(0, |eye| view::cull(&mut models, &survey, eye));
     let mut plans = plans(job, &survey, &models);
-    let (skeletons, shed_m) = grow(job, &survey, &models, &plans, run)?;
+    let (mut skeletons, shed_m) = grow(job, &survey, &models, &plans, run)?;
     let looks = looks(job);
     let textures = paint_all(job, &models, &looks, run)?;
     let heights_m = |m: &Model| (m.species, survey.trees[m.exemplar].crown.height_m);
@@ -187,7 +187,9 @@ pub fn raise(job: &ForestJob, mut survey: Survey, run: &mut Recorder) -> Result<
     if let Some(tolerance_m) = job.wood.tolerance_m {
         plans = within(job, &survey, of, &plans, tolerance_m, run)?;
     }
-    let meshes = build_meshes(job, &survey, of, &plans, run)?;
+    let (meshes, scales) = build_meshes(job, &survey, of, &plans, run)?;
+    // From here on as their meshes are.
+    skeletons.iter_mut().zip(scales).for_each(|(skeleton, factor)| skeleton.scale(factor));
     let mut finest = Vec::with_capacity(meshes.len());
     let mut coarse = Vec::with_capacity(meshes.len());
     for mut of_model in meshes {
@@ -402,10 +404,10 @@ fn build_meshes(
     grown: Grown<'_>,
     plans: &[Plan],
     run: &mut Recorder,
-) -> Result<Vec<Vec<TreeMesh>>> {
+) -> Result<(Vec<Vec<TreeMesh>>, Vec<f32>)> {
     run.stage("mesh", |warnings| {
         let meshed = job.forms().meshed;
-        let meshes: Vec<Vec<TreeMesh>> = plans
+        let made: Vec<(Vec<TreeMesh>, f32)> = plans
             .par_iter()
             .enumerate()
             .filter_map(|(m, plan)| Some((m, plan, grown.subject(m, job, survey)?)))
@@ -420,11 +422,13 @@ fn build_meshes(
                 }
                 let height_m = Some(survey.trees[grown.models[m].exemplar].crown.height_m);
                 if plan.is_coarsest {
-                    return Ok(vec![coarsest::alone(&subject, &options, height_m)?]);
+                    let (mesh, factor) = coarsest::alone(&subject, &options, height_m)?;
+                    return Ok((vec![mesh], factor));
                 }
                 levels::meshes(&subject, &options, meshed, height_m, &job.cache)
             })
             .collect::<Result<_>>()?;
+        let (meshes, scales): (Vec<_>, Vec<_>) = made.into_iter().unzip();
         let Grown { models, skeletons, looks, textures, .. } = grown;
         let nodes = skeletons.iter().map(Skeleton::len).sum();
         let triangles = meshes.iter().flatten().map(TreeMesh::triangles).sum();
@@ -453,7 +457,7 @@ fn build_meshes(
             ));
         }
         warnings.extend(off_budget(job, models, plans, &meshes));
-        Ok((meshes, outcome))
+        Ok(((meshes, scales), outcome))
     })
 }
 

@@ -63,7 +63,8 @@ impl LevelsJob {
 
 /// A model's meshes, from fine to coarse, whose twigs are so large that they cover as much as the
 /// finest's, at one scale: whatever grows over the height that is
-/// asked for in the finest is shrunk in all, so that stems stay where they are.
+/// asked for in the finest is shrunk in all, so that stems stay where they are. With how many times as large as
+/// the skeleton they are.
 ///
 /// # Errors
 /// Those of [`crate::mesh::build`]; a tree that is not finite.
@@ -73,7 +74,7 @@ pub fn meshes(
     meshed: usize,
     height_m: Option<f32>,
     cache: &Cache,
-) -> Result<Vec<TreeMesh>> {
+) -> Result<(Vec<TreeMesh>, f32)> {
     work::count(Work::CoarserForms, meshed);
     let mut out = vec![subject.mesh(options)?];
     let mut forms: Vec<MeshOptions> = Vec::new();
@@ -107,7 +108,7 @@ pub fn meshes(
     if meshed > SHARES.len() {
         out.push(coarsest::of(&out[0], factor, subject, options, p18::MANY_BOUGHS)?);
     }
-    Ok(out)
+    Ok((out, factor))
 }
 
 /// Share of the triangles given from which on they are taken for all used.

@@ -101,6 +101,9 @@ pub fn sheet(job: &SheetJob, run: &mut Recorder) -> Result<Sheet> {
         let nodes = skeletons.iter().map(|s| s.len()).sum();
         Ok((skeletons, Outcome::items(job.seeds.len(), "seeds", nodes, "nodes")))
     })?;
+    // Trees of a height look as `larix tree --height` makes them.
+    let in_leaf = species.in_leaf_at(job.height_m.unwrap_or(species.size.height_m));
+    let species = &in_leaf;
     let textures = run.stage("texture", |warnings| {
         told::remarks(species, FoliageLevel::Cards, job.texture_px, warnings);
         let textures = paint(species, job.texture_px, &job.cache)?;

@@ -119,14 +119,18 @@ pub fn remarks(look: &Species, foliage: FoliageLevel, texture_px: u32, warnings:
     warnings.extend(look.remarks.iter().filter(is_used).map(|remark| remark.text.clone()));
 }
 
+/// Whether leaves hide far less than the species' do.
+pub(super) fn is_thin(mesh: &TreeMesh) -> bool {
+    mesh.leaf_cover < THIN
+}
+
 /// Warns where so few leaves, cards or models of the user's stand for a crown that one sees through it.
 pub(super) fn thin<'a>(
     meshes: impl Iterator<Item = (&'a Species, &'a TreeMesh, Bound)>,
     warnings: &mut Vec<String>,
 ) {
     let thinnest = meshes.min_by(|(_, a, _), (_, b, _)| a.leaf_cover.total_cmp(&b.leaf_cover));
-    let Some((species, mesh, bound)) = thinnest.filter(|(_, mesh, _)| mesh.leaf_cover < THIN)
-    else {
+    let Some((species, mesh, bound)) = thinnest.filter(|(_, mesh, _)| is_thin(mesh)) else {
         return;
     };
     if mesh.leaf_cover == 0.0 {

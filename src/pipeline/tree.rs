@@ -69,6 +69,8 @@ pub struct Grown {
     /// What these forms are.
     pub rows: Vec<Row>,
     pub pruned: LeftOut,
+    /// Whether more triangles would show more of its leaves.
+    pub is_thin: bool,
     /// How the tree fits the scan, where there is one.
     pub fit: Option<cloud::Report>,
 }
@@ -214,7 +216,7 @@ fn fitted(
 fn grown_beside(job: &TreeJob, run: &mut Recorder) -> (Result<Skeleton>, Option<Kept>) {
     let read = || {
         let height_m = job.height_m();
-        let look = job.state.look(&in_leaf(job, height_m), job.seed);
+        let look = job.state.look(&job.species.in_leaf_at(height_m), job.seed);
         Kept::find(&look, job.texture_px, &job.cache)
     };
     thread::scope(|scope| {
@@ -222,11 +224,6 @@ fn grown_beside(job: &TreeJob, run: &mut Recorder) -> (Result<Skeleton>, Option<
         let skeleton = grown(job, run);
         (skeleton, reading.ok().and_then(|reading| reading.join().ok()).flatten())
     })
-}
-
-/// The species with the foliage of its trees of this height.
-fn in_leaf(job: &TreeJob, height_m: f32) -> Species {
-    Species { foliage: job.species.foliage_at(height_m), ..job.species.clone() }
 }
 
 fn grown(job: &TreeJob, run: &mut Recorder) -> Result<Skeleton> {
@@ -294,7 +291,7 @@ fn stand(
     kept: Option<Kept>,
     run: &mut Recorder,
 ) -> Result<Grown> {
-    let own = in_leaf(job, skeleton.height_m());
+    let own = job.species.in_leaf_at(skeleton.height_m());
     let species = &job.state.look(&own, job.seed);
     let leaf_share = job.state.leaf_share(&job.species);
     let textures = run.stage("texture", |warnings| {
@@ -330,41 +327,44 @@ fn stand(
             Ok((found, tolerance::outcome(&[reached], Bound::Triangles, warnings)))
         })?;
     }
-    let mut meshes = run.stage("mesh", |warnings| {
-        let mut options = MeshOptions { wind: job.levels.wind, ..options(triangles) };
-        if is_rough {
-            options = options.roughened();
-        }
-        // Wood fitted to a cloud stays where it is.
-        let height_m = job.cloud.is_none().then(|| skeleton.height_m());
-        let subject = Subject { skeleton, species, textures: &textures, seed };
-        let meshes = levels::meshes(&subject, &options, job.levels.meshed, height_m, &job.cache)?;
-        let triangles = meshes.iter().map(|m| m.triangles()).sum();
-        let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles");
-        let outcome = told::twigs(meshes.first().into_iter(), outcome).error(tolerance::sagitta(
-            meshes.first().into_iter(),
-            job.wood.tolerance_m,
-            warnings,
-        ));
-        let outcome = told::unmeshed(meshes.first().into_iter(), outcome, warnings);
-        told::over(meshes.first(), job.triangles, warnings);
-        let instead = "; --twigs instance stores them in a few forms";
-        let what = if species.foliage.is_bare() { "buds" } else { "leaves or needles" };
-        let outcome = told::leaves(meshes.first().into_iter(), what, instead, outcome);
-        told::thin(meshes.first().map(|mesh| (species, mesh, bound)).into_iter(), warnings);
-        told::thin_levels([&meshes[..]].into_iter(), warnings);
-        told::fruitless(species, job.foliage, meshes.first().into_iter(), warnings);
-        Ok((meshes, outcome))
-    })?;
+    let (mut meshes, factor) =
+        run.stage("mesh", |warnings| {
+            let mut options = MeshOptions { wind: job.levels.wind, ..options(triangles) };
+            if is_rough {
+                options = options.roughened();
+            }
+            // Wood fitted to a cloud stays where it is.
+            let height_m = job.cloud.is_none().then(|| skeleton.height_m());
+            let subject = Subject { skeleton, species, textures: &textures, seed };
+            let (meshes, factor) =
+                levels::meshes(&subject, &options, job.levels.meshed, height_m, &job.cache)?;
+            let triangles = meshes.iter().map(|m| m.triangles()).sum();
+            let outcome = Outcome::items(skeleton.len(), "nodes", triangles, "triangles");
+            let outcome = told::twigs(meshes.first().into_iter(), outcome).error(
+                tolerance::sagitta(meshes.first().into_iter(), job.wood.tolerance_m, warnings),
+            );
+            let outcome = told::unmeshed(meshes.first().into_iter(), outcome, warnings);
+            told::over(meshes.first(), job.triangles, warnings);
+            let instead = "; --twigs instance stores them in a few forms";
+            let what = if species.foliage.is_bare() { "buds" } else { "leaves or needles" };
+            let outcome = told::leaves(meshes.first().into_iter(), what, instead, outcome);
+            told::thin(meshes.first().map(|mesh| (species, mesh, bound)).into_iter(), warnings);
+            told::thin_levels([&meshes[..]].into_iter(), warnings);
+            told::fruitless(species, job.foliage, meshes.first().into_iter(), warnings);
+            Ok(((meshes, factor), outcome))
+        })?;
     let name = identifier(&species.name);
     let mut scene = Scene::empty(name.clone(), frame);
     let look = add_materials(&mut scene, species, textures);
     let coarse = meshes.split_off(1);
+    let is_thin = meshes.first().is_some_and(told::is_thin);
     for mesh in meshes {
         scene.prototypes.push(prototype(format!("{name}_01"), species, mesh, look));
     }
+    let mut as_meshed = skeleton.clone();
+    as_meshed.scale(factor);
     if let (Some(kind), Some(prototype)) = (job.levels.collision, scene.prototypes.first_mut()) {
-        prototype.colliders = collision(skeleton, kind);
+        prototype.colliders = collision(&as_meshed, kind);
     }
     scene.instances.push(Instance {
         name: format!("{name}_tree"),
@@ -372,7 +372,10 @@ fn stand(
         position: Vec3::ZERO,
         yaw_rad: 0.0,
         scale: Vec3::ONE,
-        facts: facts(job, species, skeleton, stem_diameter_m),
+        facts: TreeFacts {
+            height_m: skeleton.height_m(),
+            ..facts(job, species, &as_meshed, stem_diameter_m)
+        },
     });
     let mut rows = Vec::new();
     if !job.levels.is_empty() {
@@ -399,7 +402,7 @@ fn stand(
         let scene = scene.validate()?;
         let triangles = crate::scene::statistics(&scene).unique_triangles as usize;
         Ok((
-            Grown { scene, rows, pruned: left_out, fit: None },
+            Grown { scene, rows, pruned: left_out, is_thin, fit: None },
             Outcome::items(1, "model", triangles, "triangles")
                 .note(format!("left out: {left_out}")),
         ))

@@ -12,7 +12,9 @@ use crate::frame::Frame;
 use crate::render::capture;
 use crate::render::{self, Camera, RenderOptions};
 use crate::scene::sharing::Model;
-use crate::scene::{Instance, Level, Part, Prototype, Scene, plain_rms_m};
+use crate::scene::{
+    Instance, Level, PICTURE_ASPECT, PICTURE_LINES, Part, Prototype, Scene, plain_rms_m,
+};
 use crate::work::{self, Work};
 
 /// Where a picture will be taken from; the scan's own coordinates.
@@ -32,11 +34,6 @@ pub struct Clip {
     pub east: f64,
     pub north: f64,
 }
-
-/// Lines of the picture that the camera is thought to take.
-const LINES: u32 = 1080;
-/// Width over height of that picture.
-const ASPECT: f32 = 16.0 / 9.0;
 
 /// What a camera made of a scene.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
@@ -72,8 +69,8 @@ pub fn look(scene: &mut Scene, eye: &Eye) -> Seen {
     work::count(Work::TreesLookedFor, scene.instances.len());
     let camera = camera(&scene.frame, eye);
     let options = RenderOptions {
-        width: (LINES as f32 * ASPECT) as u32,
-        height: LINES,
+        width: (PICTURE_LINES * PICTURE_ASPECT) as u32,
+        height: PICTURE_LINES as u32,
         supersample: 1,
         ..RenderOptions::default()
     };
@@ -226,7 +223,9 @@ fn may_show(camera: &Camera, root: Vec3, [height_m, crown_diameter_m]: [f32; 2])
     let is_within = |aside: f32, slope: f32| {
         aside.abs() <= slope * ahead + around_m * (1.0 + slope * slope).sqrt()
     };
-    ahead >= -around_m && is_within(to.dot(up), slope) && is_within(to.dot(right), slope * ASPECT)
+    ahead >= -around_m
+        && is_within(to.dot(up), slope)
+        && is_within(to.dot(right), slope * PICTURE_ASPECT)
 }
 
 /// What a pixel spans at the near side of a tree.
@@ -234,7 +233,7 @@ fn pixel_m(camera: &Camera, root: Vec3, [height_m, crown_diameter_m]: [f32; 2]) 
     let middle = root + Vec3::Z * (0.5 * height_m);
     let reach = 0.5 * height_m.max(crown_diameter_m);
     let distance_m = (camera.eye.distance(middle) - reach).max(0.1);
-    distance_m * 2.0 * (0.5 * camera.fov_y_rad).tan() / LINES as f32
+    distance_m * 2.0 * (0.5 * camera.fov_y_rad).tan() / PICTURE_LINES
 }
 
 /// The least error that the camera can tell of a tree at a place of the frame, metres.

@@ -18,6 +18,10 @@ pub struct Level {
     pub octahedral: Option<Octahedral>,
 }
 
+/// The picture for which forms are chosen by how many of its lines they are off: its lines, and width over height.
+pub const PICTURE_LINES: f32 = 1080.0;
+pub const PICTURE_ASPECT: f32 = 16.0 / 9.0;
+
 /// How far a form is off, root mean square, metres, for readers that know no shader of its own.
 pub fn plain_rms_m(silhouette: Apart, octahedral: Option<Octahedral>) -> f32 {
     octahedral.map_or(silhouette.rms_m, |o| o.sheet_rms_m)

@@ -16,7 +16,9 @@ mod statistics;
 pub mod turn;
 mod valid;
 
-pub use level::{Apart, Collider, ColliderShape, Level, Octahedral, plain_rms_m};
+pub use level::{
+    Apart, Collider, ColliderShape, Level, Octahedral, PICTURE_ASPECT, PICTURE_LINES, plain_rms_m,
+};
 pub use name::{identifier, is_identifier};
 pub use prune::LeftOut;
 pub use selection::{Form, Forms, Group, Model, Selection, Tree};

@@ -80,6 +80,12 @@ pub fn at_stage(grown: &Skeleton, species: &Species, stage: u16) -> Result<Skele
 }
 
 impl Skeleton {
+    /// Makes it so many times as large, about its root collar.
+    pub fn scale(&mut self, factor: f32) {
+        self.position.iter_mut().for_each(|p| *p *= factor);
+        self.radius_m.iter_mut().for_each(|r| *r *= factor);
+    }
+
     /// Whether each node is of a stem: of an axis that stands on the ground.
     pub(crate) fn is_stem(&self) -> Vec<bool> {
         let mut is_stem = vec![true; self.len()];

@@ -1,5 +1,6 @@
 //! A rule file, with what it extends, to a checked [`Species`].
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -153,7 +154,7 @@ pub fn load_text(name: &str, text: &str) -> Result<Species> {
 /// read: those whose change changes the species. Built-in files are not among them.
 pub fn files(path: &Path) -> Vec<PathBuf> {
     let mut files = vec![path.to_path_buf()];
-    if let Ok(text) = std::fs::read_to_string(path) {
+    if let Ok(text) = read_file(path) {
         let shown = path.to_string_lossy().into_owned();
         let mut sources = Sources(vec![Source { name: shown, text: text.into() }]);
         let folder = Some(path.parent().unwrap_or(Path::new("")));
@@ -226,13 +227,23 @@ fn called_like(name: &str) -> Vec<String> {
 }
 
 fn read_file(path: &Path) -> Result<String> {
-    let size = std::fs::metadata(path).map_or(0, |m| m.len());
-    if size > MAX_BYTES {
-        return Err(Error::new(format!("{size} bytes, more than a rule file may have"))
-            .in_file(path)
-            .remedy("name a rule file; scans and pictures go elsewhere"));
+    // What a pipe holds is not known beforehand.
+    let read = std::fs::File::open(path).and_then(|file| {
+        let mut bytes = Vec::new();
+        file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map(|_| bytes)
+    });
+    if read.as_ref().is_ok_and(|bytes| bytes.len() as u64 > MAX_BYTES) {
+        return Err(Error::new(format!(
+            "more than the {MAX_BYTES} bytes that a rule file may have"
+        ))
+        .in_file(path)
+        .remedy("name a rule file; scans and pictures go elsewhere"));
     }
-    std::fs::read_to_string(path).map_err(|e| {
+    let text = read.and_then(|bytes| {
+        String::from_utf8(bytes)
+            .map_err(|e| std::io::Error::new(std::io::ErrorKind::InvalidData, e))
+    });
+    text.map_err(|e| {
         let remedy = match e.kind() {
             std::io::ErrorKind::NotFound => "check the path",
             std::io::ErrorKind::InvalidData => "save the file as UTF-8",

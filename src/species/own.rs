@@ -115,6 +115,7 @@ pub fn model(path: &Path) -> Result<Model> {
     Ok(model)
 }
 
+const SHEET_REMEDY: &str = "bake them into one picture (map_Kd), or give smaller ones";
 const REMEDY: &str = "export the model again, with normals and texture coordinates, as triangles";
 
 fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -> Result<Model> {
@@ -126,6 +127,17 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
         .collect();
     skins.sort_unstable();
     skins.dedup();
+    // By their heads, before any is decoded; normals may be finer than colours.
+    let wide_px = |names: &[&str]| names.iter().map(|name| wide_px(path, name)).sum::<u64>();
+    let colours_px = wide_px(&skins.iter().map(Skin::name).collect::<Vec<_>>());
+    let bumps_px = wide_px(&skins.iter().filter_map(|skin| skin.bumps).collect::<Vec<_>>());
+    let most_px = u64::from(MAX_SHEET_PX);
+    if skins.len() > 1 && (colours_px > most_px || bumps_px > 4 * most_px) {
+        let all_px = colours_px.max(bumps_px);
+        let error =
+            format!("its pictures side by side are {all_px} pixels wide, more than {MAX_SHEET_PX}");
+        return fail(error, SHEET_REMEDY);
+    }
     let pictures: Vec<Picture> =
         skins.iter().map(|skin| skin.picture(path)).collect::<Result<_>>()?;
     let bumps: Vec<Option<Picture>> =
@@ -153,7 +165,7 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
                 "its pictures side by side have {} by {} pixels, more than {MAX_SHEET_PX} along a side",
                 picture.width, picture.height
             ),
-            "bake them into one picture (map_Kd), or give smaller ones",
+            SHEET_REMEDY,
         );
     }
     let of_faces = || meshes.iter().map(|m| m.mesh.material_id.map(|id| &materials[id]));
@@ -581,15 +593,25 @@ fn beside(path: &Path, name: &str) -> PathBuf {
     others.into_iter().find(|other| !is_there && other.is_file()).unwrap_or(whole)
 }
 
-/// The picture of a material of a model: its name may follow options.
-fn picture_beside(model: &Path, name: &str) -> Result<Picture> {
+/// The file of a picture of a material of a model: its name may follow options.
+fn picture_file(model: &Path, name: &str) -> PathBuf {
     let whole = beside(model, name);
     let last = name.split_whitespace().next_back().map(|last| beside(model, last));
-    let file = match last {
+    match last {
         Some(last) if !whole.is_file() && (last.is_file() || name.starts_with('-')) => last,
         _ => whole,
-    };
-    read_picture(&file, "give the path of a PNG or JPEG file").map_err(|e| {
+    }
+}
+
+/// How wide it is; 0 for what can't be read, which is an error later.
+fn wide_px(model: &Path, name: &str) -> u64 {
+    let bytes = read(&picture_file(model, name), MAX_PICTURE_BYTES, "");
+    let size = bytes.and_then(|bytes| Picture::size_of(&bytes));
+    size.map_or(0, |(width, _)| u64::from(width))
+}
+
+fn picture_beside(model: &Path, name: &str) -> Result<Picture> {
+    read_picture(&picture_file(model, name), "give the path of a PNG or JPEG file").map_err(|e| {
         match (named_at(model, name), e.remedy_text()) {
             (Some(place), Some(remedy)) => {
                 let remedy = format!("{place} names it: {remedy}");

@@ -83,6 +83,12 @@ impl Species {
         Foliage { droop: self.droop_at(height_m), ..self.foliage.within(0.3 * height_m) }
     }
 
+    /// The species with the foliage of its trees of that height.
+    #[must_use]
+    pub fn in_leaf_at(&self, height_m: f32) -> Species {
+        Species { foliage: self.foliage_at(height_m), ..self.clone() }
+    }
+
     /// The species as its trees of that height are, their crown's base among it.
     #[must_use]
     pub fn at_height(&self, height_m: f32) -> Species {

@@ -61,13 +61,28 @@ impl TreeTextures {
         std::iter::once(&self.bark).chain(more.into_iter().flatten())
     }
 
+    fn barks_mut(&mut self) -> impl Iterator<Item = &mut BarkTextures> {
+        let more = [&mut self.bark_upper, &mut self.bark_transition, &mut self.bark_twig];
+        std::iter::once(&mut self.bark).chain(more.into_iter().flatten())
+    }
+
     fn pixels(&self) -> usize {
         let of = |image: &Image| image.width() as usize * image.height() as usize;
-        let pictures = self
-            .barks()
-            .flat_map(|b| [Some(&b.colour), b.normal.as_ref(), b.orm.as_ref(), b.height.as_ref()]);
-        let leaf = [Some(&self.leaf), self.leaf_normal.as_ref()];
-        pictures.chain(leaf).flatten().map(of).sum()
+        let leaves = std::iter::once(&self.leaf).chain(&self.leaf_normal);
+        self.barks().flat_map(BarkTextures::images).chain(leaves).map(of).sum()
+    }
+
+    /// How many there are; one of a single pixel is a colour.
+    pub fn pictures(&self) -> usize {
+        let variants = self.leaf_variants.iter().map(|variant| &variant.leaf);
+        let leaves = std::iter::once(&self.leaf).chain(&self.leaf_normal).chain(variants);
+        let all = self.barks().flat_map(BarkTextures::images).chain(leaves);
+        all.filter(|image| image.width() > 1).count()
+    }
+
+    /// For who writes none.
+    pub fn forget_heights(&mut self) {
+        self.barks_mut().for_each(|bark| bark.height = None);
     }
 }
 
@@ -87,26 +102,10 @@ pub struct BarkTextures {
     pub depth_m: f32,
 }
 
-impl TreeTextures {
-    /// How many there are; one of a single pixel is a colour.
-    pub fn pictures(&self) -> usize {
-        let barks = [&self.bark_upper, &self.bark_transition, &self.bark_twig];
-        let barks = std::iter::once(&self.bark).chain(barks.into_iter().flatten());
-        let of_bark = |bark: &'_ BarkTextures| {
-            let reliefs = [&bark.normal, &bark.orm, &bark.height];
-            let all = std::iter::once(&bark.colour).chain(reliefs.into_iter().flatten());
-            all.filter(|image| image.width() > 1).count()
-        };
-        let variants = self.leaf_variants.iter().map(|variant| &variant.leaf);
-        let leaves = std::iter::once(&self.leaf).chain(&self.leaf_normal).chain(variants);
-        barks.map(of_bark).sum::<usize>() + leaves.filter(|image| image.width() > 1).count()
-    }
-
-    /// For who writes none.
-    pub fn forget_heights(&mut self) {
-        let more = [&mut self.bark_upper, &mut self.bark_transition, &mut self.bark_twig];
-        let barks = std::iter::once(&mut self.bark).chain(more.into_iter().flatten());
-        barks.for_each(|bark| bark.height = None);
+impl BarkTextures {
+    fn images(&self) -> impl Iterator<Item = &Image> {
+        std::iter::once(&self.colour)
+            .chain([&self.normal, &self.orm, &self.height].into_iter().flatten())
     }
 }
 

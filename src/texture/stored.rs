@@ -9,8 +9,8 @@ use crate::raster::Image;
 use crate::seed::Seed;
 use crate::species::Species;
 
-/// The program that draws: with another, the pictures are others. All of this folder, and what
-/// turns pixels into PNG.
+/// The program that draws: with another, the pictures are others. All of this folder, what it asks of a species,
+/// and what turns pixels into PNG.
 const SOURCES: &[(&str, &str)] = &[
     ("atlas.rs", include_str!("atlas.rs")),
     ("bark/mark.rs", include_str!("bark/mark.rs")),
@@ -32,6 +32,8 @@ const SOURCES: &[(&str, &str)] = &[
     ("../raster/picture.rs", include_str!("../raster/picture.rs")),
     ("../raster/png.rs", include_str!("../raster/png.rs")),
     ("../raster/srgb.rs", include_str!("../raster/srgb.rs")),
+    ("../species/model.rs", include_str!("../species/model.rs")),
+    ("../species/own.rs", include_str!("../species/own.rs")),
     ("../species/own/turn.rs", include_str!("../species/own/turn.rs")),
     ("../seed.rs", include_str!("../seed.rs")),
 ];

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use glam::Vec3;
 
-use crate::scene::{Form, Selection};
+use crate::scene::{Form, PICTURE_ASPECT, PICTURE_LINES, Selection};
 
 /// Side of the squares, metres: small enough to be passed over when out of sight and to change
 /// form as one, large enough for many trees.
@@ -45,13 +45,9 @@ pub(super) fn cells(selection: &Selection<'_>, trees: &[u32]) -> Vec<Cell> {
     cells.collect()
 }
 
-/// Lines of the picture for which forms are chosen.
-const PICTURE_LINES: f32 = 1080.0;
-const PICTURE_ASPECT: f32 = 16.0 / 9.0;
-
 /// The share of the picture that a cell covers when the next form takes over, one value a form:
 /// each is shown until the silhouette of the next is off by less than a line (root mean square)
-/// of a picture of 1080. The last is 0: the coarsest form never vanishes. Errors grow from the second
+/// of a picture of [`PICTURE_LINES`]. The last is 0: the coarsest form never vanishes. Errors grow from the second
 /// form on ([`Forms::Drawn`](crate::scene::Forms::Drawn)), so that shares fall. More than 1 is a
 /// cell that reaches beyond the picture, as it does where the eye is near.
 pub(super) fn screen_coverage(forms: &[Form<'_>], diameter_m: f32) -> Vec<f32> {

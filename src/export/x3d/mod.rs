@@ -27,7 +27,9 @@ use super::pictures::texture_path;
 use super::{Content, GENERATOR, OutputFile, PictureFormat};
 use crate::frame::Frame;
 use crate::mesh::Surface;
-use crate::scene::{Alpha, Form, Material, Model, Part, Selection, Tree, ValidScene, Wrap};
+use crate::scene::{
+    Alpha, Form, Material, Model, PICTURE_LINES, Part, Selection, Tree, ValidScene, Wrap,
+};
 
 /// Places after the point.
 #[derive(Clone, Copy)]
@@ -397,16 +399,16 @@ fn centre(form: &Form<'_>) -> [f32; 3] {
 }
 
 /// How far away the next form takes over, metres, one value less than forms: where its silhouette
-/// is off by a line (root mean square) of a picture of 1080 lines, in X3D's default field of view.
+/// is off by a line (root mean square) of a picture of [`PICTURE_LINES`], in X3D's default field of view.
 /// Always growing.
 fn ranges(forms: &[&Form<'_>]) -> Vec<f32> {
-    /// 1080 / (2 tan 22.5°): the distance at which 1 m is a line, metres.
-    const A_METRE_IS_A_LINE_M: f32 = 1303.675;
     /// Between two changes.
     const LEAST_M: f32 = 0.01;
+    // 45°.
+    let metre_is_a_line_m = 0.5 * PICTURE_LINES / std::f32::consts::FRAC_PI_8.tan();
     let mut before = 0.0;
     let next = forms.iter().skip(1).map(|next| {
-        before = (next.silhouette.rms_m * A_METRE_IS_A_LINE_M).max(before + LEAST_M);
+        before = (next.silhouette.rms_m * metre_is_a_line_m).max(before + LEAST_M);
         before
     });
     next.collect()
