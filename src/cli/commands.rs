@@ -15,8 +15,8 @@ use super::jobs::{
 use super::paths::{extension, folders, forest_folder, place, stem};
 use super::progress::Terminal;
 use super::told::{
-    Told, fit_lines, forest_lines, forest_summary, level_lines, notes, print, report_file,
-    spare_line, summary,
+    Told, fit_lines, forest_lines, forest_summary, level_lines, notes, print, repeats_pictures,
+    report_file, spare_line, summary,
 };
 use crate::cache::Cache;
 use crate::diagnostic::{Error, Result};
@@ -383,6 +383,7 @@ fn tree(a: &args::Tree, cache: Cache, run: &mut Recorder) -> Result<Told> {
         scene: &scene,
         levels: &job.levels,
         foliage,
+        repeats_pictures: repeats_pictures(&a.levels, formats),
         has_forms: false,
         pruned,
         clipped: 0,

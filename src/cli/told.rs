@@ -4,10 +4,10 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use super::args::SceneArgs;
-use super::jobs::{formats, level, levels_job};
+use super::args::{LevelArgs, SceneArgs};
+use super::jobs::{formats, level, levels_job, profile};
 use crate::diagnostic::{Error, Result};
-use crate::export::OutputFile;
+use crate::export::{Format, OutputFile};
 use crate::mesh::FoliageLevel;
 use crate::pipeline::left_out::{self, Saved};
 use crate::pipeline::level_table::Row;
@@ -170,11 +170,18 @@ pub(super) fn summary(
     v
 }
 
+/// Whether each form is a file that holds its pictures.
+pub(super) fn repeats_pictures(levels: &LevelArgs, formats: &[Format]) -> bool {
+    formats.contains(&Format::Glb) && !profile(levels.profile).holds_all_forms()
+}
+
 fn forest_left_out(forest: &Forest, typed: &SceneArgs, run: &Recorder) -> Vec<Saved> {
+    let formats = formats(&typed.format);
     left_out::table(&left_out::Told {
         scene: &forest.scene,
-        levels: &levels_job(&typed.levels, &formats(&typed.format)),
+        levels: &levels_job(&typed.levels, &formats),
         foliage: level(typed.foliage),
+        repeats_pictures: repeats_pictures(&typed.levels, &formats),
         has_forms: typed.camera.is_some(),
         pruned: forest.pruned,
         clipped: forest.clipped,

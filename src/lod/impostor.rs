@@ -82,6 +82,8 @@ const RELIEF: f32 = 1.5;
 const APART_M: f32 = 1e-3;
 /// Texels between two views of a cross.
 const GUTTER: usize = 8;
+/// The most that smaller versions of a cross show, in parts of what the picture does.
+const MOST_COVER: f32 = 1.06;
 /// What is left free about an octahedral view, of its half width: in smaller versions of the picture, too,
 /// no view reaches into the next.
 pub(super) const MARGIN: f32 = 1.0 / 24.0;
@@ -484,7 +486,8 @@ impl Board {
             for (tint, picture) in &mut self.tinted {
                 picture.set(x, y, coded(t.albedo + t.leaves * (*tint - 1.0)));
             }
-            let [nx, ny, nz] = t.normal.to_array().map(|c| ((c * 0.5 + 0.5) * 255.0).round() as u8);
+            let normal = t.normal.normalize_or(Vec3::Z);
+            let [nx, ny, nz] = normal.to_array().map(|c| ((c * 0.5 + 0.5) * 255.0).round() as u8);
             self.normal.set(x, y, [nx, ny, nz, alpha]);
         }
     }
@@ -496,7 +499,7 @@ impl Board {
         let least = if self.is_blended {
             1.0
         } else {
-            keep_cover(&mut self.colour, CUTOFF, 1.0);
+            keep_cover(&mut self.colour, CUTOFF, MOST_COVER);
             0.0
         };
         for view in &self.views {

@@ -1,6 +1,6 @@
 //! What a scene did without, and what that saved.
 //!
-//! Bytes are those the file would hold more, uncompressed. Seconds are at this run's own rates: of
+//! Bytes are those the files would hold more, numbers uncompressed and pictures as PNG. Seconds are at this run's own rates: of
 //! writing, for bytes; of meshing, for forms that were not made. They are the least: what was never made
 //! has no measured time, and what a level covers is looked at many times until it is right. Packing a light
 //! map has no rate of a run's own: it takes much longer than anything that was done.
@@ -28,6 +28,8 @@ pub struct Told<'a> {
     pub scene: &'a ValidScene,
     pub levels: &'a LevelsJob,
     pub foliage: FoliageLevel,
+    /// Whether a coarser form is a file of its own that holds its pictures.
+    pub repeats_pictures: bool,
     /// Whether forms were made for a camera to choose among.
     pub has_forms: bool,
     pub pruned: LeftOut,
@@ -106,7 +108,10 @@ pub fn table(told: &Told<'_>) -> Vec<Saved> {
         })
         .sum();
     let meshing_s = seconds("mesh") * bytes / geometry.max(1) as f64;
-    line("coarser levels", forms, "meshes", bytes as u64, meshing_s);
+    let pngs = told.scene.textures().iter().filter_map(|texture| texture.image.png().ok());
+    let pngs = if told.repeats_pictures { pngs.map(|png| png.len() as u64).sum() } else { 0 };
+    let again = pngs * (SHARES.len() - made) as u64;
+    line("coarser levels", forms, "meshes", bytes as u64 + again, meshing_s);
     let p = told.pruned;
     line(
         "triangles without area",

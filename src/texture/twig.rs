@@ -45,7 +45,7 @@ const TURNS_LATE: f32 = 0.6;
 /// Alpha from which on a leaf is seen.
 pub const CUTOFF: f32 = 0.5;
 /// The most that smaller versions show, in parts of what the picture does.
-const MOST_COVER: f32 = 1.25;
+const MOST_COVER: f32 = 1.1;
 /// Pixels along a cell below which bare twigs, a pixel wide, would be too thick, and in which they are
 /// drawn then; and along a block of pixels that shows as much of them.
 const FINE: u32 = 512;

@@ -15,7 +15,7 @@ mod transition;
 use rayon::prelude::*;
 
 use super::BarkTextures;
-use super::noise::mix;
+use super::noise::{mix, smoothstep};
 use crate::raster::Picture;
 use crate::seed::Seed;
 use crate::species::model::{Bark, BarkStyle, OwnBark};
@@ -200,6 +200,10 @@ fn darker(colour: [u8; 3], bark: &Bark, share: f32) -> [u8; 3] {
     [0, 1, 2].map(|c| mix(colour[c].into(), bark.dark[c].into(), share).round() as u8)
 }
 
+/// How much smoother the highest places are, which rain and wind have worn; and from which height on.
+const WORN: f32 = 0.16;
+const WORN_FROM: f32 = 0.35;
+
 fn pictures(
     style: BarkStyle,
     light: [u8; 3],
@@ -218,8 +222,9 @@ fn pictures(
 
     let picture = |data: Vec<[u8; 4]>| Picture { width: n as u32, height: n as u32, data };
     let byte = |x: f32| (255.0 * x).round().clamp(0.0, 255.0) as u8;
-    let orm = texels.par_iter().zip(&shaded).map(|(t, &open)| {
-        let rough = mix(t.roughness, 0.95, 0.5 * (1.0 - open));
+    let orm = texels.par_iter().zip(&shaded).zip(&heights).map(|((t, &open), &height)| {
+        let worn = WORN * smoothstep(WORN_FROM, 1.0, height);
+        let rough = mix(t.roughness - worn, 0.95, 0.5 * (1.0 - open));
         [byte(open), byte(rough), 0, 255]
     });
     let pictures = BarkPictures {
