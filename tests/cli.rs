@@ -346,6 +346,12 @@ fn what_no_file_would_hold_is_refused_before_it_is_made() {
         let demo = ["demo", "--trees", "3", "--format", "obj,x3d", "-o", &folder];
         refused(&[&demo, more].concat(), &[".obj and .x3d files hold nothing of ", more[0]]);
     }
+    let camera = ["--impostor", "octahedral", "--camera", "20,-30,130,20,20,105"];
+    let demo = ["demo", "--trees", "3", "--format", "glb,obj", "-o", &file("demo")];
+    refused(
+        &[&demo[..], &camera].concat(),
+        &[".obj files hold no octahedral one", "--impostor cross"],
+    );
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
     // What another file holds is made; what a profile alone asks for is not, where none does.
     let (folder, tree) = (file("two"), file("engine.obj"));
@@ -733,7 +739,9 @@ fn too_few_triangles_for_any_leaf_are_told_of() {
     let of = ["tree", "picea_obovata", "--foliage", "geometry", "--triangles", "200"];
     let out = larix(&[&of[..], &["--texture", "0", "-o", file.to_str().unwrap()]].concat());
     assert!(out.status.success(), "{}", text(&out.stderr));
-    assert!(text(&out.stderr).contains("too few triangles for any leaf"), "{}", text(&out.stderr));
+    let told = text(&out.stderr) + &text(&out.stdout);
+    assert!(told.contains("too few triangles for any leaf"), "{told}");
+    assert!(!told.contains("needs no more"), "{told}");
 }
 
 #[test]
@@ -1029,6 +1037,27 @@ fn trees_of_all_seeds_have_the_same_pictures() {
 
 /// What a light map would take is told as it is.
 #[cfg(feature = "atlas")]
+/// Each level is a file with the pictures of its tree.
+#[test]
+fn levels_weigh_what_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let of = |name: &str, more: &[&str]| {
+        let to = dir.path().join(name).join("tree.glb").to_string_lossy().into_owned();
+        let small = ["tree", "quercus_robur", "--triangles", "5000", "--texture", "256", "--json"];
+        let out = larix(&[&small[..], &["-o", &to], more].concat());
+        assert!(out.status.success(), "{}", text(&out.stderr));
+        let report: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+        let told = report["left_out"].as_array().unwrap().clone();
+        let told = told.into_iter().find(|l| l["what"] == "coarser levels");
+        let files = contents(&dir.path().join(name));
+        (files.iter().map(|f| f.1.len()).sum::<usize>() as f64, told)
+    };
+    let ((one, told), (all, none)) = (of("one", &[]), of("all", &["--lods", "3"]));
+    assert!(none.is_none());
+    let share = told.unwrap()["bytes"].as_f64().unwrap() / (all - one);
+    assert!((0.7..1.3).contains(&share), "{share} of what they take");
+}
+
 #[test]
 fn places_on_a_light_map_weigh_what_is_told() {
     let dir = tempfile::tempdir().unwrap();

@@ -163,6 +163,7 @@ mod tests {
             let trees = tree_of((name, 8_000, 8_000), |subject, options| {
                 let options = MeshOptions { leaf_share: 0.0, ..*options };
                 meshes(subject, &options, SHARES.len() + 1, None, &Cache::off())
+                    .map(|(meshes, _)| meshes)
             });
             let (finest, coarsest) = (&trees[0], trees.last().unwrap());
             assert!(finest.foliage.is_empty() && coarsest.foliage.is_empty());
@@ -203,7 +204,7 @@ mod tests {
             let subject =
                 Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
             let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
-            let all = meshes(&subject, &options, SHARES.len() + 1, None, &Cache::off()).unwrap();
+            let all = meshes(&subject, &options, SHARES.len() + 1, None, &Cache::off()).unwrap().0;
             // Tiles along a metre of the largest triangles, of the bark that has most of them.
             let most = |tree: &TreeMesh| {
                 let area = |s: &Surface| {
@@ -241,7 +242,7 @@ mod tests {
                 Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
             let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
             let mut trees =
-                meshes(&subject, &options, SHARES.len() + 1, None, &Cache::off()).unwrap();
+                meshes(&subject, &options, SHARES.len() + 1, None, &Cache::off()).unwrap().0;
             let coarsest = trees.pop().unwrap();
             assert!(coarsest.triangles() < 130, "{}", coarsest.triangles());
             let shown = cover::shares(&subject, &trees[0], vec![coarsest.clone()]).unwrap()[0];
@@ -275,7 +276,7 @@ mod tests {
                 ..WoodJob::default().options(20_000, FoliageLevel::Cards)
             };
             let mut trees =
-                meshes(&subject, &options, SHARES.len() + 1, None, &Cache::off()).unwrap();
+                meshes(&subject, &options, SHARES.len() + 1, None, &Cache::off()).unwrap().0;
             let coarsest = trees.pop().unwrap();
             assert!(trees.iter().all(|tree| tree.dry.is_empty() != has_picture));
             assert!(coarsest.triangles() < 130, "{}", coarsest.triangles());

@@ -434,6 +434,35 @@ mod tests {
         }
     }
 
+    /// Twigs reach above their tree's top: what goes by the skeleton is to be as much smaller.
+    #[test]
+    fn meshes_tell_how_much_smaller_than_their_skeleton_they_are() {
+        let grown = Grown::new("corylus_avellana", Some(2.0), 5_000, 64);
+        let options = WoodJob::default().options(5_000, FoliageLevel::Cards);
+        let height_m = Some(grown.skeleton.height_m());
+        let (meshes, factor) =
+            levels::meshes(&grown.subject(), &options, 0, height_m, &Cache::off()).unwrap();
+        assert!(factor < 0.97, "{factor}");
+        let mut as_meshed = grown.skeleton.clone();
+        as_meshed.scale(factor);
+        // Of every stem on the ground, half a metre up: its bark is about it.
+        let wood = || meshes[0].woods().into_iter().flat_map(|s| &s.position);
+        let (mut stems, mut off_m) = (0, 0.0f32);
+        for i in 1..as_meshed.len() {
+            let (from, to) =
+                (as_meshed.position[as_meshed.parent[i] as usize], as_meshed.position[i]);
+            if as_meshed.radius_m[i] > 0.01 && from.z < 0.5 && to.z >= 0.5 {
+                let r = as_meshed.radius_m[i];
+                let line = (to - from).normalize();
+                let near = wood().filter(|p| p.distance(from) < 3.0 * r + from.distance(to));
+                let aside = near.map(|p| (*p - from).reject_from(line).length());
+                off_m = off_m.max((aside.fold(f32::INFINITY, f32::min) - r).abs());
+                stems += 1;
+            }
+        }
+        assert!(stems >= 3 && off_m < 0.006, "{stems}: {off_m}");
+    }
+
     /// What each coarser form covers over what the finest does: sides, then above.
     fn covers(name: &str, triangles: usize) -> Vec<Seen> {
         let grown = Grown::new(name, None, triangles, 256);

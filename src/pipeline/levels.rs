@@ -430,6 +430,7 @@ pub(super) mod tests {
         let trees = tree_of(("quercus_robur", 6_000, 6_000), |subject, options| {
             let options = MeshOptions { wind: Some(WindProfile::Unity), ..*options };
             meshes(subject, &options, SHARES.len() + 1, Some(20.0), &Cache::off())
+                .map(|(meshes, _)| meshes)
         });
         assert_eq!(trees.len(), 2 + SHARES.len());
         for (k, tree) in trees.iter().enumerate() {
@@ -489,6 +490,7 @@ pub(super) mod tests {
             let mut trees = tree_of(("betula_pendula", 2_000, 2_000), |subject, options| {
                 let options = MeshOptions { foliage: level, ..*options };
                 meshes(subject, &options, SHARES.len() + 1, None, &Cache::off())
+                    .map(|(meshes, _)| meshes)
             });
             if level == FoliageLevel::Shell { trees.remove(0) } else { trees.pop().unwrap() }
         });
@@ -509,6 +511,7 @@ pub(super) mod tests {
         for name in ["pinus_sibirica", "larix_sibirica", "pinus_sylvestris", "betula_pendula"] {
             let trees = tree_of((name, 20_000, 20_000), |subject, options| {
                 meshes(subject, options, SHARES.len() + 1, None, &Cache::off())
+                    .map(|(meshes, _)| meshes)
             });
             let height_m = trees[0].bounds().1.z;
             // Branches are too thin for old bark; a cylinder may end below that, in the crown.
@@ -538,6 +541,7 @@ pub(super) mod tests {
         for (name, triangles) in names.into_iter().flat_map(|n| [(n, 20_000), (n, 5_000)]) {
             let mut all = tree_of((name, triangles, triangles), |subject, options| {
                 meshes(subject, options, SHARES.len() + 1, None, &Cache::off())
+                    .map(|(meshes, _)| meshes)
             });
             let feet: Vec<f32> = all.iter().map(|tree| tree.bounds().0.z).collect();
             assert!(feet.iter().all(|foot| (foot - feet[0]).abs() < 0.01), "{name}: {feet:?}");
@@ -568,7 +572,7 @@ pub(super) mod tests {
     #[test]
     fn a_trunk_stays_in_its_place_at_every_level() {
         let all = tree_of(("betula_pendula", 20_000, 20_000), |subject, options| {
-            meshes(subject, options, SHARES.len(), None, &Cache::off())
+            meshes(subject, options, SHARES.len(), None, &Cache::off()).map(|(meshes, _)| meshes)
         });
         for z in [2.0, 3.0, 4.0, 5.0] {
             let of: Vec<_> = all.iter().map(|tree| section(tree, z)).collect();
@@ -598,7 +602,7 @@ pub(super) mod tests {
             let subject =
                 Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
             let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
-            let all = meshes(&subject, &options, SHARES.len(), None, &Cache::off()).unwrap();
+            let all = meshes(&subject, &options, SHARES.len(), None, &Cache::off()).unwrap().0;
             let wide_m: Vec<f32> = all
                 .iter()
                 .map(|tree| tree.bounds())
@@ -620,7 +624,7 @@ pub(super) mod tests {
         let textures = crate::texture::for_species(&species, 64, seed);
         let subject = Subject { skeleton: &skeleton, species: &species, textures: &textures, seed };
         let options = WoodJob::default().options(20_000, FoliageLevel::Cards);
-        let all = meshes(&subject, &options, SHARES.len(), None, &Cache::off()).unwrap();
+        let all = meshes(&subject, &options, SHARES.len(), None, &Cache::off()).unwrap().0;
         let wood: Vec<usize> = all.iter().map(TreeMesh::wood_triangles).collect();
         assert!(wood[1] * 12 > wood[0] && wood[2] * 2 > wood[3] * 3, "{wood:?}");
     }

@@ -400,6 +400,31 @@ mod tests {
         assert_eq!([0, 999, 1000, 1234567].map(grouped), ["0", "999", "1,000", "1,234,567"]);
     }
 
+    /// Twigs of small trees are short and hang little, on their sheet as in their file.
+    #[test]
+    fn a_sheet_of_a_height_shows_trees_of_that_height() {
+        let of = |species: &species::Species| {
+            let job = SheetJob {
+                triangles: 1500,
+                texture_px: 64,
+                size_px: 240,
+                height_m: Some(1.0),
+                seeds: vec![1],
+                ..SheetJob::new(species.clone())
+            };
+            sheet(&job, &mut Recorder::new(&Silent)).unwrap().picture
+        };
+        let mut spruce = species::load("picea_abies").unwrap();
+        spruce.young.droop = None;
+        // One whose grown trees have such twigs: they stay as they are, but for how they hang.
+        let mut small = spruce.in_leaf_at(1.0);
+        small.foliage.droop /= 1.0 - 0.8;
+        let [one, other] = [of(&spruce), of(&small)];
+        let differ = one.data.iter().zip(&other.data).filter(|(a, b)| a != b).count();
+        assert!(spruce.foliage.droop > 0.0 && spruce.foliage.twig_length_m > 0.35);
+        assert!(differ * 100 < one.data.len(), "{differ} of {}", one.data.len());
+    }
+
     /// Nothing is cropped: no tree touches the edge of its row; and all six are there.
     #[test]
     fn a_sheet_holds_every_tree_whole() {

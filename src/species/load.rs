@@ -561,6 +561,18 @@ mod tests {
         }
     }
 
+    /// What has no size beforehand, and no end.
+    #[cfg(unix)]
+    #[test]
+    fn a_rule_file_without_an_end_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("endless.toml");
+        std::os::unix::fs::symlink("/dev/zero", &path).unwrap();
+        let error = load(&path.to_string_lossy()).unwrap_err();
+        assert!(error.to_string().contains("more than the 4194304 bytes"), "{error}");
+        assert_eq!(files(&path), [path]);
+    }
+
     #[test]
     fn sections_merge_key_by_key() {
         let text = "extends = 'table3/10'\nname = 'Mine'\n[rule]\nangles = { alpha = 45, '!' = 10 }\n[size]\nheight_m = 3";

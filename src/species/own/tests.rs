@@ -495,3 +495,20 @@ proptest! {
         }
     }
 }
+
+/// Before any is decoded: their heads say how large they are.
+#[test]
+fn pictures_too_wide_for_one_are_refused_by_their_heads() {
+    let mtl: String = (0..3).map(|k| format!("newmtl m{k}\nmap_Kd wide{k}.png\n")).collect();
+    let faces: String =
+        (0..3).map(|k| format!("usemtl m{k}\nf 1/1/1 2/2/1 3/3/1 4/4/1\n")).collect();
+    let obj = TWIG.split("usemtl").next().unwrap().to_owned() + &faces;
+    let folder = folder(RULE, &obj, &mtl);
+    let png = Picture::filled(4000, 2, [30, 90, 20, 255]).to_png().unwrap();
+    for k in 0..3 {
+        // Nothing but the head.
+        std::fs::write(folder.path().join(format!("wide{k}.png")), &png[..60]).unwrap();
+    }
+    let error = load(&rule(&folder)).unwrap_err().to_string();
+    assert!(error.contains("side by side are 12000 pixels wide, more than 8192"), "{error}");
+}
