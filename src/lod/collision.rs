@@ -311,7 +311,7 @@ mod tests {
         let mut s = stem(0.0);
         s.radius_m.iter_mut().zip(&s.position).for_each(|(r, p)| *r *= 1.0 + 0.4 * (-p.z).exp());
         let bodies = collision(&s, ColliderShape::Convex);
-        for (p, r) in s.position.iter().zip(&s.radius_m).filter(|(p, _)| p.z > 1.4 && p.z < 9.0) {
+        for (p, r) in s.position.iter().zip(&s.radius_m).filter(|(p, _)| p.z > 2.0 && p.z < 9.0) {
             let beyond = *p + Vec3::X * (1.15 * r + 0.01);
             assert!(outside_m(&bodies, beyond) > 0.0, "{} of {r}", p.z);
             assert!(outside_m(&bodies, *p + Vec3::X * 0.9 * *r) < 0.0, "{}", p.z);
@@ -342,9 +342,12 @@ mod tests {
                 }
             }
             let bodies = collision(&s, ColliderShape::Convex);
+            // All of its middle.
             for place in &stems(&s)[0] {
-                let off_m = outside_m(&bodies, place.at);
-                assert!(off_m <= ASIDE.0 * place.radius_m - 0.9 * place.radius_m, "{off_m} {bend}");
+                for side in [Vec3::X, Vec3::Y, Vec3::NEG_X, Vec3::NEG_Y] {
+                    let off_m = outside_m(&bodies, place.at + side * (0.4 * place.radius_m));
+                    assert!(off_m < 1e-4, "{off_m} at {} of {bend}", place.at);
+                }
             }
         }
         let straight = collision(&stem(0.0), ColliderShape::Convex);
