@@ -312,9 +312,10 @@ mod tests {
         s.radius_m.iter_mut().zip(&s.position).for_each(|(r, p)| *r *= 1.0 + 0.4 * (-p.z).exp());
         let bodies = collision(&s, ColliderShape::Convex);
         for (p, r) in s.position.iter().zip(&s.radius_m).filter(|(p, _)| p.z > 2.0 && p.z < 9.0) {
-            let beyond = *p + Vec3::X * (1.15 * r + 0.01);
-            assert!(outside_m(&bodies, beyond) > 0.0, "{} of {r}", p.z);
-            assert!(outside_m(&bodies, *p + Vec3::X * 0.9 * *r) < 0.0, "{}", p.z);
+            // The middle of a side.
+            let (sin, cos) = (PI / SIDES as f32).sin_cos();
+            let at = |m: f32| outside_m(&bodies, *p + Vec3::new(cos, sin, 0.0) * m);
+            assert!(at(1.1 * r + 0.01) > 0.0 && at(0.9 * r) < 1e-4, "{} of {r}", p.z);
         }
     }
 

@@ -445,22 +445,23 @@ mod tests {
         assert!(factor < 0.97, "{factor}");
         let mut as_meshed = grown.skeleton.clone();
         as_meshed.scale(factor);
-        // Of every stem on the ground, half a metre up: its bark is about it.
-        let wood = || meshes[0].woods().into_iter().flat_map(|s| &s.position);
-        let (mut stems, mut off_m) = (0, 0.0f32);
-        for i in 1..as_meshed.len() {
-            let (from, to) =
-                (as_meshed.position[as_meshed.parent[i] as usize], as_meshed.position[i]);
-            if as_meshed.radius_m[i] > 0.004 && from.z < 0.5 && to.z >= 0.5 {
-                let r = as_meshed.radius_m[i];
-                let line = (to - from).normalize();
-                let near = wood().filter(|p| p.distance(from) < 3.0 * r + from.distance(to));
+        // Mean distance of the bark of stems from where it is to be, half a metre up and higher.
+        let off_m = |s: &Skeleton| {
+            let thick = (1..s.len()).filter(|&i| s.radius_m[i] > 0.004 && s.position[i].z > 0.5);
+            let off = |i: usize| {
+                let (from, to) = (s.position[s.parent[i] as usize], s.position[i]);
+                let line = (to - from).normalize_or(Vec3::Z);
+                let wood = meshes[0].woods().into_iter().flat_map(|w| &w.position);
+                let near = wood.filter(|p| p.distance(from) < 0.02 + from.distance(to));
                 let aside = near.map(|p| (*p - from).reject_from(line).length());
-                off_m = off_m.max((aside.fold(f32::INFINITY, f32::min) - r).abs());
-                stems += 1;
-            }
-        }
-        assert!(stems >= 3 && off_m < 0.004, "{stems}: {off_m}");
+                (aside.fold(f32::INFINITY, f32::min) - s.radius_m[i]).abs()
+            };
+            let all: Vec<f32> = thick.map(off).filter(|m| m.is_finite()).collect();
+            assert!(all.len() > 20, "{}", all.len());
+            all.iter().sum::<f32>() / all.len() as f32
+        };
+        let [right, wrong] = [&as_meshed, &grown.skeleton].map(off_m);
+        assert!(right < 0.7 * wrong, "{right} {wrong}");
     }
 
     /// What each coarser form covers over what the finest does: sides, then above.
