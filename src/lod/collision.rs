@@ -78,12 +78,16 @@ fn flared(up: f32) -> [f32; 2] {
 
 /// What holds the flare of a stem that stands in the ground: it narrows faster the nearer to that.
 fn flare(stem: &[Place], height_m: f32) -> Vec<Surface> {
-    let [foot, .., top] = stem else { return Vec::new() };
+    let [foot, _, ..] = stem else { return Vec::new() };
     let above = |share: f32| {
         let held_m = share * FLARE * foot.radius_m;
-        let above = *stem.iter().find(|p| p.at.z > foot.at.z + held_m).unwrap_or(top);
-        let at = foot.at.lerp(above.at, (held_m / (above.at.z - foot.at.z).max(1e-6)).min(1.0));
-        Place { at, radius_m: foot.radius_m * flared(1.0 - share)[1] }
+        let next = stem.partition_point(|p| p.at.z <= foot.at.z + held_m).clamp(1, stem.len() - 1);
+        let [low, high] = [stem[next - 1], stem[next]];
+        let t = (foot.at.z + held_m - low.at.z) / (high.at.z - low.at.z).max(1e-6);
+        let mix = |a: f32, b: f32| a + (b - a) * t.clamp(0.0, 1.0);
+        // The flare widens what the stem is there.
+        let radius_m = mix(low.radius_m, high.radius_m) * flared(1.0 - share)[1];
+        Place { at: low.at.lerp(high.at, t.clamp(0.0, 1.0)), radius_m }
     };
     let [ground, middle, high] = FLARE_HELD.map(above);
     let below = Place {
@@ -506,6 +510,12 @@ mod tests {
             let low = mesh.wood.position.iter().filter(|p| p.z < 1.0);
             let worst_m = low.map(|p| outside_m(&bodies, *p)).fold(0.0, f32::max);
             assert!(worst_m < 0.02, "{name}: {worst_m} m outside");
+            // Nor far within, where one walks into it.
+            let met = |p: &&Vec3| (0.8..2.5).contains(&p.z) && p.truncate().length() < 0.8;
+            let bark = mesh.woods().into_iter().flat_map(|wood| &wood.position);
+            let depths: Vec<f32> = bark.filter(met).map(|p| -outside_m(&bodies, *p)).collect();
+            let mean_m = depths.iter().sum::<f32>() / depths.len() as f32;
+            assert!(mean_m < 0.08, "{name}: {mean_m} m inside");
         }
     }
 
