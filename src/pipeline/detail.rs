@@ -51,16 +51,16 @@ pub fn coarser(options: &MeshOptions, triangles: usize) -> MeshOptions {
 }
 
 /// Triangles a node, wood and leaves; where every leaf is one, more, and then this many nodes at most.
-const A_NODE: usize = 6;
-const A_NODE_OF_LEAVES: usize = 60;
-const MOST_NODES_OF_LEAVES: usize = 40_000;
+const PER_NODE: usize = 6;
+const PER_LEAFY_NODE: usize = 60;
+const MOST_LEAFY_NODES: usize = 40_000;
 
 /// Nodes enough to use so many triangles well. No fewer than it takes for twigs to be spread over the crown.
 pub(super) fn detail(triangles: usize, foliage: FoliageLevel) -> Detail {
     const FEWEST_NODES: usize = 2_500;
     let max_nodes = match foliage {
-        FoliageLevel::Geometry => (triangles / A_NODE_OF_LEAVES).clamp(2_000, MOST_NODES_OF_LEAVES),
-        _ => (triangles / A_NODE).clamp(FEWEST_NODES, 100_000),
+        FoliageLevel::Geometry => (triangles / PER_LEAFY_NODE).clamp(2_000, MOST_LEAFY_NODES),
+        _ => (triangles / PER_NODE).clamp(FEWEST_NODES, 100_000),
     };
     Detail { max_nodes: max_nodes as u32, attractor_spacing_m: None }
 }
@@ -79,7 +79,7 @@ pub(super) fn levels_fall_from(triangles: usize, foliage: FoliageLevel) -> usize
 pub(super) fn like_with_cards(triangles: usize, foliage: FoliageLevel) -> usize {
     match foliage {
         FoliageLevel::Geometry => {
-            (triangles / (A_NODE_OF_LEAVES / A_NODE)).min(A_NODE * MOST_NODES_OF_LEAVES)
+            (triangles / (PER_LEAFY_NODE / PER_NODE)).min(PER_NODE * MOST_LEAFY_NODES)
         }
         _ => triangles,
     }

@@ -1,9 +1,9 @@
 //! What a scene did without, and what that saved.
 //!
-//! Bytes are those the files would hold more, numbers uncompressed and pictures as PNG. Seconds are at this run's own rates: of
-//! writing, for bytes; of meshing, for forms that were not made. They are the least: what was never made
-//! has no measured time, and what a level covers is looked at many times until it is right. Packing a light
-//! map has no rate of a run's own: it takes much longer than anything that was done.
+//! Bytes are those the files would hold more, numbers uncompressed and pictures as PNG. Seconds are at this
+//! run's own rates: of writing, for bytes; of meshing, for forms that were not made. They are the least: what
+//! was never made has no measured time, and what a level covers is looked at many times until it is right.
+//! Packing a light map has no rate of a run's own: it takes much longer than anything that was done.
 
 use super::levels::{LevelsJob, SHARES, triangles_of};
 use super::view::Chosen;

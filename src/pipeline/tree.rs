@@ -372,10 +372,7 @@ fn stand(
         position: Vec3::ZERO,
         yaw_rad: 0.0,
         scale: Vec3::ONE,
-        facts: TreeFacts {
-            height_m: skeleton.height_m(),
-            ..facts(job, species, &as_meshed, stem_diameter_m)
-        },
+        facts: facts(job, species, &as_meshed, [skeleton.height_m(), stem_diameter_m]),
     });
     let mut rows = Vec::new();
     if !job.levels.is_empty() {
@@ -420,14 +417,19 @@ fn age_years(job: &TreeJob, skeleton: &Skeleton) -> f32 {
     share * size.age_at(grown_m)
 }
 
-fn facts(job: &TreeJob, species: &Species, skeleton: &Skeleton, stem_diameter_m: f32) -> TreeFacts {
-    let height_m = skeleton.height_m();
+/// `as_meshed`: its leaves reach up to `height_m`.
+fn facts(
+    job: &TreeJob,
+    species: &Species,
+    as_meshed: &Skeleton,
+    [height_m, stem_diameter_m]: [f32; 2],
+) -> TreeFacts {
     TreeFacts {
         id: "1".into(),
         species: species.name.clone(),
         height_m,
-        crown_diameter_m: skeleton.width_m(),
-        crown_base_height_m: skeleton.crown_base_m(),
+        crown_diameter_m: as_meshed.width_m(),
+        crown_base_height_m: as_meshed.crown_base_m(),
         stem_diameter_m,
         condition: job.state.condition.numeral(),
         confidence: 1.0,

@@ -115,6 +115,8 @@ pub fn model(path: &Path) -> Result<Model> {
     Ok(model)
 }
 
+/// How much finer normal maps may be than colours.
+const FINER: u64 = 4;
 const SHEET_REMEDY: &str = "bake them into one picture (map_Kd), or give smaller ones";
 const REMEDY: &str = "export the model again, with normals and texture coordinates, as triangles";
 
@@ -128,15 +130,17 @@ fn assemble(path: &Path, meshes: &[tobj::Model], materials: &[tobj::Material]) -
     skins.sort_unstable();
     skins.dedup();
     // By their heads, before any is decoded; normals may be finer than colours.
-    let wide_px = |names: &[&str]| names.iter().map(|name| wide_px(path, name)).sum::<u64>();
-    let colours_px = wide_px(&skins.iter().map(Skin::name).collect::<Vec<_>>());
-    let bumps_px = wide_px(&skins.iter().filter_map(|skin| skin.bumps).collect::<Vec<_>>());
+    let colours_px: u64 = skins.iter().map(|skin| wide_px(path, skin.name())).sum();
+    let bumps_px = skins.iter().filter_map(|skin| skin.bumps).map(|name| wide_px(path, name)).sum();
     let most_px = u64::from(MAX_SHEET_PX);
-    if skins.len() > 1 && (colours_px > most_px || bumps_px > 4 * most_px) {
-        let all_px = colours_px.max(bumps_px);
-        let error =
-            format!("its pictures side by side are {all_px} pixels wide, more than {MAX_SHEET_PX}");
-        return fail(error, SHEET_REMEDY);
+    for (what, all_px, most_px) in
+        [("pictures", colours_px, most_px), ("normal maps", bumps_px, FINER * most_px)]
+    {
+        if skins.len() > 1 && all_px > most_px {
+            let error =
+                format!("its {what} side by side are {all_px} pixels wide, more than {most_px}");
+            return fail(error, SHEET_REMEDY);
+        }
     }
     let pictures: Vec<Picture> =
         skins.iter().map(|skin| skin.picture(path)).collect::<Result<_>>()?;
