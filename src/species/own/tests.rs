@@ -514,12 +514,16 @@ fn pictures_too_wide_for_one_are_refused_by_their_heads() {
         error.contains("its pictures side by side are 12000 pixels wide, more than 8192"),
         "{error}"
     );
-    let mtl: String =
-        (0..9).map(|k| format!("newmtl m{k}\nmap_Kd leaf.png\nnorm wide{}.png\n", k % 3)).collect();
-    let many: String =
-        (0..9).map(|k| format!("usemtl m{k}\nf 1/1/1 2/2/1 3/3/1 4/4/1\n")).collect();
-    std::fs::write(folder.path().join("twig.mtl"), mtl).unwrap();
-    std::fs::write(folder.path().join("twig.obj"), obj.replace(&faces, &many)).unwrap();
+    // Finer normals than colours are as they come, within bounds.
+    let material = |k: i32| format!("newmtl m{k}\nmap_Kd leaf.png\nnorm wide{k}.png\n");
+    let face = |k: i32| format!("usemtl m{k}\nf 1/1/1 2/2/1 3/3/1 4/4/1\n");
+    for k in 0..9 {
+        std::fs::write(folder.path().join(format!("wide{k}.png")), &png[..60]).unwrap();
+    }
+    let write = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
+    write("twig.mtl", (0..9).map(material).collect());
+    write("twig.obj", obj.replace(&faces, &(0..9).map(face).collect::<String>()));
     let error = load(&rule(&folder)).unwrap_err().to_string();
-    assert!(!error.contains("side by side"), "the same three, each once: {error}");
+    let says = "its normal maps side by side are 36000 pixels wide, more than 32768";
+    assert!(error.contains(says), "{error}");
 }
