@@ -82,8 +82,6 @@ const RELIEF: f32 = 1.5;
 const APART_M: f32 = 1e-3;
 /// Texels between two views of a cross.
 const GUTTER: usize = 8;
-/// The most that smaller versions of a cross show, in parts of what the picture does.
-const MOST_COVER: f32 = 1.06;
 /// What is left free about an octahedral view, of its half width: in smaller versions of the picture, too,
 /// no view reaches into the next.
 pub(super) const MARGIN: f32 = 1.0 / 24.0;
@@ -499,7 +497,7 @@ impl Board {
         let least = if self.is_blended {
             1.0
         } else {
-            keep_cover(&mut self.colour, CUTOFF, MOST_COVER);
+            keep_cover(&mut self.colour, CUTOFF, 1.0);
             0.0
         };
         for view in &self.views {
