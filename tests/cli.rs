@@ -929,6 +929,19 @@ fn a_goal_chooses_settings_and_says_what_was_reached() {
     let (hurried, said) = run(["--time", "0.001"], "hurried");
     assert_eq!(hurried["setting"], coarse["setting"], "{said}");
     assert!(said.contains("warning: --time 0.001: it took"), "{said}");
+    // What is chosen is chosen for the trees within the box.
+    let to = at("clipped");
+    let usual = ["forest", &scan, "--texture", "64", "--format", "glb", "--json", "-o", &to];
+    let clipped = larix(&[&usual[..], &["--error", "9", "--clip", "0,0,25,25"]].concat());
+    assert!(clipped.status.success(), "{}", text(&clipped.stderr));
+    let report: serde_json::Value = serde_json::from_slice(&clipped.stdout).unwrap();
+    let of = |name: &str| {
+        let stage = report["stages"].as_array().unwrap().iter().find(|s| s["stage"] == name);
+        stage.unwrap()["items_in"]["count"].as_u64().unwrap()
+    };
+    assert!(0 < of("setting") && of("setting") < 12, "{report}");
+    assert_eq!(of("setting"), of("fit"));
+    assert!(report["left_out"].to_string().contains("trees outside the box"), "{report}");
     // There is time enough for the most right of all.
     let (patient, _) = run(["--time", "100000"], "patient");
     assert!(error(&patient) <= error(&fine), "{patient} {fine}");

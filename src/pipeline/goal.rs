@@ -19,6 +19,7 @@ use super::cover::Subject;
 use super::detail::mesh_options;
 use super::forest::{Forest, raise};
 use super::survey::{self, Survey};
+use super::view;
 use super::{Effort, ForestJob, Sharing};
 use crate::diagnostic::{Error, Result};
 use crate::report::document::Machine;
@@ -213,41 +214,40 @@ pub fn forest(job: &ForestJob, goal: Goal, run: &mut Recorder) -> Result<(Forest
     let survey_rate = choose_survey(&front, goal, points, pace, species)?;
     let mut job = job.clone();
     job.survey.effort = survey_rate.effort();
-    let survey = survey::inventory(&job.survey, run)?;
+    let mut survey = survey::inventory(&job.survey, run)?;
     let held_out = run.stages.iter().rev().find(|s| s.stage == "terrain");
     let terrain_error_m = held_out.and_then(|s| s.error.as_ref()).map(|e| e.value);
+    // Chosen for what will be made.
+    let clipped = job.clip.take().map_or(Ok(0), |clip| view::clip(&mut survey, &clip))?;
+    let trees = job.eye.as_ref().map_or(survey.trees.len(), |eye| view::in_sight(&survey, eye));
+    let size = (pace, trees, species);
     if job.cache.is_on() {
         super::forest::paint_ahead(&job, &survey, run)?;
     }
-    let mut harder = 1.0;
-    let mut last = None;
-    for _ in 0..2 {
-        let left = match goal {
-            Goal::Time(s) => Goal::Time(s - run.seconds()),
-            error => error,
-        };
-        let build = choose_build(&front, left, harder, (pace, survey.trees.len(), species))?;
-        let expected = run.seconds() + pace * build.seconds(survey.trees.len(), species);
-        foretell(build, (pace, survey.trees.len(), species), run)?;
-        let made = raised(&job, build, &survey, run)?;
+    let left = match goal {
+        Goal::Time(s) => Goal::Time(s - run.seconds()),
+        error => error,
+    };
+    let mut build = choose_build(&front, left, 1.0, size)?;
+    let mut is_first = true;
+    loop {
+        let expected_seconds = run.seconds() + pace * build.seconds(trees, species);
+        foretell(build, size, run)?;
+        let mut made = raised(&job, build, survey, run)?;
+        // A second try is only for a missed error.
         let crown_error_m = made.crown_error_m;
-        let reached = Reached {
-            setting: format!("--effort {}, {}", survey_rate.effort, build.text()),
-            terrain_error_m,
-            crown_error_m,
-            expected_seconds: expected,
-        };
-        // The finest tried is kept, and a second try is only for a missed error.
         let is_missed = matches!(goal, Goal::Error(m) if crown_error_m.unwrap_or(0.0) > m);
-        let tried = build.clone();
-        last = Some((made, reached));
-        harder = crown_error_m.map_or(1.0, |m| m / tried.crown_error_m.max(1e-6));
-        let next = choose_build(&front, goal, harder, (pace, survey.trees.len(), species))?;
-        if !is_missed || *next == tried {
-            break;
+        let harder = crown_error_m.map_or(1.0, |m| m / build.crown_error_m.max(1e-6));
+        let next = choose_build(&front, goal, harder, size)?;
+        if is_first && is_missed && next != build {
+            (build, is_first, survey) = (next, false, made.survey);
+            continue;
         }
+        made.clipped = clipped;
+        let setting = format!("--effort {}, {}", survey_rate.effort, build.text());
+        let reached = Reached { setting, terrain_error_m, crown_error_m, expected_seconds };
+        return Ok((made, reached));
     }
-    last.ok_or_else(|| Error::new("the measured front in the program holds no setting"))
 }
 
 /// Files so large are warned of before they are made.
@@ -283,7 +283,7 @@ fn foretell(
 fn raised(
     job: &ForestJob,
     build: &BuildRate,
-    survey: &Survey,
+    survey: Survey,
     run: &mut Recorder,
 ) -> Result<Forest> {
     let mut job = ForestJob {
@@ -293,11 +293,11 @@ fn raised(
         ..job.clone()
     };
     job.wood.tolerance_m = None;
-    raise(&job, survey.clone(), run)
+    raise(&job, survey, run)
 }
 
 /// With an error, the quickest whose terrain keeps to it, else the most right; with a time, the
-/// most right of those that leave the trees half of it, else the quickest.
+/// most right of those that leave the trees half of it, and what they take at least, else the quickest.
 fn choose_survey(
     front: &Reference,
     goal: Goal,
@@ -310,7 +310,10 @@ fn choose_survey(
     let least_build = least_build.fold(f64::INFINITY, f64::min);
     let fits = |s: &&SurveyRate| match goal {
         Goal::Error(m) => s.terrain_error_m <= m,
-        Goal::Time(t) => MARGIN * pace * (s.seconds(points) + least_build) <= t,
+        Goal::Time(t) => {
+            let survey_s = s.seconds(points);
+            MARGIN * pace * survey_s.max(0.5 * (survey_s + least_build)) <= 0.5 * t
+        }
     };
     let quick = |a: &&SurveyRate, b: &&SurveyRate| {
         a.seconds_per_million_points.total_cmp(&b.seconds_per_million_points)

@@ -199,16 +199,24 @@ pub(super) fn cull(models: &mut Vec<Model>, survey: &Survey, eye: &Eye) -> usize
     let camera = camera(&survey.frame, eye);
     let mut dropped = 0;
     models.retain(|model| {
-        let may_show = model.members.iter().any(|&i| {
-            let crown = &survey.trees[i].crown;
-            may_show(&camera, crown.root, [crown.height_m, crown.diameter_m])
-        });
+        let may_show = model.members.iter().any(|&i| may_show_tree(&camera, survey, i));
         if !may_show {
             dropped += model.members.len();
         }
         may_show
     });
     dropped
+}
+
+/// How many trees can be in the picture.
+pub(super) fn in_sight(survey: &Survey, eye: &Eye) -> usize {
+    let camera = camera(&survey.frame, eye);
+    (0..survey.trees.len()).filter(|&i| may_show_tree(&camera, survey, i)).count()
+}
+
+fn may_show_tree(camera: &Camera, survey: &Survey, i: usize) -> bool {
+    let crown = &survey.trees[i].crown;
+    may_show(camera, crown.root, [crown.height_m, crown.diameter_m])
 }
 
 /// Whether a tree may be in the picture: false only where a sphere well about it is outside.
