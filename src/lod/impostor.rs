@@ -157,7 +157,9 @@ fn cross(of: &Model<'_>, (lo, hi): (Vec3, Vec3), size_px: usize) -> Result<Impos
     let views: Vec<Frame> = sheets
         .par_iter()
         .map(|s| {
-            let [w, h] = [s.size.x, s.size.y].map(|m| ((m / texel_m).ceil() as usize).max(4));
+            // The longest side takes all texels there are, which rounding must not exceed.
+            let texels = |m: f32| ((m / texel_m - 1e-3).ceil() as usize).max(4);
+            let [w, h] = [s.size.x, s.size.y].map(texels);
             Frame::take(of, s.centre, s.forward, texel_m, [w, h], Facing::Round)
         })
         .collect::<Result<_>>()?;

@@ -273,6 +273,20 @@ fn an_impostor_of_a_thin_crown_covers_as_much() {
     }
 }
 
+/// Whatever a tree's height, its picture is no larger than asked for.
+#[test]
+fn a_cross_fills_no_larger_picture_than_asked_for() {
+    let materials = red();
+    for k in 0..40 {
+        let height_m = 3.0 + 0.737 * k as f32;
+        let parts = part(block(1.0, height_m));
+        let sitter = Sitter::new(&[&parts], &materials, &[]);
+        let bounds = (Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, height_m));
+        let got = impostor::bake(&sitter, 0, bounds, Kind::Cross, 128, &[]).unwrap();
+        assert_eq!(got.colour.height, 128, "{height_m} m");
+    }
+}
+
 /// Files keep some alpha where a mask hides, so that smaller versions do not thin out.
 #[test]
 fn an_impostor_of_masked_twigs_covers_as_much() {
