@@ -15,7 +15,8 @@
 
 use crate::diagnostic::{Error, Result};
 use crate::seed::Seed;
-use crate::species::rule::expr::{Code, Shape};
+use crate::species::rule::expr::{self, Code, Shape};
+use crate::species::rule::parse::MAX_LOCALS;
 use crate::species::rule::{Action, Production, Rule, Template};
 
 /// Modules at which a derivation stops unless told otherwise: about 1 GB.
@@ -329,7 +330,7 @@ impl<'a> Engine<'a> {
         for production in list.iter().filter_map(|&i| self.rule.productions.get(i)) {
             let Some(locals) = place.locals(self.rule, production) else { continue };
             let holds = match &production.condition {
-                Some(code) => code.value(locals.values(), &self.constants) != 0.0,
+                Some(code) => expr::holds(code.value(locals.values(), &self.constants)),
                 None => true,
             };
             if !holds {
@@ -425,12 +426,9 @@ fn plan(rule: &Rule, id: u8, constants: &[f64]) -> Plan {
 
 /// Parameters of contexts and predecessor at one place.
 struct Locals {
-    values: [f64; LOCALS],
+    values: [f64; MAX_LOCALS],
     count: usize,
 }
-
-/// Locals of one production; the rest of a longer context reads as NaN.
-const LOCALS: usize = 48;
 
 impl Locals {
     fn values(&self) -> &[f64] {
@@ -458,7 +456,7 @@ struct Place<'a> {
 impl Place<'_> {
     /// The values of the production's parameters, `None` where its contexts do not match.
     fn locals(&self, rule: &Rule, production: &Production) -> Option<Locals> {
-        let mut locals = Locals { values: [f64::NAN; LOCALS], count: 0 };
+        let mut locals = Locals { values: [f64::NAN; MAX_LOCALS], count: 0 };
         if !production.left.is_empty() {
             let neighbours = self.neighbours?;
             let mut path = Vec::with_capacity(production.left.len());

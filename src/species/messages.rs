@@ -102,6 +102,19 @@ const CASES: &[(&str, &str, &str)] = &[
     ("one name twice", "F(a) -> ", "F(a, a) -> "),
     ("never comes up", "(0.5a)]',", "(0.5a)]',\n    'G(a) -> F(a)',"),
     ("always shadowed", "(0.5a)]',", "(0.5a)]',\n    'F(a) -> F(2a)',"),
+    (
+        "shadowed by one that follows",
+        "'F(a) -> F(a)[^F(0.5a)][&F(0.5a)]'",
+        "'F(a) -> (0.5) F(a)[^F(0.5a)][&F(0.5a)]', 'F(a) -> F(a)'",
+    ),
+    (
+        "too many parameters before the arrow",
+        "F(a) -> ",
+        "A(a0, a1, a2, a3, a4, a5, a6, a7, a8, a9, aa, ab, ac, ad, ae)\
+         B(b0, b1, b2, b3, b4, b5, b6, b7, b8, b9, ba, bb, bc, bd, be)\
+         C(c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, ca, cb, cc, cd, ce)\
+         D(d0, d1, d2) < F(a) -> ",
+    ),
     ("left context never comes up", "F(a) -> ", "K < F(a) -> "),
     ("right context never comes up", "F(a) -> ", "F(a) > [F(b)]K -> "),
     ("bracket in a left context", "F(a) -> ", "[F(b)] < F(a) -> "),

@@ -168,3 +168,30 @@ fn parameters_that_leave_the_numbers_are_refused() {
     let error = derive(&root, &Inputs::new(Seed::new(1))).unwrap_err();
     assert!(error.message().contains("F(sqrt(x - 2))"), "{error}");
 }
+
+/// A condition that is not a number does not hold, nor does what is built on it.
+#[test]
+fn what_is_not_a_number_does_not_hold() {
+    for condition in ["sqrt(x - 2)", "sqrt(x - 2) and 1", "sqrt(x - 2) or 0"] {
+        let rule =
+            rule(&format!("axiom = 'F(a)'\nproductions = ['F(x) : {condition} -> F(x)F(x)']"));
+        let string = derive(&rule, &Inputs::new(Seed::new(1))).unwrap();
+        assert_eq!(string.stats(&rule).draws, 1, "{condition}");
+    }
+}
+
+/// A typographic minus is a minus wherever a rule may name it.
+#[test]
+fn a_typographic_minus_turns_and_is_looked_past() {
+    let with = |minus: &str| {
+        let rule = rule(&format!(
+            "turtle = 'heading'\naxiom = 'A{minus}B'\nproductions = ['A < B -> F(1){minus}F(1)']\n\
+             iterations = 1\nignore = '+{minus}'\nangles = {{ '+{minus}' = 30 }}\nmarkers = 'AB'"
+        ));
+        let string = derive(&rule, &Inputs::new(Seed::new(1))).unwrap();
+        (string.to_text(&rule), turtle::draw(&rule, &string).unwrap().position)
+    };
+    let plain = with("-");
+    assert_eq!(plain.0, "A-F(1)-F(1)");
+    assert_eq!(with("−"), plain);
+}

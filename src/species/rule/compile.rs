@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::dialect::{Action, Command, Dialect};
+use super::dialect::{self, Action, Command, Dialect};
 use super::expr::{Cursor, Scope, Shape, Slip, is_name_part, is_name_start};
 use super::parse::{self, Module, Parsed, Pattern};
 use super::text::Text;
@@ -248,7 +248,7 @@ impl Compiler<'_> {
                         Some(Command::Turn { greek, .. }) if greek == line.key)
                 }));
             } else {
-                for c in line.key.chars().filter(|c| !c.is_whitespace()) {
+                for c in line.key.chars().filter(|c| !c.is_whitespace()).map(dialect::plain) {
                     match dialect.command(c) {
                         Some(Command::Turn { .. }) => set.push(c),
                         _ => {
@@ -413,7 +413,6 @@ impl Compiler<'_> {
 
     /// The id of a symbol, made on first sight.
     fn symbol(&mut self, text: &Text<'_>, name: char, span: &Range<usize>, given: usize) -> u8 {
-        let name = if name == '−' { '-' } else { name };
         let found =
             self.symbols.iter().position(|s| s.name == name && usize::from(s.parameters) == given);
         if let Some(i) = found {
@@ -504,11 +503,12 @@ impl Compiler<'_> {
         self.check_reach(&axiom_template, &written, &productions);
         self.check_use(&axiom_template, &productions);
         let constants = self.constants.iter().map(|(n, v)| (n.clone(), v.unwrap_or(1.0))).collect();
+        let is_ignored = |s: &Symbol| ignore.chars().map(dialect::plain).any(|c| c == s.name);
         Rule {
             dialect: self.dialect,
             iterations,
             tropism: Tropism::NONE,
-            is_ignored: self.symbols.iter().map(|s| ignore.contains(s.name)).collect(),
+            is_ignored: self.symbols.iter().map(is_ignored).collect(),
             symbols: std::mem::take(&mut self.symbols),
             axiom: axiom_template,
             productions,
@@ -581,7 +581,9 @@ impl Compiler<'_> {
                 Shape::Constant(x) => Some(x),
                 _ => None,
             };
-            let earlier = productions.iter().take(i).position(|q| {
+            // One without a weight is taken before any with one, wherever it stands.
+            let rivals = if p.weight.is_some() { productions.len() } else { i };
+            let rival = productions.iter().take(rivals).position(|q| {
                 q.predecessor == p.predecessor
                     && q.condition.is_none()
                     && q.weight.is_none()
@@ -603,7 +605,7 @@ impl Compiler<'_> {
                     format!("its context `{}` never comes up", context.symbol),
                     "name a symbol of the axiom or of a successor".into(),
                 )
-            } else if let Some(j) = earlier {
+            } else if let Some(j) = rival {
                 (
                     format!("production {} always replaces `{name}` first", j + 1),
                     "give both a weight, `-> (0.5) …`, or a condition, `: a > 0.1`".into(),

@@ -18,6 +18,11 @@ pub enum Dialect {
     Heading,
 }
 
+/// A symbol as it is known: a typographic minus is a minus.
+pub fn plain(symbol: char) -> char {
+    if symbol == '−' { '-' } else { symbol }
+}
+
 /// An axis of the turtle's own frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Axis {
@@ -81,7 +86,7 @@ impl Dialect {
     pub fn command(self, symbol: char) -> Option<Command> {
         use Axis::{H, L, U};
         let turn = |axis, sign, greek| Some(Command::Turn { axis, sign, greek });
-        match (self, symbol) {
+        match (self, plain(symbol)) {
             (_, '[') => Some(Command::Fixed(Action::Push)),
             (_, ']') => Some(Command::Fixed(Action::Pop)),
             (Dialect::Upright, '&') => turn(L, 1.0, "alpha"),
@@ -97,7 +102,7 @@ impl Dialect {
             (Dialect::Upright, '!') => turn(H, 1.0, "gamma"),
             (Dialect::Upright, '#') => turn(H, -1.0, "gamma"),
             (Dialect::Heading, '+') => turn(U, -1.0, "delta"),
-            (Dialect::Heading, '-' | '−') => turn(U, 1.0, "delta"),
+            (Dialect::Heading, '-') => turn(U, 1.0, "delta"),
             (Dialect::Heading, '&') => turn(L, -1.0, "delta"),
             (Dialect::Heading, '^') => turn(L, 1.0, "delta"),
             (Dialect::Heading, '\\') => turn(H, -1.0, "delta"),

@@ -110,7 +110,7 @@ impl One {
     fn of(self, x: f64) -> f64 {
         match self {
             One::Negate => -x,
-            One::Not => f64::from(x == 0.0),
+            One::Not => f64::from(!holds(x)),
             One::Sqrt => x.sqrt(),
             One::Sin => x.to_radians().sin(),
             One::Cos => x.to_radians().cos(),
@@ -121,6 +121,11 @@ impl One {
             One::Floor => x.floor(),
         }
     }
+}
+
+/// Whether a condition of this value holds: one that is not a number does not.
+pub fn holds(value: f64) -> bool {
+    !(value == 0.0 || value.is_nan())
 }
 
 impl Two {
@@ -139,8 +144,8 @@ impl Two {
             Two::GreaterOrEqual => f64::from(x >= y),
             Two::Equal => f64::from(x == y),
             Two::NotEqual => f64::from(x != y),
-            Two::And => f64::from(x != 0.0 && y != 0.0),
-            Two::Or => f64::from(x != 0.0 || y != 0.0),
+            Two::And => f64::from(holds(x) && holds(y)),
+            Two::Or => f64::from(holds(x) || holds(y)),
         }
     }
 

@@ -16,7 +16,7 @@
 
 use std::ops::Range;
 
-use super::dialect::Dialect;
+use super::dialect::{self, Dialect};
 use super::expr::{self, Code, Cursor, Scope, Shape, Slip, is_name_start};
 
 /// A module as written.
@@ -64,7 +64,7 @@ pub fn modules(
     loop {
         cursor.skip_space();
         let span = cursor.here();
-        let Some(symbol) = cursor.peek() else { break };
+        let Some(symbol) = cursor.peek().map(dialect::plain) else { break };
         if slips.len() >= most {
             return out;
         }
@@ -215,6 +215,8 @@ fn arguments(cursor: &mut Cursor<'_>, scope: Scope<'_>) -> Result<Vec<Code>, Sli
 
 /// Parameters a module may carry.
 pub const MAX_PARAMETERS: usize = 16;
+/// Parameters that a production may name before its arrow, with those of its contexts.
+pub const MAX_LOCALS: usize = 48;
 
 /// Parses one production.
 pub fn production(
@@ -386,7 +388,7 @@ fn wrong_arrow(cursor: &Cursor<'_>) -> Result<(), Slip> {
 
 fn pattern(cursor: &mut Cursor<'_>, locals: &mut Vec<String>) -> Result<Pattern, Slip> {
     let start = cursor.at;
-    let symbol = cursor.bump().unwrap_or('?');
+    let symbol = dialect::plain(cursor.bump().unwrap_or('?'));
     let mut factors = Vec::new();
     let open = cursor.here();
     if cursor.take("(") {
@@ -406,6 +408,13 @@ fn pattern(cursor: &mut Cursor<'_>, locals: &mut Vec<String>) -> Result<Pattern,
                     at..cursor.at,
                     format!("`{name}` names two parameters"),
                     "give each parameter a name of its own",
+                ));
+            }
+            if locals.len() >= MAX_LOCALS {
+                return Err(Slip::new(
+                    at..cursor.at,
+                    format!("more than {MAX_LOCALS} parameters before the arrow"),
+                    "name fewer symbols of the context, or give them fewer values",
                 ));
             }
             locals.push(name);
