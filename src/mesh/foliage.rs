@@ -180,7 +180,7 @@ pub fn foliage(skeleton: &Skeleton, order: &Order<'_>) -> Result<Foliage> {
     // The crown is that of all shoots, however few bear leaves; the same at any budget.
     let Some(hull) = Hull::around(skeleton, &bears) else { return Ok(Foliage::default()) };
     let f = &f.within(hull.longest_twig_m());
-    let mut spots = spots(skeleton, f, &bears, &hull);
+    let (mut spots, _) = spots(skeleton, f, &bears, &hull);
     if spots.is_empty() {
         return Ok(Foliage::default());
     }

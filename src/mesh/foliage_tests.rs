@@ -377,6 +377,21 @@ fn cones_hang_where_they_are_said_to() {
     }
 }
 
+/// Of a species with as many twigs as may be, cones are as many as is said.
+#[test]
+fn cones_are_as_many_whatever_the_twigs() {
+    let mut tree = grown("picea_abies");
+    tree.1.own_fruit = Some(triangle("cone.obj"));
+    tree.1.fruit.per_m = 3.0;
+    let mut cones = |twigs_per_m: f32| {
+        tree.1.foliage.twigs_per_m = twigs_per_m;
+        let order = order(&tree, FoliageLevel::Geometry, None);
+        fruit::fruit(&tree.0, &order).triangles() as f32
+    };
+    let (few, many) = (cones(20.0), cones(800.0));
+    assert!((0.85..1.15).contains(&(many / few)), "{many} beside {few}");
+}
+
 /// A user's twig stands where twigs stand, as long as they are, under the material's picture.
 #[test]
 fn a_user_s_model_stands_where_twigs_stand() {

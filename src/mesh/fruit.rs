@@ -27,14 +27,13 @@ pub fn fruit(skeleton: &Skeleton, order: &Order<'_>) -> Surface {
         return Surface::default();
     };
     let from_m = hull.height_m(fruit.from);
-    let per_m = leaves.twigs_per_m.max(fruit.per_m);
     let stand = Foliage {
         twig_length_m: fruit.length_m.min(hull.longest_twig_m()),
-        twigs_per_m: per_m,
+        twigs_per_m: leaves.twigs_per_m.max(fruit.per_m),
         droop: fruit.droop,
         ..leaves.clone()
     };
-    let mut spots = spots(skeleton, &stand, &bears, &hull);
+    let (mut spots, per_m) = spots(skeleton, &stand, &bears, &hull);
     spots.retain(|s| !s.is_tip && s.at.z >= from_m);
     let room = stamp::room(model);
     let budget = order.budget.map_or(MOST_TRIANGLES, |b| (b as f32 * SHARE) as usize);

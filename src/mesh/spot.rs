@@ -203,16 +203,17 @@ impl Hull {
 }
 
 /// Every place for a twig, in the order of axes and from base to tip: where twigs are shorter, they
-/// are as much closer. `bears`: which nodes end a shoot with leaves.
-pub fn spots(skeleton: &Skeleton, f: &Foliage, bears: &[bool], hull: &Hull) -> Vec<Spot> {
-    let length: f32 = (0..skeleton.len() as u32)
+/// are as much closer; and how many a metre of shoots there are where they are not: fewer than the species
+/// has where it would have more than [`MOST_SPOTS`]. `bears`: which nodes end a shoot with leaves.
+pub fn spots(skeleton: &Skeleton, f: &Foliage, bears: &[bool], hull: &Hull) -> (Vec<Spot>, f32) {
+    let twig_m = f.twig_length_m.max(1e-3);
+    let shoots_m: f32 = (0..skeleton.len() as u32)
         .filter(|&i| bears[i as usize])
-        .map(|i| skeleton.internode_m(i))
+        .map(|i| skeleton.internode_m(i) / hull.tapered(skeleton.position[i as usize], twig_m))
         .sum();
-    // Never more than the limit, however dense the species.
-    let per_m = f.twigs_per_m.clamp(0.01, 200.0).min(MOST_SPOTS as f32 / length.max(1e-3));
+    let per_m = f.twigs_per_m.max(0.01).min(MOST_SPOTS as f32 / shoots_m.max(1e-3));
     let axes = skeleton.axes();
-    let mut out = Vec::with_capacity((length * per_m) as usize + axes.iter().len());
+    let mut out = Vec::with_capacity((shoots_m * per_m) as usize + axes.iter().len());
     for axis in axes.iter() {
         let count = axis.nodes.len();
         let mut due = 0.5;
@@ -224,7 +225,7 @@ pub fn spots(skeleton: &Skeleton, f: &Foliage, bears: &[bool], hull: &Hull) -> V
             let step = b - a;
             let (shoot, run) = step.normalize_and_length();
             let first = due;
-            let more = run * per_m / hull.tapered(b, f.twig_length_m.max(1e-3));
+            let more = run * per_m / hull.tapered(b, twig_m);
             due += more;
             let twigs = due as usize;
             let per_twig = more.max(1e-9).recip();
@@ -256,7 +257,7 @@ pub fn spots(skeleton: &Skeleton, f: &Foliage, bears: &[bool], hull: &Hull) -> V
             clothe(skeleton, &axis, f, bears, hull, &mut out);
         }
     }
-    out
+    (out, per_m)
 }
 
 /// Twigs along the leader of a young tree, which no branches hide, from its tip down.
