@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3};
 
 use super::stalk::nearest;
 use super::*;
-use crate::skeleton::{Detail, Target, grow};
+use crate::skeleton::{Detail, NO_PARENT, Target, grow};
 use crate::species;
 
 /// Seen from near.
@@ -289,4 +289,28 @@ fn a_transition_is_to_scale_and_stays_from_level_to_level() {
         let off_m = middles_m.iter().map(|z| (z - middles_m[0]).abs()).fold(0.0, f32::max);
         assert!(off_m < 0.5, "{name} {seed}: its middle is at {middles_m:?}");
     }
+}
+
+/// A stem of two nodes, foot and tip, has its upper bark from the same height on as one of many.
+#[test]
+fn bark_of_a_bare_spar_changes_where_that_of_a_longer_row_does() {
+    let (species, _) = grown("pinus_sylvestris", 1);
+    let spar = |nodes: u32| {
+        let share = |i: u32| i as f32 / (nodes - 1) as f32;
+        let s = Skeleton {
+            position: (0..nodes).map(|i| Vec3::Z * (12.0 * share(i))).collect(),
+            parent: (0..nodes).map(|i| i.checked_sub(1).unwrap_or(NO_PARENT)).collect(),
+            radius_m: (0..nodes).map(|i| 0.2 - 0.19 * share(i)).collect(),
+            axis: vec![0; nodes as usize],
+            order: vec![0; nodes as usize],
+            birth: vec![0; nodes as usize],
+            dead: Vec::new(),
+        };
+        let options = MeshOptions { foliage: FoliageLevel::None, ..MeshOptions::HERO };
+        let tree = build(&s, &species, &Atlas::whole(0.4), &options, Seed::new(1)).unwrap();
+        tree.check().unwrap();
+        (tree.wood.bounds().1.z, tree.upper_wood.bounds().0.z)
+    };
+    let (many, two) = (spar(60), spar(2));
+    assert!((many.0 - two.0).abs() < 0.5 && (many.1 - two.1).abs() < 0.5, "{many:?} {two:?}");
 }

@@ -50,7 +50,8 @@ fn nearest(path: &[Ring], mut segment: usize, p: Vec3A) -> Place {
     let mut came = 0;
     let mut share = 0.0;
     let (mut a, mut chord) = (Vec3A::ZERO, Vec3A::ZERO);
-    for _ in 0..64 {
+    // Never back: it comes to an end.
+    for _ in 0..path.len() {
         a = path[segment].centre.into();
         chord = Vec3A::from(path[segment + 1].centre) - a;
         share = (p - a).dot(chord) / chord.length_squared().max(1e-20);

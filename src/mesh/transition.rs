@@ -61,8 +61,7 @@ fn middle(rings: &[Ring], upper: &Upper) -> Option<Middle> {
     if high_m <= 0.0 || rings.first().is_some_and(is_upper) {
         return Some(Middle::BelowIt);
     }
-    // The apex is a point.
-    let first = rings[..rings.len().saturating_sub(1)].iter().position(is_upper)?;
+    let first = rings.iter().position(is_upper)?;
     let [low, high] = [&rings[first - 1], &rings[first]];
     let share = |a: f32, b: f32, x: f32| if a == b { 1.0 } else { (x - a) / (b - a) };
     let by_height = share(low.centre.z, high.centre.z, high_m);

@@ -143,14 +143,20 @@ pub fn keep(
 /// Everything that decides [`sizes`].
 fn key_of(subject: &Subject<'_>, options: &[MeshOptions], forms: &[TreeMesh]) -> Result<Key> {
     /// What sets leaves of another size.
-    const SOURCES: [&str; 7] = [
+    const SOURCES: [&str; 13] = [
         include_str!("cover.rs"),
         include_str!("../mesh/card.rs"),
         include_str!("../mesh/cards.rs"),
         include_str!("../mesh/foliage.rs"),
+        include_str!("../mesh/form.rs"),
+        include_str!("../mesh/leaf.rs"),
         include_str!("../mesh/middle.rs"),
+        include_str!("../mesh/mod.rs"),
+        include_str!("../mesh/piece.rs"),
         include_str!("../mesh/spot.rs"),
         include_str!("../mesh/stalk.rs"),
+        include_str!("../mesh/twigs.rs"),
+        include_str!("../texture/twig.rs"),
     ];
     let Subject { skeleton, species, textures, seed } = subject;
     let (scene, look) = empty_scene(species, (*textures).clone());
