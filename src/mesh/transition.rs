@@ -42,6 +42,11 @@ pub fn part(
             let near_m = rings.last().map_or(0.0, |apex| NEAR_ALONG * apex.arc_m);
             let end = End::at(rings, holes, arc_m, near_m.max(2.0 * least.step_m));
             from = end.put(rings, holes, least) + 1;
+            // What closes a tube has the bark of its last ring.
+            if from + 1 == rings.len() {
+                let above_m = 0.5 * (rings[from - 1].arc_m + rings[from].arc_m);
+                End::at(rings, holes, above_m, 0.0).put(rings, holes, least);
+            }
         }
     }
     rings[from..].iter_mut().for_each(|r| r.bark = UPPER);

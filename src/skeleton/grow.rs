@@ -405,7 +405,9 @@ impl<'a> Tree<'a> {
         let bole = (base_m / gap_m).ceil().max(2.0) as usize;
         let mut last = 0;
         if base_m > 0.02 * e.height_m {
-            let foot_m = (0.02 * e.height_m).min(0.5 * base_m / bole as f32);
+            // Below it those of a stool, which lean, are upright.
+            let foot = if line.foot == Vec2::ZERO { 0.02 } else { 0.004 };
+            let foot_m = (foot * e.height_m).min(0.5 * base_m / bole as f32);
             last = self.stem_node(line, number, foot_m, last);
             for i in 1..=bole {
                 last = self.stem_node(line, number, base_m * i as f32 / bole as f32, last);

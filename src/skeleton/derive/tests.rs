@@ -172,7 +172,7 @@ fn parameters_that_leave_the_numbers_are_refused() {
 /// A condition that is not a number does not hold, nor does what is built on it.
 #[test]
 fn what_is_not_a_number_does_not_hold() {
-    for condition in ["sqrt(x - 2)", "sqrt(x - 2) and 1", "sqrt(x - 2) or 0"] {
+    for condition in ["sqrt(x - 2)", "sqrt(x - 2) && 1", "sqrt(x - 2) || 0"] {
         let rule =
             rule(&format!("axiom = 'F(a)'\nproductions = ['F(x) : {condition} -> F(x)F(x)']"));
         let string = derive(&rule, &Inputs::new(Seed::new(1))).unwrap();

@@ -55,7 +55,7 @@ fn every_species_reaches_its_height_and_width() {
 /// Turns of more than 35 degrees along wood that one sees, in a hundred metres; but for those where stems of a
 /// stool part and rise.
 fn corners(s: &Skeleton) -> f32 {
-    let low_m = if s.stems() > 1 { 0.03 * s.height_m() } else { 0.0 };
+    let low_m = if s.stems() > 1 { 0.005 * s.height_m() } else { 0.0 };
     let is_low = |p: u32| p == 0 || s.position[p as usize].z < low_m;
     let seen = |i: usize| s.radius_m[i] > 0.003 && s.parent[i] != NO_PARENT && !is_low(s.parent[i]);
     let way = |i: usize| s.position[i] - s.position[s.parent[i] as usize];
