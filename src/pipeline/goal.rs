@@ -401,6 +401,9 @@ mod tests {
         assert_eq!([of(10.0, 1.0), of(3.0, 1.0), of(0.1, 1.0)], [0.2, 0.5, 0.8]);
         // A machine half as fast can afford less.
         assert_eq!(of(10.0, 2.0), 0.5);
+        // The better survey takes 3 s: half of the time is for the trees.
+        let effort = |s| &choose_survey(&f, Goal::Time(s), 1e6, 1.0, 2).unwrap().effort;
+        assert_eq!([effort(8.0), effort(6.0), effort(0.1)], ["best", "fast", "fast"]);
     }
 
     #[test]
