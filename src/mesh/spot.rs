@@ -14,6 +14,8 @@ const MOST_SPOTS: usize = 2_000_000;
 
 /// Twigs on one internode are told apart by so many bits of their keys.
 const KEY_BITS: u32 = 16;
+/// Twigs beside one internode at most; the keys above are its tip's and those that clothe a leader.
+const MOST_ON_NODE: usize = (1 << KEY_BITS) - 2 - MOST_CLOTHING as usize;
 
 /// A place for a twig.
 #[derive(Debug, Clone, Copy)]
@@ -227,7 +229,7 @@ pub fn spots(skeleton: &Skeleton, f: &Foliage, bears: &[bool], hull: &Hull) -> (
             let first = due;
             let more = run * per_m / hull.tapered(b, twig_m);
             due += more;
-            let twigs = due as usize;
+            let twigs = (due as usize).min(MOST_ON_NODE);
             let per_twig = more.max(1e-9).recip();
             for c in 0..twigs {
                 let t = ((c as f32 + 1.0 - first) * per_twig).clamp(0.0, 1.0);
@@ -241,7 +243,7 @@ pub fn spots(skeleton: &Skeleton, f: &Foliage, bears: &[bool], hull: &Hull) -> (
                 });
                 turn += 1;
             }
-            due -= twigs as f32;
+            due = due.fract();
             if k + 1 == count {
                 out.push(Spot {
                     at: b,
@@ -669,6 +671,30 @@ impl Pose {
 mod tests {
     use super::*;
     use crate::seed::Seed;
+
+    /// However long an internode and however many its twigs, each has a key of its own, of that node.
+    #[test]
+    fn twigs_of_a_long_internode_are_told_apart() {
+        let skeleton = Skeleton {
+            position: vec![Vec3::ZERO, 120.0 * Vec3::Z],
+            parent: vec![crate::skeleton::NO_PARENT, 0],
+            radius_m: vec![0.2; 2],
+            axis: vec![0; 2],
+            order: vec![0; 2],
+            birth: vec![0; 2],
+            dead: Vec::new(),
+        };
+        let species = crate::species::load("betula_pendula").unwrap();
+        let foliage = Foliage { twigs_per_m: 1_000.0, ..species.foliage };
+        let bears = [true; 2];
+        let hull = Hull::around(&skeleton, &bears).unwrap();
+        let (spots, _) = spots(&skeleton, &foliage, &bears, &hull);
+        assert!(spots.len() > 60_000 && spots.iter().all(|s| s.node() == 1));
+        let mut keys: Vec<u64> = spots.iter().map(|s| s.key).collect();
+        keys.sort_unstable();
+        keys.dedup();
+        assert_eq!(keys.len(), spots.len());
+    }
 
     #[test]
     fn weights_come_to_the_number_asked_for() {
